@@ -1,0 +1,33 @@
+//! The platform layer of LUNA.
+//!
+//! This is the only crate of the project with system calls. Above it stand channels, executors and the framework itself,
+//! which see one interface whatever is below: each backend is a folder that defines the same names.
+//!
+//! | backend | what it is | picked |
+//! | --- | --- | --- |
+//! | `linux` | complete: policies, priority-inheriting futex locks, absolute futex waits, epoll, memory locking | on Linux |
+//! | `portable` | the standard library alone: no real-time policy, and asking for one is a clear error | elsewhere, and with `--cfg luna_portable` |
+//! | `model` | loom's clock, lock and wait, to check protocols | with `--cfg loom` |
+//!
+//! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
+//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`] and [`reclaim`].
+
+pub mod clock;
+pub mod current;
+pub mod reclaim;
+pub mod sync;
+pub mod timer_queue;
+pub mod wait_list;
+
+#[cfg(loom)]
+#[path = "model/mod.rs"]
+mod backend;
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+#[path = "linux/mod.rs"]
+mod backend;
+#[cfg(all(not(all(target_os = "linux", not(luna_portable))), not(loom)))]
+#[path = "portable/mod.rs"]
+mod backend;
+
+pub use backend::futex;
+pub use backend::lock;

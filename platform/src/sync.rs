@@ -1,0 +1,39 @@
+//! The one door to atomics: the standard library's, or loom's when a protocol is checked.
+
+#[cfg(not(loom))]
+pub use std::sync::{Arc, atomic};
+
+#[cfg(loom)]
+pub use loom::sync::{Arc, atomic};
+
+/// A cell whose accesses the model checker watches.
+///
+/// Outside the model it is `std::cell::UnsafeCell` with loom's closure interface, and compiles to nothing.
+#[cfg(not(loom))]
+#[derive(Debug)]
+#[repr(transparent)]
+pub struct UnsafeCell<T>(std::cell::UnsafeCell<T>);
+
+#[cfg(not(loom))]
+impl<T> UnsafeCell<T> {
+    /// A cell that holds `value`.
+    #[inline]
+    pub const fn new(value: T) -> Self {
+        Self(std::cell::UnsafeCell::new(value))
+    }
+
+    /// Calls `f` with a pointer for reading.
+    #[inline(always)]
+    pub fn with<R>(&self, f: impl FnOnce(*const T) -> R) -> R {
+        f(self.0.get())
+    }
+
+    /// Calls `f` with a pointer for writing.
+    #[inline(always)]
+    pub fn with_mut<R>(&self, f: impl FnOnce(*mut T) -> R) -> R {
+        f(self.0.get())
+    }
+}
+
+#[cfg(loom)]
+pub use loom::cell::UnsafeCell;

@@ -1,0 +1,301 @@
+//! The deadlines that the processes of one thread wait for.
+//!
+//! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The nodes lie in the waiting
+//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps.
+
+mod heap;
+
+use crate::clock::Instant;
+use crate::current::{self, Ready, Wakeup};
+use crate::lock::PiLock;
+use crate::sync::Arc;
+use crate::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use heap::{Heap, Node};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// The armed deadlines of one thread.
+///
+/// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from there, hence the lock;
+/// it is free in all other cases.
+#[derive(Debug)]
+pub struct TimerQueue {
+    heap: PiLock<Heap>,
+    /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the lock.
+    next: AtomicU64,
+}
+
+impl TimerQueue {
+    /// An empty queue.
+    #[expect(clippy::new_without_default, reason = "a queue belongs to a thread: made on purpose, not by default")]
+    pub fn new() -> Self {
+        Self {
+            heap: PiLock::new(Heap::new()),
+            next: AtomicU64::new(u64::MAX),
+        }
+    }
+
+    /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one load.
+    #[inline]
+    pub fn next_deadline(&self) -> Instant {
+        Instant::from_nanos(self.next.load(Ordering::Relaxed))
+    }
+
+    /// Readies all whose deadline is at `now` or before, in the order of their deadlines. O(k log n) for k of them.
+    pub fn expire(&self, now: Instant) {
+        while self.next_deadline() <= now {
+            let ready = {
+                let mut heap = self.heap.lock();
+                let Some(first) = heap.first() else {
+                    self.next.store(u64::MAX, Ordering::Relaxed);
+                    return;
+                };
+                // SAFETY: a node in the heap is live, and the heap's lock is held.
+                unsafe {
+                    if (*first.as_ptr()).deadline > now {
+                        self.publish_next(&heap);
+                        return;
+                    }
+                    heap.remove(first);
+                    self.publish_next(&heap);
+                    let node = &mut *first.as_ptr();
+                    let ready = match node.wakeup.take() {
+                        // The sleep was in the heap until now, and it is woken before anything else is polled here.
+                        Some(wakeup) => wakeup.take(),
+                        None => Ready::NOBODY,
+                    };
+                    // The sleep may be gone from here on.
+                    node.fired.store(true, Ordering::Release);
+                    ready
+                }
+            };
+            ready.wake();
+        }
+    }
+
+    fn publish_next(&self, heap: &Heap) {
+        // SAFETY: the caller holds the heap's lock, and a node in it is live.
+        let next = heap.first().map_or(Instant::NEVER, |node| unsafe { node.as_ref() }.deadline);
+        self.next.store(next.as_nanos(), Ordering::Relaxed);
+    }
+}
+
+/// Waits until an instant. Made by [`Sleep::until`].
+///
+/// Real-time path: yes; O(log n) for n sleeps of this thread, no allocation, no system call of its own. Cancel-safe: dropping it
+/// cancels it.
+///
+/// # Panics
+///
+/// When polled for the first time on a thread that runs no process of LUNA: there is no timer queue. Under another runtime
+/// use that runtime's timers.
+///
+/// # Invariants
+///
+/// `node` is in `queue`'s heap exactly while `armed`; then the sleep is pinned, and the heap's lock guards the node but for `fired`.
+pub struct Sleep {
+    deadline: Instant,
+    queue: Option<Arc<TimerQueue>>,
+    armed: bool,
+    node: UnsafeCell<Node>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a node in a heap is touched under the heap's lock alone, from whichever thread; `fired` is atomic.
+unsafe impl Send for Sleep {}
+// SAFETY: `&Sleep` gives access to the deadline only.
+unsafe impl Sync for Sleep {}
+
+impl Sleep {
+    /// Waits until `deadline`; one that has passed is ready at once.
+    pub fn until(deadline: Instant) -> Self {
+        Self {
+            deadline,
+            queue: None,
+            armed: false,
+            node: UnsafeCell::new(Node::new()),
+            _pinned: PhantomPinned,
+        }
+    }
+
+    /// The instant it waits for.
+    pub fn deadline(&self) -> Instant {
+        self.deadline
+    }
+
+    /// Waits for another instant from now on, as if it were made anew. O(log n).
+    pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
+        self.as_mut().disarm();
+        // SAFETY: nothing is moved, and a disarmed node is in no heap.
+        unsafe { self.get_unchecked_mut() }.deadline = deadline;
+    }
+
+    fn disarm(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if !this.armed {
+            return;
+        }
+        this.armed = false;
+        if let Some(queue) = &this.queue {
+            let mut heap = queue.heap.lock();
+            let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+            // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if not, it is in it.
+            unsafe {
+                if !(*node.as_ptr()).fired.load(Ordering::Relaxed) {
+                    heap.remove(node);
+                    queue.publish_next(&heap);
+                    (*node.as_ptr()).wakeup = None;
+                }
+            }
+        }
+    }
+}
+
+impl Future for Sleep {
+    type Output = ();
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.as_mut().get_unchecked_mut() };
+        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+        if this.armed {
+            // SAFETY: the node is this sleep's; `fired` may be read by anyone.
+            if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
+                this.armed = false;
+                this.deadline = Instant::from_nanos(0);
+                return Poll::Ready(());
+            }
+            if let Some(queue) = &this.queue {
+                let heap = queue.heap.lock();
+                // SAFETY: the lock that guards the node is held.
+                unsafe {
+                    let node = &mut *node.as_ptr();
+                    if node.wakeup.as_ref().is_some_and(|wakeup| !wakeup.is_of(cx)) {
+                        node.wakeup = Some(Wakeup::of(cx));
+                    }
+                }
+                drop(heap);
+            }
+            return Poll::Pending;
+        }
+        if Instant::now() >= this.deadline {
+            return Poll::Ready(());
+        }
+        if this.queue.is_none() {
+            this.queue = Some(current::timers().expect(
+                "a LUNA timer was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a \
+                 System, or use your runtime's timers",
+            ));
+        }
+        if let Some(queue) = &this.queue {
+            let mut heap = queue.heap.lock();
+            // SAFETY: the node is in no heap, so it is this sleep's alone; it is pinned, and leaves the heap before it dies.
+            unsafe {
+                let fields = &mut *node.as_ptr();
+                fields.wakeup = Some(Wakeup::of(cx));
+                fields.fired.store(false, Ordering::Relaxed);
+                heap.insert(node, this.deadline);
+            }
+            this.armed = true;
+            queue.publish_next(&heap);
+        }
+        Poll::Pending
+    }
+}
+
+impl Drop for Sleep {
+    fn drop(&mut self) {
+        // SAFETY: a value that is being dropped does not move any more.
+        unsafe { Pin::new_unchecked(self) }.disarm();
+    }
+}
+
+impl fmt::Debug for Sleep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Sleep")
+            .field("deadline", &self.deadline)
+            .field("armed", &self.armed)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The flag lies here so that the heap knows nothing of atomics.
+type Fired = AtomicBool;
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use crate::current::Home;
+    use std::pin::pin;
+    use std::sync::atomic::AtomicUsize;
+    use std::task::{Wake, Waker};
+
+    #[derive(Default)]
+    struct Count(AtomicUsize);
+    impl Wake for Count {
+        fn wake(self: std::sync::Arc<Self>) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    #[test]
+    fn expires_at_its_deadline_and_not_before() {
+        let queue = Arc::new(TimerQueue::new());
+        let _home = current::enter_home(Home::new(), queue.clone());
+        let count = std::sync::Arc::new(Count::default());
+        let waker = Waker::from(count.clone());
+        let mut cx = Context::from_waker(&waker);
+        let deadline = Instant::now() + std::time::Duration::from_secs(1000);
+
+        let mut sleep = pin!(Sleep::until(deadline));
+        assert!(sleep.as_mut().poll(&mut cx).is_pending());
+        assert_eq!(queue.next_deadline(), deadline);
+        queue.expire(deadline - std::time::Duration::from_nanos(1));
+        assert_eq!(count.0.load(Ordering::Relaxed), 0);
+        queue.expire(deadline);
+        assert_eq!(count.0.load(Ordering::Relaxed), 1);
+        assert_eq!(queue.next_deadline(), Instant::NEVER);
+        assert!(sleep.as_mut().poll(&mut cx).is_ready());
+    }
+
+    #[test]
+    fn a_dropped_or_reset_sleep_is_gone() {
+        let queue = Arc::new(TimerQueue::new());
+        let _home = current::enter_home(Home::new(), queue.clone());
+        let mut cx = Context::from_waker(Waker::noop());
+        let far = Instant::now() + std::time::Duration::from_secs(1000);
+        {
+            let mut sleep = pin!(Sleep::until(far));
+            assert!(sleep.as_mut().poll(&mut cx).is_pending());
+            sleep.as_mut().reset(far + std::time::Duration::from_secs(1));
+            assert_eq!(queue.next_deadline(), Instant::NEVER);
+            assert!(sleep.as_mut().poll(&mut cx).is_pending());
+            assert_eq!(queue.next_deadline(), far + std::time::Duration::from_secs(1));
+        }
+        assert_eq!(queue.next_deadline(), Instant::NEVER);
+    }
+
+    #[test]
+    fn a_sleep_may_be_dropped_on_another_thread() {
+        let queue = Arc::new(TimerQueue::new());
+        let _home = current::enter_home(Home::new(), queue.clone());
+        let mut cx = Context::from_waker(Waker::noop());
+        let mut sleep = Box::pin(Sleep::until(Instant::now() + std::time::Duration::from_secs(1000)));
+        assert!(sleep.as_mut().poll(&mut cx).is_pending());
+        std::thread::spawn(move || drop(sleep)).join().unwrap();
+        assert_eq!(queue.next_deadline(), Instant::NEVER);
+    }
+
+    #[test]
+    #[should_panic(expected = "runs no LUNA process")]
+    fn a_thread_without_timers_says_so() {
+        let mut sleep = pin!(Sleep::until(Instant::NEVER));
+        let _ = sleep.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+    }
+}
