@@ -1,1 +1,65 @@
-//! x
+//! LUNA: a hard real-time, multi-core, CSP-capable execution framework for Linux.
+//!
+//! A machine's software is written as *processes*: async functions that communicate over *channels* and nothing else. A [`System`] says
+//! in one place where each of them runs: on an *executor*, which is one OS thread, pinned to a core, with a scheduling policy of its
+//! own, that runs many processes by priority; or on an OS thread alone. Periodic loops wait for absolute slots ([`periodic`]) and
+//! keep histograms of how they kept them, which the [`Report`] tells.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use std::time::Duration;
+//!
+//! let mut system = System::new("servo");
+//! let control = system.executor("control").core(0).policy(Policy::fifo(80)).build()?;
+//! let (setpoint, setpoints) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
+//!
+//! control.process("loop").priority(20).spawn(async move {
+//!     let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+//!     let mut target = 0.0;
+//!     for _ in 0..10 {
+//!         tick.next().await;
+//!         if let Ok(new) = setpoints.try_recv() {
+//!             target = new;
+//!         }
+//!     }
+//!     assert_eq!(target, 1.0);
+//!     Ok(())
+//! })?;
+//! system.thread("console").process("operator").spawn(async move {
+//!     setpoint.send(1.0).await?;
+//!     Ok(())
+//! })?;
+//!
+//! let report = system.run()?; // where a policy is refused, it says so and does its best
+//! assert_eq!(report.loops["loop"].cycles, 10);
+//! # Ok::<(), luna::Error>(())
+//! ```
+
+mod csp;
+mod error;
+pub mod prelude;
+mod report;
+mod safety;
+mod system;
+mod time;
+
+pub use csp::process::{IntoProcess, Process, run};
+pub use error::{Error, OtherError, Result, SetupError};
+pub use luna_channels::{
+    Buffer, BufferError, Incoming, Receiver, RecvError, RecvOp, RecvTimeout, RecvTimeoutError, SendError, SendOp,
+    SendTimeout, SendTimeoutError, Sender, TryRecvError, TrySendError, buffered, channel, try_buffered,
+};
+pub use luna_executors::{
+    Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
+};
+pub use luna_platform::current::{ProcessId, on_path};
+pub use luna_platform::shortfall::Shortfall;
+pub use luna_platform::thread::Policy;
+pub use report::{End, ProcessReport, Report, ThreadReport};
+pub use system::{Executor, ExecutorBuilder, ProcessBuilder, System, Thread};
+pub use time::{
+    After, Cycle, Distribution, Instant, LoopReport, Overrun, Periodic, after, at, now, periodic,
+};
+
+#[doc(hidden)]
+pub use csp::par as __par;

@@ -1,1 +1,17 @@
-//! x
+//! LUNA beside its peers, in the same run on the same machine.
+//!
+//! A *case* is one scenario with one peer. It is measured in *blocks*: a block performs a number of operations, checks
+//! their result, and says how long they took. [`harness::run`] repeats the blocks of all cases round by round, so that
+//! what disturbs the machine disturbs all cases alike.
+//!
+//! A scenario is written once, over three small contracts: [`processes`] are futures over the ends of a
+//! [channel](channels::Channel), and an [executor](executors::Executor) runs them. A row of a table is then one
+//! combination, such as `commstime::<Smol, AsyncChannel>`.
+//!
+//! Like all benchmarks, these are flawed: they show what a communication costs when nothing else happens.
+
+pub mod channels;
+pub mod executors;
+pub mod harness;
+pub mod machine;
+pub mod processes;

@@ -1,1 +1,123 @@
-//! x
+//! The channels of LUNA: processes communicate over them, and nothing else.
+//!
+//! A *channel* made by [`channel`] is a rendezvous: a send ends when a receiver has taken the value. One made by [`buffered`] holds
+//! some values in between. Both have the same two ends, [`Sender`] and [`Receiver`], which can be cloned and used from any
+//! thread: any number may send, any number receive, and of those who wait the most urgent is served first.
+//!
+//! ```
+//! # use futures_lite::future::{block_on, zip};
+//! let (numbers, printer) = luna_channels::channel::<u32>();
+//! let send = async move {
+//!     for n in 0..3 {
+//!         numbers.send(n).await?; // returns once the value was taken
+//!     }
+//!     Ok::<_, luna_channels::SendError<u32>>(()) // dropping the last sender closes the channel
+//! };
+//! let print = async move {
+//!     let mut sum = 0;
+//!     while let Ok(n) = printer.recv().await {
+//!         sum += n;
+//!     }
+//!     sum
+//! };
+//! assert_eq!(block_on(zip(send, print)), (Ok(()), 3));
+//! ```
+//!
+//! An operation allocates nothing, never waits for another thread to get somewhere, and holds a priority-inheriting lock for a
+//! bounded number of steps. What was communicated is never lost or doubled: a future that is dropped takes its offer back, and a value that it
+//! was already given goes to the next receiver.
+//!
+//! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and waking costs no reference counts, and tokio,
+//! smol, or plain threads, where wakers do the waking.
+
+mod buffer;
+mod core;
+mod error;
+mod recv;
+mod send;
+mod stream;
+
+#[cfg(all(test, loom))]
+mod loom_tests;
+
+pub use buffer::Buffer;
+pub use error::{
+    BufferError, RecvError, RecvTimeoutError, SendError, SendTimeoutError, TryRecvError, TrySendError,
+};
+pub use recv::{Receiver, RecvOp, RecvTimeout};
+pub use send::{SendOp, SendTimeout, Sender};
+pub use stream::Incoming;
+
+use luna_platform::current;
+use std::task::Context;
+
+/// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the channel; not for the real-time path.
+///
+/// ```
+/// let (sender, receiver) = luna_channels::channel();
+/// let thread = std::thread::spawn(move || receiver.blocking_recv());
+/// sender.blocking_send(1)?;
+/// assert_eq!(thread.join().unwrap(), Ok(1));
+/// # Ok::<(), luna_channels::SendError<i32>>(())
+/// ```
+pub fn channel<T: Send>() -> (Sender<T>, Receiver<T>) {
+    ends(Buffer::RENDEZVOUS)
+}
+
+/// Makes a channel with a buffer, which is allocated here; not for the real-time path.
+///
+/// # Panics
+///
+/// If the buffer's capacity is 0, which says something else than it means; [`try_buffered`] gives an error instead. A channel without a
+/// buffer is made by [`channel`].
+///
+/// ```
+/// let (sender, receiver) = luna_channels::buffered(luna_channels::Buffer::fifo(2));
+/// sender.try_send(1)?;
+/// sender.try_send(2)?;
+/// assert!(sender.try_send(3).unwrap_err().is_full());
+/// assert_eq!(receiver.try_recv(), Ok(1));
+/// # Ok::<(), luna_channels::TrySendError<i32>>(())
+/// ```
+#[track_caller]
+pub fn buffered<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
+    match try_buffered(buffer) {
+        Ok(ends) => ends,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Like [`buffered`], for a capacity that comes from outside.
+///
+/// # Errors
+///
+/// [`BufferError::ZeroCapacity`].
+///
+/// ```
+/// use luna_channels::{Buffer, BufferError, try_buffered};
+/// assert_eq!(try_buffered::<u8>(Buffer::fifo(0)).unwrap_err(), BufferError::ZeroCapacity);
+/// ```
+pub fn try_buffered<T: Send>(buffer: Buffer) -> Result<(Sender<T>, Receiver<T>), BufferError> {
+    buffer.validate().map(ends)
+}
+
+fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
+    let channel = core::Channel::allocate(buffer);
+    // SAFETY: a new channel counts one end of each kind.
+    unsafe { (Sender::new(channel), Receiver::new(channel)) }
+}
+
+/// Whether an operation that has just completed lets others run before its process goes on: those that outrank it, since a communication
+/// is a scheduling point; or all, when it has completed too many operations in one go. The process is then ready again already.
+#[inline]
+fn gives_way(cx: &Context<'_>) -> bool {
+    if current::is_outranked() {
+        current::give_way(cx);
+        true
+    } else if current::count_operation() {
+        false
+    } else {
+        cx.waker().wake_by_ref();
+        true
+    }
+}

@@ -1,1 +1,51 @@
-//! x
+//! The executors of LUNA: where processes run.
+//!
+//! An [`Executor`] is one OS thread that runs many prioritized processes, each an async block; an [`OsThread`] runs one process alone,
+//! which may make blocking calls; [`block_on`] runs one on the calling thread. A blocking call from a process of an executor goes to
+//! a buddy thread: [`blocking`]. Processes are seen from outside through a [`ProcessHandle`].
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use luna_executors::{Executor, Exit, ProcessSpec, yield_now};
+//! use luna_platform::thread::Attributes;
+//!
+//! let executor = Executor::start(Attributes::new("control"))?;
+//! let process = executor.spawn(ProcessSpec::new("counter").level(20), || async {
+//!     for _ in 0..3 {
+//!         yield_now().await;
+//!     }
+//! });
+//! executor.release();
+//! assert_eq!(process.wait(), Exit::Completed);
+//! assert_eq!(process.polls(), 4);
+//! # Ok(()) }
+//! ```
+
+mod inbound;
+mod link;
+mod run_queue;
+
+#[cfg(not(loom))]
+mod blocking;
+#[cfg(not(loom))]
+mod executor;
+#[cfg(not(loom))]
+mod os_thread;
+#[cfg(not(loom))]
+mod process;
+#[cfg(not(loom))]
+mod task;
+#[cfg(not(loom))]
+mod yield_now;
+
+#[cfg(all(test, loom))]
+mod loom_tests;
+
+#[cfg(not(loom))]
+pub use {
+    blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
+    executor::{Executor, ExecutorHandle},
+    os_thread::{Nested, OsThread, block_on},
+    process::{Exit, Join, panic_message, Living, ProcessHandle, ProcessSpec, ProcessState},
+    yield_now::{YieldNow, yield_now},
+};

@@ -4,13 +4,13 @@
 //! timers) reads it: to order waiting lists by priority, and to ready a process without cloning its waker. On a thread that runs no
 //! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
 
+use crate::sync::Arc;
 use crate::timer_queue::TimerQueue;
-use std::cell::{Cell, RefCell};
+use std::cell::{Cell, RefCell, UnsafeCell};
 use std::fmt;
 use std::num::NonZeroU32;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::task::{Context, Waker};
 
 /// The number of priority levels within one executor: 0 (lowest) to 31.
@@ -70,13 +70,28 @@ pub struct Priority {
 }
 
 /// What the framework knows of a process that runs or waits. It lies at one address for the process' whole life.
-#[derive(Debug)]
+///
+/// # Invariants
+///
+/// `waker` is written before the process is polled for the first time and after it has ended, and only read in between.
 pub struct Process {
     id: ProcessId,
     home: Home,
     thread_priority: u8,
     level: AtomicU8,
-    waker: OnceLock<Waker>,
+    waker: UnsafeCell<Option<Waker>>,
+}
+
+// SAFETY: by the invariant `waker` does not change while others can see it; all else is atomic or constant.
+unsafe impl Sync for Process {}
+
+impl fmt::Debug for Process {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Process")
+            .field("id", &self.id)
+            .field("priority", &self.priority())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Process {
@@ -87,13 +102,34 @@ impl Process {
             home,
             thread_priority,
             level: AtomicU8::new(level),
-            waker: OnceLock::new(),
+            waker: UnsafeCell::new(None),
         }
     }
 
-    /// Sets the waker that readies this process: once, before the first poll. A second one is ignored.
-    pub fn set_waker(&self, waker: Waker) {
-        let _ = self.waker.set(waker);
+    /// Sets the waker that readies this process.
+    ///
+    /// # Safety
+    ///
+    /// The process has not been polled yet, and nobody uses this value at the same time.
+    pub unsafe fn set_waker(&self, waker: Waker) {
+        // SAFETY: the contract makes this the only access.
+        unsafe { *self.waker.get() = Some(waker) };
+    }
+
+    /// Takes the waker out, which breaks the circle of a process that holds a reference to itself.
+    ///
+    /// # Safety
+    ///
+    /// The process has ended: nobody uses this value at the same time, or calls anything of it afterwards.
+    pub unsafe fn take_waker(&self) -> Option<Waker> {
+        // SAFETY: the contract makes this the only access.
+        unsafe { (*self.waker.get()).take() }
+    }
+
+    #[inline]
+    fn waker(&self) -> Option<&Waker> {
+        // SAFETY: by the type's invariant it does not change between the first poll and the end, and before and after nobody asks.
+        unsafe { (*self.waker.get()).as_ref() }
     }
 
     /// The process' number.
@@ -118,7 +154,7 @@ impl Process {
 
     /// Readies the process, from any thread. O(1); a system call only if its thread sleeps.
     pub fn wake(&self) {
-        if let Some(waker) = self.waker.get() {
+        if let Some(waker) = self.waker() {
             waker.wake_by_ref();
         }
     }
@@ -131,6 +167,8 @@ struct Thread {
     ready_levels: Cell<u32>,
     operations_left: Cell<u32>,
     branch_failed: Cell<bool>,
+    resumes_first: Cell<bool>,
+    may_block: Cell<bool>,
     on_path: Cell<bool>,
 }
 
@@ -142,21 +180,27 @@ thread_local! {
             ready_levels: Cell::new(0),
             operations_left: Cell::new(0),
             branch_failed: Cell::new(false),
+            resumes_first: Cell::new(false),
+            may_block: Cell::new(true),
             on_path: Cell::new(false),
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
 }
 
-/// Marks this thread as `home` with its `timers` until the guard is dropped.
+/// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
+/// since it runs one alone.
 ///
 /// # Panics
 ///
 /// If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
 /// Ask [`home`] first where the outside decides.
-pub fn enter_home(home: Home, timers: Arc<TimerQueue>) -> HomeGuard {
+pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
     assert!(self::home().is_none(), "this thread runs processes already");
-    THREAD.with(|thread| thread.home.set(Some(home)));
+    THREAD.with(|thread| {
+        thread.home.set(Some(home));
+        thread.may_block.set(may_block);
+    });
     TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
     HomeGuard { _private: () }
 }
@@ -172,6 +216,7 @@ impl Drop for HomeGuard {
     fn drop(&mut self) {
         THREAD.with(|thread| {
             thread.home.set(None);
+            thread.may_block.set(true);
             thread.ready_levels.set(0);
             thread.on_path.set(false);
         });
@@ -183,6 +228,11 @@ impl Drop for HomeGuard {
 #[inline]
 pub fn home() -> Option<Home> {
     THREAD.with(|thread| thread.home.get())
+}
+
+/// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
+pub fn may_block() -> bool {
+    THREAD.with(|thread| thread.may_block.get())
 }
 
 /// The timers of this thread, if it runs processes.
@@ -246,13 +296,26 @@ pub fn set_ready_levels(bits: u32) {
 #[inline]
 pub fn is_outranked() -> bool {
     THREAD.with(|thread| {
-        // SAFETY: as in `process`.
         thread.process.get().is_some_and(|process| {
+            // SAFETY: as in `process`.
             let level = unsafe { process.as_ref() }.level();
             // Two shifts, since a shift by 32 is none.
             (thread.ready_levels.get() >> level) >> 1 != 0
         })
     })
+}
+
+/// Readies the current process again, before others of its level: it lets only more urgent ones run. The caller returns `Pending`.
+#[inline]
+pub fn give_way(cx: &Context<'_>) {
+    THREAD.with(|thread| thread.resumes_first.set(true));
+    cx.waker().wake_by_ref();
+}
+
+/// Whether the process that was just polled asked to resume before others of its level; asking takes the answer.
+#[inline]
+pub fn take_resumes_first() -> bool {
+    THREAD.with(|thread| thread.resumes_first.replace(false))
 }
 
 /// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
@@ -332,7 +395,7 @@ impl Wakeup {
     #[inline]
     pub fn of(cx: &Context<'_>) -> Wakeup {
         process(|process| match process {
-            Some(process) if process.waker.get().is_some_and(|waker| waker.will_wake(cx.waker())) => {
+            Some(process) if process.waker().is_some_and(|waker| waker.will_wake(cx.waker())) => {
                 Wakeup(Inner::Process(NonNull::from(process)))
             }
             _ => Wakeup(Inner::Waker(cx.waker().clone())),
@@ -347,7 +410,7 @@ impl Wakeup {
             Inner::Process(pointer) => process(|process| {
                 process.is_some_and(|process| {
                     NonNull::from(process) == *pointer
-                        && process.waker.get().is_some_and(|waker| waker.will_wake(cx.waker()))
+                        && process.waker().is_some_and(|waker| waker.will_wake(cx.waker()))
                 })
             }),
         }
@@ -372,7 +435,7 @@ impl Wakeup {
                 if home() == Some(process.home) {
                     Ready(Readying::Here(pointer))
                 } else {
-                    match process.waker.get() {
+                    match process.waker() {
                         Some(waker) => Ready(Readying::Elsewhere(waker.clone())),
                         None => Ready(Readying::Nobody),
                     }

@@ -14,8 +14,26 @@
 
 pub mod clock;
 pub mod current;
+#[cfg(not(loom))]
+pub mod park;
+#[cfg(not(loom))]
+pub mod facts;
+#[cfg(not(loom))]
+pub mod latency;
+#[cfg(not(loom))]
+pub mod memory;
+#[cfg(not(loom))]
+pub mod reactor;
 pub mod reclaim;
+#[cfg(not(loom))]
+pub mod shortfall;
+#[cfg(not(loom))]
+pub mod signals;
 pub mod sync;
+#[cfg(not(loom))]
+pub mod thread;
+#[cfg(not(loom))]
+pub mod timer_fd;
 pub mod timer_queue;
 pub mod wait_list;
 

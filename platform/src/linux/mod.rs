@@ -1,5 +1,13 @@
 //! The complete backend: Linux, through `nix` where it has the call and `libc` where it has not.
 
 pub(crate) mod clock;
+pub(crate) mod facts;
 pub mod futex;
+pub(crate) mod latency;
 pub mod lock;
+pub(crate) mod memory;
+pub(crate) mod privileges;
+pub(crate) mod reactor;
+pub(crate) mod signals;
+pub(crate) mod thread;
+pub(crate) mod timer_fd;

@@ -1,5 +1,12 @@
 //! The backend on the standard library alone: what every system but Linux gets.
 
 pub(crate) mod clock;
+pub(crate) mod facts;
 pub mod futex;
+pub(crate) mod latency;
 pub mod lock;
+pub(crate) mod memory;
+pub(crate) mod reactor;
+pub(crate) mod signals;
+pub(crate) mod thread;
+pub(crate) mod timer_fd;

@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn expires_at_its_deadline_and_not_before() {
         let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone());
+        let _home = current::enter_home(Home::new(), queue.clone(), false);
         let count = std::sync::Arc::new(Count::default());
         let waker = Waker::from(count.clone());
         let mut cx = Context::from_waker(&waker);
@@ -267,7 +267,7 @@ mod tests {
     #[test]
     fn a_dropped_or_reset_sleep_is_gone() {
         let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone());
+        let _home = current::enter_home(Home::new(), queue.clone(), false);
         let mut cx = Context::from_waker(Waker::noop());
         let far = Instant::now() + std::time::Duration::from_secs(1000);
         {
@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn a_sleep_may_be_dropped_on_another_thread() {
         let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone());
+        let _home = current::enter_home(Home::new(), queue.clone(), false);
         let mut cx = Context::from_waker(Waker::noop());
         let mut sleep = Box::pin(Sleep::until(Instant::now() + std::time::Duration::from_secs(1000)));
         assert!(sleep.as_mut().poll(&mut cx).is_pending());

@@ -1,0 +1,133 @@
+//! The peers' executors behind one name. Each keeps its processes on the thread, or at least on the core, of its caller.
+
+use std::{future::Future, thread};
+
+use core_affinity::CoreId;
+use futures_lite::future;
+use tokio::{runtime, task};
+
+/// Runs processes.
+pub trait Executor: 'static {
+    /// Makes an executor for `core`, to which the calling thread is pinned.
+    fn new(core: CoreId) -> Self;
+
+    /// Starts a process; the future ends with its result, and panics if the process did.
+    ///
+    /// What is measured belongs in a process: the future given to [`block_on`](Executor::block_on) takes a slower way
+    /// through some executors.
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T>;
+
+    /// Runs the processes until `future` ends.
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T;
+}
+
+const ENDED_WELL: &str = "a process of a bench panics when its check fails";
+
+/// tokio's current-thread runtime, with `tokio::spawn`.
+#[derive(Debug)]
+pub struct Tokio {
+    runtime: runtime::Runtime,
+}
+
+fn tokio_runtime() -> runtime::Runtime {
+    // No driver for timers or files: an idle runtime parks on a condition variable, its fastest.
+    let runtime = runtime::Builder::new_current_thread().build();
+    runtime.expect("without drivers the runtime asks nothing of the system")
+}
+
+impl Executor for Tokio {
+    fn new(_: CoreId) -> Self {
+        let runtime = tokio_runtime();
+        Tokio { runtime }
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        let task = self.runtime.spawn(process);
+        async { task.await.expect(ENDED_WELL) }
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        self.runtime.block_on(future)
+    }
+}
+
+/// tokio's `LocalSet` on its current-thread runtime, with `spawn_local`.
+#[derive(Debug)]
+pub struct TokioLocal {
+    local: task::LocalSet,
+    runtime: runtime::Runtime,
+}
+
+impl Executor for TokioLocal {
+    fn new(_: CoreId) -> Self {
+        TokioLocal {
+            local: task::LocalSet::new(),
+            runtime: tokio_runtime(),
+        }
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        let task = self.local.spawn_local(process);
+        async { task.await.expect(ENDED_WELL) }
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        self.local.block_on(&self.runtime, future)
+    }
+}
+
+/// smol's `LocalExecutor`.
+#[derive(Debug)]
+pub struct Smol {
+    executor: async_executor::LocalExecutor<'static>,
+}
+
+impl Executor for Smol {
+    fn new(_: CoreId) -> Self {
+        let executor = async_executor::LocalExecutor::new();
+        Smol { executor }
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        self.executor.spawn(process)
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        future::block_on(self.executor.run(future))
+    }
+}
+
+/// An operating-system thread for each process; on Linux it inherits the core of the thread that spawns.
+#[derive(Debug)]
+pub struct Threads;
+
+impl Executor for Threads {
+    fn new(_: CoreId) -> Self {
+        Threads
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        let thread = thread::spawn(|| future::block_on(process));
+        // The caller has nothing to do meanwhile but to wait.
+        async { thread.join().expect(ENDED_WELL) }
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        future::block_on(future)
+    }
+}

@@ -1,0 +1,149 @@
+//! The processes that are measured, each written once for all peers.
+//!
+//! A network comes down by itself: whoever has measured enough drops its channel ends, and every process ends when an
+//! end that it uses has no partner any more.
+
+use std::{
+    future::Future,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use crate::channels::{Received, Receiving, Sending};
+
+/// Operations before the clock starts: caches and branch predictors are the network's by then.
+fn warm_up(operations: u64) -> u64 {
+    operations / 16 + 1
+}
+
+/// Sends the numbers from zero until nobody listens.
+pub async fn producer(mut output: impl Sending) {
+    for number in 0.. {
+        if output.send(number).await.is_err() {
+            break;
+        }
+    }
+}
+
+/// Receives the numbers from zero, in sequence, and says how long the last `operations` of them took.
+///
+/// # Panics
+///
+/// When a number is missing or wrong.
+pub async fn consumer(mut input: impl Receiving, operations: u64) -> Duration {
+    let warm_up = warm_up(operations);
+    let mut start = Instant::now();
+    for expected in 0..=warm_up + operations {
+        assert_eq!(
+            input.recv().await.value(),
+            Some(expected),
+            "out of sequence"
+        );
+        if expected == warm_up {
+            start = Instant::now();
+        }
+    }
+    start.elapsed()
+}
+
+/// Sends zero, then what it receives.
+pub async fn prefix(mut input: impl Receiving, mut output: impl Sending) {
+    let mut next = Some(0);
+    while let Some(number) = next {
+        if output.send(number).await.is_err() {
+            break;
+        }
+        next = input.recv().await.value();
+    }
+}
+
+/// Sends what it receives to the first output, then to the second.
+pub async fn delta(mut input: impl Receiving, mut first: impl Sending, mut second: impl Sending) {
+    while let Some(number) = input.recv().await.value() {
+        if first.send(number).await.is_err() || second.send(number).await.is_err() {
+            break;
+        }
+    }
+}
+
+/// Sends one more than it receives.
+pub async fn successor(mut input: impl Receiving, mut output: impl Sending) {
+    while let Some(number) = input.recv().await.value() {
+        if output.send(number + 1).await.is_err() {
+            break;
+        }
+    }
+}
+
+/// Sends a number and waits for it to come back; says how long the last `operations` round trips took.
+///
+/// # Panics
+///
+/// When another number comes back.
+pub async fn ping(
+    mut output: impl Sending,
+    mut input: impl Receiving,
+    operations: u64,
+) -> Duration {
+    let warm_up = warm_up(operations);
+    let mut start = Instant::now();
+    for number in 0..=warm_up + operations {
+        assert!(output.send(number).await.is_ok(), "the partner has gone");
+        assert_eq!(
+            input.recv().await.value(),
+            Some(number),
+            "not the same number"
+        );
+        if number == warm_up {
+            start = Instant::now();
+        }
+    }
+    start.elapsed()
+}
+
+/// Sends back what it receives.
+pub async fn pong(mut input: impl Receiving, mut output: impl Sending) {
+    while let Some(number) = input.recv().await.value() {
+        if output.send(number).await.is_err() {
+            break;
+        }
+    }
+}
+
+/// One of two processes that yield to each other: says how long `switches` switches took, half of them its own.
+///
+/// `mine` and `other` count how often the two processes yielded.
+///
+/// # Panics
+///
+/// When the two did not take turns.
+pub async fn yielding<Y: Future>(
+    yield_now: impl Fn() -> Y,
+    mine: Arc<AtomicU64>,
+    other: Arc<AtomicU64>,
+    switches: u64,
+) -> Duration {
+    let turns = switches / 2;
+    let warm_up = warm_up(turns);
+    let mut start = Instant::now();
+    let mut other_at_start = 0;
+    for turn in 0..=warm_up + turns {
+        // Nobody reads the count but the other process, after it has run in turn.
+        mine.store(turn, Ordering::Relaxed);
+        yield_now().await;
+        if turn == warm_up {
+            other_at_start = other.load(Ordering::Relaxed);
+            start = Instant::now();
+        }
+    }
+    let elapsed = start.elapsed();
+    let others = other.load(Ordering::Relaxed) - other_at_start;
+    assert!(
+        others.abs_diff(turns) <= 1,
+        "{others} turns of the other beside {turns}"
+    );
+    elapsed
+}

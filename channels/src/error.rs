@@ -1,0 +1,300 @@
+//! What can go wrong with an operation: one small type for each, and the value comes back.
+
+use std::error::Error;
+use std::fmt;
+
+macro_rules! gives_value_back {
+    ($name:ident) => {
+        impl<T> fmt::Debug for $name<T> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                // Without the value, so that it need not be `Debug`.
+                f.debug_struct(stringify!($name)).field("reason", &format_args!("{self}")).finish_non_exhaustive()
+            }
+        }
+        impl<T> Error for $name<T> {}
+    };
+}
+
+/// Sending failed: nobody will ever take the value, which is given back.
+///
+/// ```
+/// let (sender, receiver) = luna_channels::channel::<u32>();
+/// drop(receiver);
+/// let error = sender.blocking_send(7).unwrap_err();
+/// assert!(error.is_closed());
+/// assert_eq!(error.into_inner(), 7);
+/// ```
+#[derive(Clone, PartialEq, Eq)]
+pub struct SendError<T> {
+    /// The value that was not sent.
+    pub value: T,
+    /// Whether the channel, or the branch that sent, was poisoned; else the last receiver is gone.
+    pub poisoned: bool,
+}
+
+impl<T> SendError<T> {
+    /// The value that was not sent.
+    pub fn into_inner(self) -> T {
+        self.value
+    }
+
+    /// Whether the channel, or the branch that sent, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        self.poisoned
+    }
+
+    /// Whether the last receiver is gone.
+    pub fn is_closed(&self) -> bool {
+        !self.poisoned
+    }
+}
+
+impl<T> fmt::Display for SendError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.poisoned {
+            "sending to a poisoned channel"
+        } else {
+            "sending to a channel whose last receiver is gone"
+        })
+    }
+}
+gives_value_back!(SendError);
+
+/// Receiving failed: no value will ever come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecvError {
+    /// The channel, or the branch that received, was poisoned.
+    Poisoned,
+    /// The last sender is gone, and all that it sent was received.
+    Closed,
+}
+
+impl RecvError {
+    /// Whether the channel, or the branch that received, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        *self == RecvError::Poisoned
+    }
+
+    /// Whether the last sender is gone.
+    pub fn is_closed(&self) -> bool {
+        *self == RecvError::Closed
+    }
+}
+
+impl fmt::Display for RecvError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            RecvError::Poisoned => "receiving from a poisoned channel",
+            RecvError::Closed => "receiving from a channel whose last sender is gone",
+        })
+    }
+}
+impl Error for RecvError {}
+
+/// Sending at once failed. The value is given back.
+#[derive(Clone, PartialEq, Eq)]
+pub enum TrySendError<T> {
+    /// No receiver waits, and there is no room in a buffer.
+    Full(T),
+    /// The last receiver is gone.
+    Closed(T),
+    /// The channel was poisoned.
+    Poisoned(T),
+}
+
+impl<T> TrySendError<T> {
+    /// The value that was not sent.
+    pub fn into_inner(self) -> T {
+        match self {
+            TrySendError::Full(value) | TrySendError::Closed(value) | TrySendError::Poisoned(value) => value,
+        }
+    }
+
+    /// Whether it might succeed later.
+    pub fn is_full(&self) -> bool {
+        matches!(self, TrySendError::Full(_))
+    }
+
+    /// Whether the last receiver is gone.
+    pub fn is_closed(&self) -> bool {
+        matches!(self, TrySendError::Closed(_))
+    }
+
+    /// Whether the channel was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        matches!(self, TrySendError::Poisoned(_))
+    }
+}
+
+impl<T> fmt::Display for TrySendError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            TrySendError::Full(_) => "sending at once, but nobody waits to receive and there is no room",
+            TrySendError::Closed(_) => "sending to a channel whose last receiver is gone",
+            TrySendError::Poisoned(_) => "sending to a poisoned channel",
+        })
+    }
+}
+gives_value_back!(TrySendError);
+
+/// Receiving at once failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TryRecvError {
+    /// No sender waits, and nothing is buffered.
+    Empty,
+    /// The channel was poisoned.
+    Poisoned,
+    /// The last sender is gone, and all that it sent was received.
+    Closed,
+}
+
+impl TryRecvError {
+    /// Whether it might succeed later.
+    pub fn is_empty(&self) -> bool {
+        *self == TryRecvError::Empty
+    }
+
+    /// Whether the channel was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        *self == TryRecvError::Poisoned
+    }
+
+    /// Whether the last sender is gone.
+    pub fn is_closed(&self) -> bool {
+        *self == TryRecvError::Closed
+    }
+}
+
+impl fmt::Display for TryRecvError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            TryRecvError::Empty => "receiving at once, but nobody waits to send and nothing is buffered",
+            TryRecvError::Poisoned => "receiving from a poisoned channel",
+            TryRecvError::Closed => "receiving from a channel whose last sender is gone",
+        })
+    }
+}
+impl Error for TryRecvError {}
+
+/// Sending within a time failed. The value is given back.
+#[derive(Clone, PartialEq, Eq)]
+pub enum SendTimeoutError<T> {
+    /// Nobody took the value in time; it was withdrawn.
+    Timeout(T),
+    /// The last receiver is gone.
+    Closed(T),
+    /// The channel, or the branch that sent, was poisoned.
+    Poisoned(T),
+}
+
+impl<T> SendTimeoutError<T> {
+    /// The value that was not sent.
+    pub fn into_inner(self) -> T {
+        match self {
+            SendTimeoutError::Timeout(value) | SendTimeoutError::Closed(value) | SendTimeoutError::Poisoned(value) => value,
+        }
+    }
+
+    /// Whether the time ran out.
+    pub fn is_timeout(&self) -> bool {
+        matches!(self, SendTimeoutError::Timeout(_))
+    }
+
+    /// Whether the last receiver is gone.
+    pub fn is_closed(&self) -> bool {
+        matches!(self, SendTimeoutError::Closed(_))
+    }
+
+    /// Whether the channel, or the branch that sent, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        matches!(self, SendTimeoutError::Poisoned(_))
+    }
+}
+
+impl<T> From<SendError<T>> for SendTimeoutError<T> {
+    fn from(error: SendError<T>) -> Self {
+        if error.poisoned {
+            SendTimeoutError::Poisoned(error.value)
+        } else {
+            SendTimeoutError::Closed(error.value)
+        }
+    }
+}
+
+impl<T> fmt::Display for SendTimeoutError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            SendTimeoutError::Timeout(_) => "sending, but nobody took the value in time",
+            SendTimeoutError::Closed(_) => "sending to a channel whose last receiver is gone",
+            SendTimeoutError::Poisoned(_) => "sending to a poisoned channel",
+        })
+    }
+}
+gives_value_back!(SendTimeoutError);
+
+/// Receiving within a time failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecvTimeoutError {
+    /// No value came in time.
+    Timeout,
+    /// The channel, or the branch that received, was poisoned.
+    Poisoned,
+    /// The last sender is gone, and all that it sent was received.
+    Closed,
+}
+
+impl RecvTimeoutError {
+    /// Whether the time ran out.
+    pub fn is_timeout(&self) -> bool {
+        *self == RecvTimeoutError::Timeout
+    }
+
+    /// Whether the channel, or the branch that received, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        *self == RecvTimeoutError::Poisoned
+    }
+
+    /// Whether the last sender is gone.
+    pub fn is_closed(&self) -> bool {
+        *self == RecvTimeoutError::Closed
+    }
+}
+
+impl From<RecvError> for RecvTimeoutError {
+    fn from(error: RecvError) -> Self {
+        match error {
+            RecvError::Poisoned => RecvTimeoutError::Poisoned,
+            RecvError::Closed => RecvTimeoutError::Closed,
+        }
+    }
+}
+
+impl fmt::Display for RecvTimeoutError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            RecvTimeoutError::Timeout => "receiving, but no value came in time",
+            RecvTimeoutError::Poisoned => "receiving from a poisoned channel",
+            RecvTimeoutError::Closed => "receiving from a channel whose last sender is gone",
+        })
+    }
+}
+impl Error for RecvTimeoutError {}
+
+/// A buffer that cannot be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum BufferError {
+    /// Its capacity is zero. A channel without a buffer is a rendezvous: make it with `channel()`.
+    ZeroCapacity,
+}
+
+impl fmt::Display for BufferError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            BufferError::ZeroCapacity => {
+                f.write_str("a buffer of capacity 0 was asked for: give it at least 1, or make a rendezvous with `channel()`")
+            }
+        }
+    }
+}
+impl Error for BufferError {}

@@ -1,0 +1,210 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand};
+use luna::Policy;
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The rates that Jiwy's controllers and mechanism are made and tested for, in Hz.
+const RATES: RangeInclusive<u32> = 100..=4000;
+/// A run of the demo takes at most a day.
+const MAX_SECONDS: f64 = 86_400.0;
+/// A period is at most a minute, in µs.
+const MAX_INTERVAL: u64 = 60_000_000;
+
+/// LUNA: hard real-time processes and channels. Without a command: the demo.
+#[derive(Debug, Parser)]
+#[command(name = "luna", version, args_conflicts_with_subcommands = true)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    demo: Demo,
+}
+
+impl Arguments {
+    /// What is to be done.
+    pub(crate) fn command(self) -> Command {
+        self.command.unwrap_or(Command::Demo(self.demo))
+    }
+}
+
+/// What the program can do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Controls a simulated pan-tilt camera and shows how well it kept time
+    Demo(Demo),
+    /// Measures how late a periodic process wakes up, as cyclictest does
+    Jitter(Jitter),
+}
+
+/// The options of `luna demo`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Demo {
+    /// How long to run, in seconds
+    #[arg(long, value_name = "S", default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
+    pub(crate) seconds: f64,
+    /// Cycles of control in a second
+    #[arg(long, value_name = "HZ", default_value_t = 1000, value_parser = rate, allow_negative_numbers = true)]
+    pub(crate) rate: u32,
+    #[command(flatten)]
+    pub(crate) place: Place,
+    /// A recording with the columns time (s), pan and tilt (-1 to 1) [default: one within the program]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) joystick: Option<PathBuf>,
+}
+
+impl Demo {
+    /// The time from one cycle to the next.
+    pub(crate) fn period(&self) -> Duration {
+        Duration::from_secs(1) / self.rate
+    }
+
+    /// How many cycles the run has: at least one.
+    pub(crate) fn cycles(&self) -> u64 {
+        // Within range by the parsers: at most a day at 4 kHz.
+        ((self.seconds * f64::from(self.rate)).round() as u64).max(1)
+    }
+}
+
+/// The options of `luna jitter`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Jitter {
+    /// From one wake-up to the next, in µs
+    #[arg(long, value_name = "US", default_value_t = 1000, value_parser = interval, allow_negative_numbers = true)]
+    pub(crate) interval: u64,
+    /// How many wake-ups
+    #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..), allow_negative_numbers = true)]
+    pub(crate) loops: u64,
+    #[command(flatten)]
+    pub(crate) place: Place,
+    /// Where to write the histogram, as CSV: latency_ns,count
+    #[arg(long, value_name = "FILE")]
+    pub(crate) histogram: Option<PathBuf>,
+}
+
+/// Where the measured processes run, and how they are reported.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Place {
+    /// The core to run on [default: the last isolated one, else the last]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) core: Option<usize>,
+    /// The scheduling policy: fifo:PRIORITY, rr:PRIORITY (1 to 97) or other
+    #[arg(long, default_value = "fifo:80", value_parser = policy)]
+    pub(crate) policy: Policy,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Err(_) => Err("it is not a number".into()),
+        Ok(value) if value > 0.0 && value <= MAX_SECONDS => Ok(value),
+        Ok(_) => Err(format!("it must be more than 0 and at most {MAX_SECONDS} (a day)")),
+    }
+}
+
+fn rate(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(value) if RATES.contains(&value) => Ok(value),
+        _ => Err(format!("it must be a whole number from {} to {}", RATES.start(), RATES.end())),
+    }
+}
+
+fn interval(text: &str) -> Result<u64, String> {
+    match text.parse::<u64>() {
+        Ok(value) if (1..=MAX_INTERVAL).contains(&value) => Ok(value),
+        _ => Err(format!("it must be a whole number of microseconds, from 1 to {MAX_INTERVAL} (a minute)")),
+    }
+}
+
+fn policy(text: &str) -> Result<Policy, String> {
+    let policy: Policy = text.parse().map_err(|error| format!("{error}"))?;
+    policy.validate_user().map_err(|error| format!("{error}"))?;
+    Ok(policy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        Arguments::try_parse_from(line.split_whitespace()).map(Arguments::command)
+    }
+
+    fn demo(line: &str) -> Demo {
+        match parse(line) {
+            Ok(Command::Demo(demo)) => demo,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn clap_is_content() {
+        <Arguments as clap::CommandFactory>::command().debug_assert();
+    }
+
+    #[test]
+    fn no_command_is_the_demo() {
+        for line in ["luna", "luna demo"] {
+            let demo = demo(line);
+            assert_eq!((demo.seconds, demo.rate, demo.cycles()), (10.0, 1000, 10_000));
+            assert_eq!((demo.place.core, demo.place.policy, demo.place.json), (None, Policy::fifo(80), false));
+            assert_eq!((demo.joystick.clone(), demo.period()), (None, Duration::from_millis(1)));
+        }
+        assert_eq!(demo("luna --seconds 2").cycles(), 2000);
+    }
+
+    #[test]
+    fn demo_takes_its_options() {
+        let demo = demo("luna demo --seconds 0.5 --rate 250 --core 1 --policy rr:7 --joystick a.csv --json");
+        assert_eq!((demo.cycles(), demo.period()), (125, Duration::from_millis(4)));
+        assert_eq!((demo.place.core, demo.place.policy, demo.place.json), (Some(1), Policy::round_robin(7), true));
+        assert_eq!(demo.joystick, Some(PathBuf::from("a.csv")));
+    }
+
+    #[test]
+    fn jitter_takes_its_options() {
+        let Ok(Command::Jitter(jitter)) =
+            parse("luna jitter --interval 500 --loops 20 --policy other --histogram h.csv")
+        else {
+            panic!("no jitter");
+        };
+        assert_eq!((jitter.interval, jitter.loops, jitter.place.policy), (500, 20, Policy::Other));
+        assert_eq!(jitter.histogram, Some(PathBuf::from("h.csv")));
+    }
+
+    #[test]
+    fn bad_values_are_named() {
+        for (line, option) in [
+            ("luna demo --rate 0", "--rate"),
+            ("luna demo --rate 99", "--rate"),
+            ("luna demo --rate 4001", "--rate"),
+            ("luna demo --rate -1", "--rate"),
+            ("luna demo --rate 1e3", "--rate"),
+            ("luna demo --seconds 0", "--seconds"),
+            ("luna demo --seconds -1", "--seconds"),
+            ("luna demo --seconds nan", "--seconds"),
+            ("luna demo --seconds inf", "--seconds"),
+            ("luna demo --seconds ten", "--seconds"),
+            ("luna demo --core one", "--core"),
+            ("luna demo --core -1", "--core"),
+            ("luna demo --policy fifo:98", "--policy"),
+            ("luna demo --policy fifo:0", "--policy"),
+            ("luna demo --policy fifo", "--policy"),
+            ("luna --policy batch", "--policy"),
+            ("luna jitter --interval 0", "--interval"),
+            ("luna jitter --interval -5", "--interval"),
+            ("luna jitter --interval 99999999999999999999", "--interval"),
+            ("luna jitter --loops 0", "--loops"),
+            ("luna jitter --loops -3", "--loops"),
+        ] {
+            let error = parse(line).expect_err(line);
+            assert_eq!(error.exit_code(), 2, "{line}");
+            assert!(error.to_string().contains(option), "{line}: {error}");
+        }
+        assert!(parse("luna --seconds 1 jitter").is_err());
+    }
+}

@@ -1,0 +1,100 @@
+//! `luna demo`: Jiwy, the thesis' pan-tilt camera, with a simulated mechanism.
+
+use crate::alloc::Counting;
+use crate::failure::Failure;
+use crate::jiwy::AXES;
+use crate::jiwy::network::{self, Executors, Findings};
+use crate::joystick::{self, Recording};
+use crate::output::{Axis, Demo, FinalState, TrackingError};
+use crate::{args, place, report, text};
+use luna::prelude::*;
+use std::io::Write;
+
+const CONTROL: &str = "control";
+
+/// Runs the demo and prints what came of it. Gives whether the run was complete.
+pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
+    let recording = match &arguments.joystick {
+        Some(path) => Recording::read(path).map_err(|error| (path.clone(), error)),
+        None => Recording::parse(joystick::DEFAULT.as_bytes()).map_err(|error| ("built in".into(), error)),
+    };
+    let recording = recording.map_err(|(path, error)| Failure::Joystick { path, error })?;
+
+    let mut system = System::new("jiwy");
+    system.lock_memory();
+    let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
+    let findings = network::build(&mut system, &executors, arguments.period(), arguments.cycles(), recording.play());
+    let findings = findings.map_err(Failure::Luna)?;
+    drop(executors);
+
+    let report = system.run().map_err(Failure::Luna)?;
+    let control_loops = AXES.map(|axis| axis.name);
+    let demo = Demo {
+        measurement: report::measurement(&report, CONTROL, &control_loops, allocator.counts()),
+        axes: AXES.iter().zip(&findings).map(|(axis, findings)| found(axis.name, findings)).collect(),
+    };
+
+    let mut out = std::io::stdout().lock();
+    let printed = if arguments.place.json {
+        print_json(&mut out, &demo)
+    } else {
+        let head = format!("Jiwy, pan and tilt at {} Hz for {} s: ", arguments.rate, arguments.seconds);
+        let parts = [
+            head + &text::header(&demo.measurement),
+            report.to_string(),
+            text::tracking(&demo.axes),
+            text::latency(control_loops[0], report::latencies(&report, control_loops[0])),
+            text::memory(&demo.measurement) + text::ending(&demo.measurement),
+        ];
+        print_parts(&mut out, &parts)
+    };
+    printed.map_err(Failure::Output)?;
+    Ok(demo.measurement.complete)
+}
+
+/// The control executor as asked for; the hardware below it, where the system likes; the operator with no promise at all.
+fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Executors> {
+    let control = place::executor(system, CONTROL, arguments)?;
+    // Real hardware is never late, but it must not make the measured loops late either.
+    let below = |priority: u8| priority.saturating_sub(1).max(1);
+    let policy = match arguments.policy {
+        Policy::Fifo(priority) => Policy::Fifo(below(priority)),
+        Policy::RoundRobin(priority) => Policy::RoundRobin(below(priority)),
+        other => other,
+    };
+    let mechanism = system.executor("mechanism").policy(policy).build()?;
+    let operator = system.executor("operator").policy(Policy::Other).build()?;
+    Ok(Executors { control, mechanism, operator })
+}
+
+/// What the processes of an axis left behind; zeroes where one of them never got to run.
+fn found(name: &'static str, findings: &Findings) -> Axis {
+    let tracking = findings.tracking.get().copied().unwrap_or_default();
+    let state = findings.state.get().copied().unwrap_or_default();
+    Axis {
+        name,
+        tracking_error_deg: TrackingError { rms: tracking.rms().to_degrees(), max: tracking.max().to_degrees() },
+        final_state: FinalState {
+            angle_deg: state.angle.to_degrees(),
+            speed_deg_per_s: state.speed.to_degrees(),
+            current_a: state.current,
+        },
+        sanity: findings.interventions.get().copied().unwrap_or_default(),
+    }
+}
+
+/// One JSON object on one line.
+pub(crate) fn print_json(out: &mut impl Write, value: &impl serde::Serialize) -> std::io::Result<()> {
+    serde_json::to_writer(&mut *out, value)?;
+    writeln!(out)?;
+    out.flush()
+}
+
+/// Parts with an empty line between them.
+pub(crate) fn print_parts(out: &mut impl Write, parts: &[String]) -> std::io::Result<()> {
+    for (n, part) in parts.iter().enumerate() {
+        let gap = if n == 0 { "" } else { "\n" };
+        writeln!(out, "{gap}{}", part.trim_end())?;
+    }
+    out.flush()
+}

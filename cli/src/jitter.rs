@@ -1,0 +1,68 @@
+//! `luna jitter`: how late a periodic process wakes up, and nothing else.
+
+use crate::alloc::Counting;
+use crate::demo::{print_json, print_parts};
+use crate::failure::Failure;
+use crate::{args, place, report, text};
+use luna::prelude::*;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::time::Duration;
+
+const NAME: &str = "jitter";
+
+/// Measures and prints. Gives whether the run was complete.
+pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool, Failure> {
+    // Before the measurement: a path that cannot be written should not cost its time.
+    let file = arguments.histogram.as_ref().map(|path| (path, File::create(path)));
+    let histogram_failed = |error| Failure::Histogram { path: arguments.histogram.clone().unwrap_or_default(), error };
+    let file = file.map(|(_, file)| file).transpose().map_err(histogram_failed)?;
+
+    let mut system = System::new(NAME);
+    system.lock_memory();
+    spawn(&mut system, arguments).map_err(Failure::Luna)?;
+    let report = system.run().map_err(Failure::Luna)?;
+    let measurement = report::measurement(&report, NAME, &[NAME], allocator.counts());
+
+    if let Some(file) = file {
+        write_histogram(file, report::latencies(&report, NAME)).map_err(histogram_failed)?;
+    }
+    let mut out = std::io::stdout().lock();
+    let printed = if arguments.place.json {
+        print_json(&mut out, &measurement)
+    } else {
+        let head = format!("{} wake-ups, {} µs apart: ", arguments.loops, arguments.interval);
+        let parts = [
+            head + &text::header(&measurement),
+            report.to_string(),
+            text::latency(NAME, report::latencies(&report, NAME)),
+            text::memory(&measurement) + text::ending(&measurement),
+        ];
+        print_parts(&mut out, &parts)
+    };
+    printed.map_err(Failure::Output)?;
+    Ok(measurement.complete)
+}
+
+fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<()> {
+    let loops = arguments.loops;
+    let period = Duration::from_micros(arguments.interval);
+    place::executor(system, NAME, &arguments.place)?.process(NAME).spawn(async move {
+        let mut tick = luna::periodic(NAME, period)?;
+        for _ in 0..loops {
+            tick.next().await;
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// A line for each latency that occurred, the shortest first.
+fn write_histogram(file: File, values: impl Iterator<Item = (u64, u64)>) -> std::io::Result<()> {
+    let mut file = BufWriter::new(file);
+    writeln!(file, "latency_ns,count")?;
+    for (value, count) in values {
+        writeln!(file, "{value},{count}")?;
+    }
+    file.flush()
+}

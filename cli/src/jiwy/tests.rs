@@ -1,0 +1,64 @@
+//! The whole of Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
+
+use super::encoder::{Decoder, Encoder};
+use super::pid::{Gains, Pid};
+use super::plant::Plant;
+use super::sanity::{Interventions, SanityCheck};
+use super::set_point::SetPoint;
+use super::tracking::Tracking;
+use super::{AXES, Axis};
+use crate::joystick::{DEFAULT, Recording};
+
+/// Plays the default recording once; a duty reaches the motor one sample after its measurement.
+fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
+    let recording = Recording::parse(DEFAULT.as_bytes()).unwrap();
+    let cycles = (recording.length() * rate) as u32;
+    let (mut playback, sample_time) = (recording.play(), 1.0 / rate);
+    let gear = axis.plant.gear_ratio;
+    let encoder = Encoder::new(gear, axis.count_at_zero);
+    let mut decoder = Decoder::new(gear, axis.count_at_zero);
+    let mut plant = Plant::new(axis.plant);
+    let mut set_point = SetPoint::new(axis.range, axis.max_speed);
+    let mut pid = Pid::new(Gains::place(&axis.plant, axis.tuning, sample_time));
+    let mut sanity = SanityCheck::new(axis.limits);
+    let (mut tracking, mut duty) = (Tracking::default(), 0.0);
+    for n in 0..cycles {
+        // The joystick is read at 100 Hz, whatever the rate of control.
+        let read_at = (f64::from(n) * sample_time * 100.0 + 1e-6).floor() / 100.0;
+        let target = set_point.follow((axis.stick)(playback.at(read_at)), sample_time);
+        let angle = decoder.angle(encoder.count(plant.state().angle));
+        tracking.add(target - angle);
+        let next = sanity.check(pid.update(target, angle, sample_time), angle, sample_time);
+        plant.step(std::mem::replace(&mut duty, next), sample_time);
+    }
+    (tracking, sanity.interventions())
+}
+
+#[test]
+fn follows_the_recording() {
+    for axis in &AXES {
+        for (rate, rms, max) in [(100.0, 12.0, 30.0), (500.0, 1.5, 6.0), (1000.0, 1.5, 6.0), (4000.0, 1.5, 6.0)] {
+            let (tracking, sanity) = play(axis, rate);
+            println!(
+                "{} at {rate} Hz: rms {:.2}, max {:.2} degrees; {sanity:?}",
+                axis.name,
+                tracking.rms().to_degrees(),
+                tracking.max().to_degrees()
+            );
+            assert!(tracking.rms().to_degrees() < rms, "{} at {rate} Hz", axis.name);
+            assert!(tracking.max().to_degrees() < max, "{} at {rate} Hz", axis.name);
+            // A controller in order gives the safety layer nothing to do, but for its slew limit.
+            assert_eq!(Interventions { slewed: 0, ..sanity }, Interventions::default());
+        }
+    }
+}
+
+#[test]
+fn set_points_stay_off_the_guard_and_the_guard_off_the_stop() {
+    for axis in &AXES {
+        assert!(axis.range < axis.limits.guard);
+        assert!(axis.limits.guard < axis.plant.end_stop);
+        assert!(axis.tuning.limit <= axis.limits.duty && axis.limits.duty <= 1.0);
+        assert!(axis.plant.coulomb_friction <= axis.plant.stiction);
+    }
+}

@@ -1,0 +1,47 @@
+//! How far an axis was from where it was told to be.
+
+/// The error of an axis, summed up as it runs.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Tracking {
+    samples: u64,
+    squares: f64,
+    max: f64,
+}
+
+impl Tracking {
+    /// Takes in one error. O(1); allocates nothing.
+    pub(crate) fn add(&mut self, error: f64) {
+        self.samples += 1;
+        self.squares += error * error;
+        self.max = self.max.max(error.abs());
+    }
+
+    /// The root of the mean square, in the unit of what was added; 0 without any.
+    pub(crate) fn rms(&self) -> f64 {
+        (self.squares / self.samples.max(1) as f64).sqrt()
+    }
+
+    /// The largest, either way.
+    pub(crate) fn max(&self) -> f64 {
+        self.max
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_no_error() {
+        assert_eq!((Tracking::default().rms(), Tracking::default().max()), (0.0, 0.0));
+    }
+
+    #[test]
+    fn sums_up_both_ways() {
+        let mut tracking = Tracking::default();
+        for error in [3.0, -4.0, 0.0, 0.0] {
+            tracking.add(error);
+        }
+        assert_eq!((tracking.rms(), tracking.max()), (2.5, 4.0));
+    }
+}

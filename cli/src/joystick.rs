@@ -1,0 +1,196 @@
+//! A joystick's recording: CSV with the columns `time` (s), `pan` and `tilt` (−1 to 1), played back as often as needed.
+
+mod playback;
+
+pub(crate) use playback::Playback;
+
+use std::fmt;
+use std::path::Path;
+
+/// The recording inside the program, so that the demo runs from any folder. `examples/data/README.md` says how it was made.
+pub(crate) const DEFAULT: &str = include_str!("../../examples/data/joystick.csv");
+
+const COLUMNS: [&str; 3] = ["time", "pan", "tilt"];
+
+/// How far the joystick is deflected, −1 to 1 on either axis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Deflection {
+    /// Of the lower axis.
+    pub(crate) pan: f64,
+    /// Of the upper axis.
+    pub(crate) tilt: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    time: f64,
+    deflection: Deflection,
+}
+
+/// What was recorded, at least one sample, in order of time.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Recording {
+    samples: Vec<Sample>,
+}
+
+impl Recording {
+    /// Reads the file at `path`.
+    pub(crate) fn read(path: &Path) -> Result<Self, Error> {
+        let text = std::fs::read(path).map_err(Error::File)?;
+        Self::parse(&text)
+    }
+
+    /// Reads a recording's text. Columns are found by their names, others are left alone, empty lines too.
+    pub(crate) fn parse(text: &[u8]) -> Result<Self, Error> {
+        let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text);
+        let mut record = csv::ByteRecord::new();
+        let header = reader.byte_headers().map_err(|error| Error::File(error.into()))?.clone();
+        let mut places = [0; 3];
+        for (place, column) in places.iter_mut().zip(COLUMNS) {
+            let found = header.iter().position(|name| name == column.as_bytes());
+            *place = found.ok_or_else(|| match header.is_empty() {
+                true => Error::NoSamples,
+                false => Error::at(line_of(text, 0), Fault::MissingColumn(column)),
+            })?;
+        }
+
+        let mut samples: Vec<Sample> = Vec::new();
+        while reader.read_byte_record(&mut record).map_err(|error| Error::File(error.into()))? {
+            let line = line_of(text, record.position().map_or(0, csv::Position::byte));
+            let number = |index: usize| {
+                let column = COLUMNS[index];
+                let field = record.get(places[index]).ok_or(Fault::MissingColumn(column))?;
+                let field = String::from_utf8_lossy(field);
+                match field.parse::<f64>() {
+                    Err(_) => Err(Fault::NotANumber { column, field: field.into() }),
+                    Ok(value) if !value.is_finite() => Err(Fault::NotFinite { column }),
+                    Ok(value) if index > 0 && value.abs() > 1.0 => Err(Fault::OutOfRange { column, value }),
+                    Ok(value) => Ok(value),
+                }
+            };
+            let sample = || -> Result<Sample, Fault> {
+                let sample = Sample { time: number(0)?, deflection: Deflection { pan: number(1)?, tilt: number(2)? } };
+                match samples.last() {
+                    Some(before) if sample.time <= before.time => {
+                        Err(Fault::NotIncreasing { time: sample.time, before: before.time })
+                    }
+                    _ => Ok(sample),
+                }
+            };
+            let sample = sample().map_err(|fault| Error::at(line, fault))?;
+            samples.push(sample);
+        }
+        match samples.is_empty() {
+            true => Err(Error::NoSamples),
+            false => Ok(Self { samples }),
+        }
+    }
+
+    /// Seconds from the first sample to the last.
+    pub(crate) fn length(&self) -> f64 {
+        self.samples[self.samples.len() - 1].time - self.samples[0].time
+    }
+
+    /// Plays it from its start.
+    pub(crate) fn play(self) -> Playback {
+        Playback::new(self)
+    }
+}
+
+/// Why a recording cannot be read.
+#[derive(Debug)]
+pub(crate) enum Error {
+    /// The file itself.
+    File(std::io::Error),
+    /// Nothing but, at most, a header.
+    NoSamples,
+    /// A line says what it must not.
+    Line {
+        /// Counted from 1, as editors do.
+        line: u64,
+        /// What is wrong there.
+        fault: Fault,
+    },
+}
+
+impl Error {
+    fn at(line: u64, fault: Fault) -> Self {
+        Self::Line { line, fault }
+    }
+}
+
+/// What is wrong with a line.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Fault {
+    /// The header, or this line, ends before it.
+    MissingColumn(&'static str),
+    /// Text where a number belongs.
+    NotANumber {
+        /// Where.
+        column: &'static str,
+        /// What stands there.
+        field: String,
+    },
+    /// A NaN or an infinity.
+    NotFinite {
+        /// Where.
+        column: &'static str,
+    },
+    /// A deflection beyond 1.
+    OutOfRange {
+        /// Where.
+        column: &'static str,
+        /// What stands there.
+        value: f64,
+    },
+    /// Not later than the line before.
+    NotIncreasing {
+        /// Of this line.
+        time: f64,
+        /// Of the line before.
+        before: f64,
+    },
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(error) => error.fmt(f),
+            Self::NoSamples => {
+                write!(f, "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample")
+            }
+            Self::Line { line, fault } => write!(f, "line {line}: {fault}"),
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::MissingColumn(column) => write!(f, "column `{column}` is missing"),
+            Self::NotANumber { column, field } => {
+                write!(f, "{field:?} in column `{column}` is not a number")
+            }
+            Self::NotFinite { column } => write!(f, "column `{column}` is not finite"),
+            Self::OutOfRange { column, value } => {
+                write!(f, "{value} in column `{column}` is not within -1 and 1")
+            }
+            Self::NotIncreasing { time, before } => {
+                write!(f, "time {time} is not after the {before} of the line before")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// The line that holds the first text at or after `byte`. The reader's own count is off after `\r\n` and empty lines.
+fn line_of(text: &[u8], byte: u64) -> u64 {
+    let from = (byte as usize).min(text.len());
+    let skipped = text[from..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();
+    let ends = text[..from + skipped].iter().filter(|byte| **byte == b'\n').count();
+    ends as u64 + 1
+}
+
+#[cfg(test)]
+mod tests;

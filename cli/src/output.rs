@@ -1,0 +1,185 @@
+//! What a command found: as one JSON object.
+
+use crate::jiwy::sanity::Interventions;
+use serde::Serialize;
+
+/// What every measurement says of itself.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Measurement {
+    /// As obtained: `fifo:80`, `rr:80` or `other`.
+    pub(crate) policy: String,
+    /// As obtained; nothing if the processes were not bound to a core.
+    pub(crate) core: Option<usize>,
+    /// What was asked for and not obtained.
+    pub(crate) missing: Vec<Missing>,
+    /// Whether every process ran to its end.
+    pub(crate) complete: bool,
+    /// On the real-time path, while the bodies ran.
+    pub(crate) allocations: u64,
+    /// As allocations.
+    pub(crate) reallocations: u64,
+    /// As allocations.
+    pub(crate) frees: u64,
+    /// Those that control or measure first.
+    pub(crate) loops: Vec<Loop>,
+}
+
+/// What was asked for and not obtained.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Missing {
+    /// The thread that asked for it, or `system`.
+    pub(crate) who: String,
+    /// In a few words.
+    pub(crate) what: String,
+    /// The reason.
+    pub(crate) why: String,
+    /// How to get it.
+    pub(crate) remedy: String,
+}
+
+/// How well one periodic process kept time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Loop {
+    /// As the program calls it.
+    pub(crate) name: String,
+    /// From one slot to the next.
+    pub(crate) period_ns: u64,
+    /// Slots that have passed: kept and missed.
+    pub(crate) slots_elapsed: u64,
+    /// Slots in which it ran.
+    pub(crate) slots_kept: u64,
+    /// Slots in which it did not.
+    pub(crate) slots_missed: u64,
+    /// From the slot's time to the process running.
+    pub(crate) wake_latency_ns: Quantiles,
+    /// From one cycle's begin to the next.
+    pub(crate) cycle_time_ns: Spread,
+    /// From a cycle's begin to its waiting for the next.
+    pub(crate) run_time_ns: Quantiles,
+}
+
+/// Where the values of a histogram lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub(crate) struct Quantiles {
+    /// The smallest.
+    pub(crate) min: u64,
+    /// Half of them are at most this.
+    pub(crate) p50: u64,
+    /// 99 of 100 are.
+    pub(crate) p99: u64,
+    /// 999 of 1000 are.
+    pub(crate) p99_9: u64,
+    /// The largest.
+    pub(crate) max: u64,
+}
+
+/// The same, with mean and standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Spread {
+    #[serde(flatten)]
+    pub(crate) quantiles: Quantiles,
+    /// Their sum by their number.
+    pub(crate) mean: f64,
+    /// The root of their mean squared distance from it.
+    pub(crate) stddev: f64,
+}
+
+/// What `luna demo --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Demo {
+    #[serde(flatten)]
+    pub(crate) measurement: Measurement,
+    /// Pan, tilt.
+    pub(crate) axes: Vec<Axis>,
+}
+
+/// How one axis was controlled.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Axis {
+    /// `pan` or `tilt`.
+    pub(crate) name: &'static str,
+    /// Set-point against measured angle, over all cycles.
+    pub(crate) tracking_error_deg: TrackingError,
+    /// Where the mechanism was at the end.
+    pub(crate) final_state: FinalState,
+    /// How often the safety layer changed a duty.
+    pub(crate) sanity: Interventions,
+}
+
+/// Set-point against measured angle, in degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct TrackingError {
+    /// The root of the mean square.
+    pub(crate) rms: f64,
+    /// The largest, either way.
+    pub(crate) max: f64,
+}
+
+/// A mechanism at the end of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct FinalState {
+    /// Of the joint.
+    pub(crate) angle_deg: f64,
+    /// Of the joint.
+    pub(crate) speed_deg_per_s: f64,
+    /// In the armature.
+    pub(crate) current_a: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json, to_value};
+
+    fn quantiles() -> Quantiles {
+        Quantiles { min: 1, p50: 2, p99: 3, p99_9: 4, max: 5 }
+    }
+
+    #[test]
+    fn has_the_form_that_is_promised() {
+        let measurement = Measurement {
+            policy: "fifo:80".to_owned(),
+            core: Some(1),
+            missing: Vec::new(),
+            complete: true,
+            allocations: 0,
+            reallocations: 0,
+            frees: 0,
+            loops: vec![Loop {
+                name: "pan".to_owned(),
+                period_ns: 1_000_000,
+                slots_elapsed: 10,
+                slots_kept: 9,
+                slots_missed: 1,
+                wake_latency_ns: quantiles(),
+                cycle_time_ns: Spread { quantiles: quantiles(), mean: 1.5, stddev: 0.5 },
+                run_time_ns: quantiles(),
+            }],
+        };
+        let five = json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5});
+        let seven = json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5, "mean": 1.5, "stddev": 0.5});
+        let expected = json!({
+            "policy": "fifo:80", "core": 1, "missing": [], "complete": true,
+            "allocations": 0, "reallocations": 0, "frees": 0,
+            "loops": [{
+                "name": "pan", "period_ns": 1_000_000, "slots_elapsed": 10, "slots_kept": 9, "slots_missed": 1,
+                "wake_latency_ns": five, "cycle_time_ns": seven, "run_time_ns": five,
+            }],
+        });
+        assert_eq!(to_value(&measurement).unwrap(), expected);
+
+        let demo = to_value(Demo {
+            measurement,
+            axes: vec![Axis {
+                name: "pan",
+                tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },
+                final_state: FinalState { angle_deg: 3.0, speed_deg_per_s: 4.0, current_a: 5.0 },
+                sanity: Interventions::default(),
+            }],
+        })
+        .unwrap();
+        assert_eq!(demo["policy"], expected["policy"]);
+        assert_eq!(demo["axes"][0]["tracking_error_deg"], json!({"rms": 1.0, "max": 2.0}));
+        assert!(matches!(demo["loops"], Value::Array(_)));
+    }
+}

@@ -1,0 +1,42 @@
+//! Where the measured processes run.
+
+use crate::args::Place;
+use luna::System;
+use luna_platform::facts::SystemFacts;
+
+/// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.
+pub(crate) fn executor(system: &mut System, name: &str, place: &Place) -> luna::Result<luna::Executor> {
+    let mut executor = system.executor(name).policy(place.policy);
+    if let Some(core) = place.core.or_else(|| quietest_here()) {
+        executor = executor.core(core);
+    }
+    executor.build()
+}
+
+fn quietest_here() -> Option<usize> {
+    let facts = SystemFacts::gather();
+    quietest(&facts.allowed_cores.unwrap_or_default(), &facts.isolated_cores.unwrap_or_default())
+}
+
+/// The last isolated one of the cores that this process may use, else the last one: interrupts tend to go to the first.
+fn quietest(allowed: &[usize], isolated: &[usize]) -> Option<usize> {
+    let quiet = allowed.iter().rev().find(|core| isolated.contains(core));
+    quiet.or(allowed.last()).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn isolated_cores_come_first() {
+        assert_eq!(quietest(&[0, 1, 2, 3], &[1, 2]), Some(2));
+    }
+
+    #[test]
+    fn the_last_one_else() {
+        assert_eq!(quietest(&[0, 5], &[]), Some(5));
+        assert_eq!(quietest(&[0, 3], &[1, 2]), Some(3));
+        assert_eq!(quietest(&[], &[1]), None);
+    }
+}

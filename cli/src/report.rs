@@ -1,0 +1,71 @@
+//! From the library's report to what the commands print. All that the program knows of the report's form is in this file.
+
+use crate::alloc::Counts;
+use crate::output::{Loop, Measurement, Missing, Quantiles, Spread};
+use luna::{Distribution, End, Exit, LoopReport, Report, Shortfall};
+use std::time::Duration;
+
+/// What was measured by the executor `executor`, with `loops` first among its loops.
+pub(crate) fn measurement(report: &Report, executor: &str, loops: &[&str], counts: Counts) -> Measurement {
+    let place = report.threads.iter().find(|thread| thread.name == executor);
+    let first = loops.iter().filter_map(|name| report.loops.get_key_value(*name));
+    let others = report.loops.iter().filter(|(name, _)| !loops.contains(&name.as_str()));
+    Measurement {
+        policy: place.map_or_else(|| "other".to_owned(), |place| place.policy.to_string()),
+        core: place.and_then(|place| place.core),
+        missing: report.all_shortfalls().map(missing).collect(),
+        complete: complete(report),
+        allocations: counts.allocations,
+        reallocations: counts.reallocations,
+        frees: counts.frees,
+        loops: first.chain(others).map(|(name, report)| one_loop(name, report)).collect(),
+    }
+}
+
+/// Whether every process returned by itself, and every thread ended.
+fn complete(report: &Report) -> bool {
+    let all_returned = report.processes.iter().all(|process| process.exit == Some(Exit::Completed));
+    report.end == End::Completed && all_returned && !report.threads.iter().any(|thread| thread.abandoned)
+}
+
+/// The wake-up latencies of the loop `name`: (ns, count).
+pub(crate) fn latencies<'a>(report: &'a Report, name: &str) -> impl Iterator<Item = (u64, u64)> + use<'a> {
+    let latency = report.loops.get(name).map(|report| &report.wake_latency);
+    latency.into_iter().flat_map(Distribution::bins)
+}
+
+fn missing((who, shortfall): (&str, &Shortfall)) -> Missing {
+    Missing { who: who.to_owned(), what: shortfall.what(), why: shortfall.why(), remedy: shortfall.remedy() }
+}
+
+fn one_loop(name: &str, report: &LoopReport) -> Loop {
+    Loop {
+        name: name.to_owned(),
+        period_ns: nanos(report.period),
+        slots_elapsed: report.slots_elapsed,
+        slots_kept: report.cycles,
+        slots_missed: report.missed,
+        wake_latency_ns: quantiles(&report.wake_latency),
+        cycle_time_ns: Spread {
+            quantiles: quantiles(&report.cycle_time),
+            mean: report.cycle_time.mean_nanos(),
+            stddev: report.cycle_time.stddev_nanos(),
+        },
+        run_time_ns: quantiles(&report.run_time),
+    }
+}
+
+fn quantiles(times: &Distribution) -> Quantiles {
+    Quantiles {
+        min: nanos(times.min()),
+        p50: nanos(times.percentile(50.0)),
+        p99: nanos(times.percentile(99.0)),
+        p99_9: nanos(times.percentile(99.9)),
+        max: nanos(times.max()),
+    }
+}
+
+/// 64 bits of nanoseconds are 584 years.
+fn nanos(time: Duration) -> u64 {
+    time.as_nanos() as u64
+}

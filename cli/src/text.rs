@@ -1,0 +1,114 @@
+//! What a command found: as text for people.
+
+use crate::histogram_text;
+use crate::output::{Axis, Measurement};
+use std::fmt::Write;
+
+/// What was obtained, and in one line what was not.
+pub(crate) fn header(measurement: &Measurement) -> String {
+    let core = match measurement.core {
+        Some(core) => format!("core {core}"),
+        None => "any core".to_owned(),
+    };
+    let mut text = format!("policy {} on {core}\n", measurement.policy);
+    let mut missing: Vec<&str> = measurement.missing.iter().map(|missing| missing.what.as_str()).collect();
+    // Several threads may lack the same.
+    missing.sort_unstable();
+    missing.dedup();
+    if !missing.is_empty() {
+        let _ = writeln!(text, "best effort, without: {} (standard error says why)", missing.join(", "));
+    }
+    text
+}
+
+/// A line for each axis.
+pub(crate) fn tracking(axes: &[Axis]) -> String {
+    let mut text = format!("{:<16}{:>9}{:>9}\n", "tracking error", "rms", "max");
+    for axis in axes {
+        let error = axis.tracking_error_deg;
+        let _ = writeln!(text, "{:<16}{:>8.2}°{:>8.2}°", axis.name, error.rms, error.max);
+    }
+    text
+}
+
+/// The wake-up latency of a loop, given as (ns, count).
+pub(crate) fn latency(name: &str, values: impl Iterator<Item = (u64, u64)>) -> String {
+    format!("wake-up latency of {name}\n{}", histogram_text::draw(values))
+}
+
+/// What the allocator counted.
+pub(crate) fn memory(measurement: &Measurement) -> String {
+    let Measurement { allocations, reallocations, frees, .. } = measurement;
+    format!("on the real-time path: {allocations} allocations, {reallocations} reallocations, {frees} frees\n")
+}
+
+/// Said when a run was cut short.
+pub(crate) fn ending(measurement: &Measurement) -> &'static str {
+    match measurement.complete {
+        true => "",
+        false => "the run was not complete\n",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jiwy::sanity::Interventions;
+    use crate::output::{FinalState, Missing, TrackingError};
+
+    fn missing(what: &str) -> Missing {
+        Missing { who: String::new(), what: what.to_owned(), why: String::new(), remedy: String::new() }
+    }
+
+    fn measurement() -> Measurement {
+        Measurement {
+            policy: "fifo:80".to_owned(),
+            core: Some(1),
+            missing: Vec::new(),
+            complete: true,
+            allocations: 1,
+            reallocations: 2,
+            frees: 3,
+            loops: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn header_says_what_was_obtained_and_what_is_missing() {
+        assert_eq!(header(&measurement()), "policy fifo:80 on core 1\n");
+        let poor = Measurement {
+            policy: "other".to_owned(),
+            core: None,
+            missing: ["policy fifo:80", "locked memory", "policy fifo:80"].map(missing).into(),
+            ..measurement()
+        };
+        assert_eq!(
+            header(&poor),
+            "policy other on any core\nbest effort, without: locked memory, policy fifo:80 (standard error says why)\n"
+        );
+    }
+
+    #[test]
+    fn memory_and_ending() {
+        assert_eq!(memory(&measurement()), "on the real-time path: 1 allocations, 2 reallocations, 3 frees\n");
+        assert_eq!(ending(&measurement()), "");
+        assert_ne!(ending(&Measurement { complete: false, ..measurement() }), "");
+    }
+
+    #[test]
+    fn tracking_errors_stand_in_columns() {
+        let axis = |name, rms| Axis {
+            name,
+            tracking_error_deg: TrackingError { rms, max: 2.0 * rms },
+            final_state: FinalState { angle_deg: 0.0, speed_deg_per_s: 0.0, current_a: 0.0 },
+            sanity: Interventions::default(),
+        };
+        let text = tracking(&[axis("pan", 1.234), axis("tilt", 10.0)]);
+        assert_eq!(
+            text,
+            "tracking error        rms      max\n\
+             pan                 1.23°    2.47°\n\
+             tilt               10.00°   20.00°\n"
+        );
+    }
+}

@@ -1,0 +1,240 @@
+//! Blocking calls from processes that share an executor: a buddy thread makes the call, the process awaits it.
+//!
+//! One pool for the program. A buddy that takes the last call nobody else could take starts another buddy first, so that calls that
+//! wait for each other do not get stuck, and so that no thread is ever started by a process, save for the very first.
+
+use luna_platform::clock::Instant;
+use luna_platform::current::{Ready, Wakeup};
+use luna_platform::futex::Futex;
+use luna_platform::lock::PiLock;
+use luna_platform::thread::{self, Attributes};
+use std::any::Any;
+use std::collections::LinkedList;
+use std::convert::Infallible;
+use std::fmt;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::task::{Context, Poll};
+
+/// The most buddy threads there are. Further calls wait for one of them.
+pub const MOST_BUDDIES: usize = 64;
+
+type Job = Box<dyn FnOnce() + Send>;
+
+struct Pool {
+    state: PiLock<State>,
+    /// Counts submissions: what idle buddies wait for.
+    submitted: Futex,
+}
+
+struct State {
+    jobs: LinkedList<Job>,
+    buddies: usize,
+    idle: usize,
+}
+
+static POOL: Pool = Pool {
+    state: PiLock::new(State {
+        jobs: LinkedList::new(),
+        buddies: 0,
+        idle: 0,
+    }),
+    submitted: Futex::new(0),
+};
+
+/// The system could not start a buddy thread.
+#[derive(Debug)]
+pub struct NoBuddy(Box<dyn std::error::Error + Send + Sync>);
+
+impl fmt::Display for NoBuddy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no thread for blocking calls could be started: {}", self.0)
+    }
+}
+
+impl std::error::Error for NoBuddy {}
+
+/// Starts the first buddy thread if there is none, so that the first blocking call of a process need not.
+///
+/// # Errors
+///
+/// [`NoBuddy`] if the system refuses the thread.
+pub fn prepare_blocking() -> Result<(), NoBuddy> {
+    {
+        let mut state = POOL.state.lock();
+        if state.buddies > 0 {
+            return Ok(());
+        }
+        state.buddies += 1;
+    }
+    start_buddy()
+}
+
+/// Starts a buddy that is counted already.
+fn start_buddy() -> Result<(), NoBuddy> {
+    // Without a real-time policy and on any core: a blocking call must not disturb those that it was taken from.
+    let started = thread::spawn(Attributes::new("luna-buddy"), |_| Ok::<(), Infallible>(()), |()| work());
+    match started {
+        // It lives as long as the program: nobody joins it.
+        Ok(_) => Ok(()),
+        Err(error) => {
+            POOL.state.lock().buddies -= 1;
+            Err(NoBuddy(Box::new(error)))
+        }
+    }
+}
+
+/// The life of a buddy thread.
+fn work() {
+    loop {
+        let submitted = POOL.submitted.word().load(Ordering::Acquire);
+        let mut state = POOL.state.lock();
+        if let Some(job) = state.jobs.pop_front() {
+            let alone = state.idle == 0 && state.buddies < MOST_BUDDIES;
+            if alone {
+                state.buddies += 1;
+            }
+            drop(state);
+            // If no other buddy can be had, calls wait for this one.
+            if alone && start_buddy().is_err() {}
+            job();
+        } else {
+            state.idle += 1;
+            drop(state);
+            POOL.submitted.wait(submitted, Instant::NEVER);
+            POOL.state.lock().idle -= 1;
+        }
+    }
+}
+
+fn submit(job: Job) {
+    if let Err(error) = prepare_blocking() {
+        panic!("{error}");
+    }
+    // The list's node is allocated before the lock is taken.
+    let mut node = LinkedList::from([job]);
+    POOL.state.lock().jobs.append(&mut node);
+    POOL.submitted.word().fetch_add(1, Ordering::Release);
+    POOL.submitted.wake_one();
+}
+
+struct Call<T> {
+    state: PiLock<CallState<T>>,
+}
+
+enum CallState<T> {
+    Running(Option<Wakeup>),
+    Done(Result<T, Box<dyn Any + Send>>),
+    Taken,
+}
+
+/// Makes a blocking call on a buddy thread and awaits its result.
+///
+/// The call starts at the first poll. Cancel-safe in that dropping the future forgets the result; a call that has started runs to its
+/// end. The executor goes on meanwhile, and other processes run. Real-time path: no, since it allocates the call; the waiting itself
+/// holds up nobody. The buddy has no real-time policy.
+///
+/// # Panics
+///
+/// With the call's own panic, if it panics. If there is no buddy thread and none can be started; [`prepare_blocking`], which a system's start
+/// calls, finds that out before.
+///
+/// ```
+/// let length = luna_executors::block_on(async {
+///     luna_executors::blocking(|| "a slow system call".len()).await
+/// });
+/// assert_eq!(length, Ok(18));
+/// ```
+pub fn blocking<F, T>(call: F) -> Blocking<F, T>
+where
+    F: FnOnce() -> T + Send + 'static,
+    T: Send + 'static,
+{
+    Blocking {
+        call: Some(call),
+        running: None,
+    }
+}
+
+/// Made by [`blocking`].
+#[must_use = "the call is made only when this is awaited"]
+pub struct Blocking<F, T> {
+    call: Option<F>,
+    running: Option<Arc<Call<T>>>,
+}
+
+// Nothing in it is pinned: the call moves to the heap when it starts.
+impl<F, T> Unpin for Blocking<F, T> {}
+
+impl<F, T> Future for Blocking<F, T>
+where
+    F: FnOnce() -> T + Send + 'static,
+    T: Send + 'static,
+{
+    type Output = T;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
+        if let Some(call) = self.call.take() {
+            let running = Arc::new(Call {
+                state: PiLock::new(CallState::Running(Some(Wakeup::of(cx)))),
+            });
+            self.running = Some(running.clone());
+            submit(Box::new(move || running.make(call)));
+            return Poll::Pending;
+        }
+        let Some(running) = &self.running else {
+            panic!("a blocking call was polled after it was done");
+        };
+        let mut state = running.state.lock();
+        match &mut *state {
+            CallState::Running(wakeup) => {
+                *wakeup = Some(Wakeup::of(cx));
+                Poll::Pending
+            }
+            _ => {
+                let done = std::mem::replace(&mut *state, CallState::Taken);
+                drop(state);
+                self.running = None;
+                match done {
+                    CallState::Done(Ok(value)) => Poll::Ready(value),
+                    CallState::Done(Err(payload)) => resume_unwind(payload),
+                    CallState::Running(_) | CallState::Taken => unreachable!("only the future takes the result"),
+                }
+            }
+        }
+    }
+}
+
+impl<T> Call<T> {
+    fn make(&self, call: impl FnOnce() -> T) {
+        let result = catch_unwind(AssertUnwindSafe(call));
+        let ready = {
+            let mut state = self.state.lock();
+            match std::mem::replace(&mut *state, CallState::Done(result)) {
+                // SAFETY: the future clears the wakeup under this lock before it goes, so it is pending.
+                CallState::Running(Some(wakeup)) => unsafe { wakeup.take() },
+                _ => Ready::NOBODY,
+            }
+        };
+        ready.wake();
+    }
+}
+
+impl<F, T> Drop for Blocking<F, T> {
+    fn drop(&mut self) {
+        if let Some(running) = &self.running
+            && let CallState::Running(wakeup) = &mut *running.state.lock()
+        {
+            *wakeup = None;
+        }
+    }
+}
+
+impl<F, T> fmt::Debug for Blocking<F, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Blocking").field("started", &self.running.is_some()).finish_non_exhaustive()
+    }
+}

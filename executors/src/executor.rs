@@ -1,0 +1,364 @@
+//! The priority executor: one OS thread that runs many processes.
+//!
+//! Each round it looks, in this order, at what others ask of it (one load), at its timers (a clock read, if any is armed), and at the
+//! highest level of its run queue, whose first process it polls. With nothing to do it sleeps until the next deadline.
+
+use crate::inbound::Inbound;
+use crate::process::{Living, ProcessHandle, ProcessSpec, ProcessState, Record};
+use crate::task::{Task, with_queue};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Home};
+use luna_platform::futex::Futex;
+use luna_platform::lock::PiLock;
+use luna_platform::reclaim;
+use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
+use luna_platform::timer_queue::TimerQueue;
+use std::collections::LinkedList;
+use std::convert::Infallible;
+use std::fmt;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// How far a thread has come: numbers, since they only rise.
+pub(crate) struct Phase;
+
+impl Phase {
+    /// Processes are taken in, none runs.
+    pub(crate) const HELD: u8 = 0;
+    /// Processes run.
+    pub(crate) const RELEASED: u8 = 1;
+    /// All are cancelled, then the thread ends.
+    pub(crate) const STOPPING: u8 = 2;
+}
+
+/// What an executor's thread shares with the others.
+pub(crate) struct Shared {
+    home: Home,
+    thread_priority: AtomicU8,
+    inbound: Inbound,
+    phase: AtomicU8,
+    arrivals: PiLock<Arrivals>,
+    /// How many arrivals were taken in: what `settle` waits for.
+    settled: Futex,
+    living: Arc<Living>,
+}
+
+struct Arrivals {
+    waiting: LinkedList<Arrival>,
+    announced: u32,
+    closed: bool,
+}
+
+/// A process to be built on its executor's thread.
+struct Arrival {
+    record: Arc<Record>,
+    build: Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>,
+}
+
+impl Shared {
+    pub(crate) fn home(&self) -> Home {
+        self.home
+    }
+
+    pub(crate) fn thread_priority(&self) -> u8 {
+        self.thread_priority.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn inbound(&self) -> &Inbound {
+        &self.inbound
+    }
+
+    fn phase(&self) -> u8 {
+        self.phase.load(Ordering::Acquire)
+    }
+
+    /// Goes on to `phase` unless a later one is reached already.
+    fn advance(&self, phase: u8) {
+        self.phase.fetch_max(phase, Ordering::AcqRel);
+        self.inbound.ask_attention();
+    }
+
+    /// Builds what has arrived. Allocates: off the real-time path.
+    fn take_in(self: &Arc<Self>, members: &mut Vec<Arc<Record>>) {
+        let arrived = std::mem::take(&mut self.arrivals.lock().waiting);
+        if arrived.is_empty() {
+            return;
+        }
+        members.retain(|record| record.state() != ProcessState::Ended);
+        for Arrival { record, build } in arrived {
+            members.push(record.clone());
+            // A builder is the user's code: if it panics, the process has ended before it began.
+            if let Err(payload) = catch_unwind(AssertUnwindSafe(|| build(self, record.clone()))) {
+                record.end_panicked(payload);
+            }
+            self.settled.word().fetch_add(1, Ordering::AcqRel);
+        }
+        self.settled.wake_all();
+    }
+
+    /// Takes in no more; those that wait end unstarted.
+    fn close(&self) {
+        let refused = {
+            let mut arrivals = self.arrivals.lock();
+            arrivals.closed = true;
+            std::mem::take(&mut arrivals.waiting)
+        };
+        for Arrival { record, build } in refused {
+            drop(build);
+            record.end_unstarted();
+            self.settled.word().fetch_add(1, Ordering::AcqRel);
+        }
+        self.settled.wake_all();
+    }
+}
+
+/// One OS thread that runs prioritized processes: higher levels first, first come first served within a level.
+///
+/// It starts held: processes can be spawned and are built on its thread, and run only after [`release`](Self::release). Dropping it
+/// stops it. Example: [`ProcessHandle`].
+pub struct Executor {
+    handle: ExecutorHandle,
+    thread: Option<Thread<()>>,
+}
+
+/// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the executor running.
+#[derive(Clone)]
+pub struct ExecutorHandle {
+    shared: Arc<Shared>,
+}
+
+impl Executor {
+    /// Starts the thread with its attributes, and returns when it has them.
+    ///
+    /// # Errors
+    ///
+    /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do.
+    pub fn start(attributes: Attributes) -> Result<Executor, SpawnError<Infallible>> {
+        Self::start_counted(attributes, Arc::new(Living::new()))
+    }
+
+    /// Like [`start`](Self::start), with its processes counted in `living`.
+    ///
+    /// # Errors
+    ///
+    /// As for `start`.
+    pub fn start_counted(attributes: Attributes, living: Arc<Living>) -> Result<Executor, SpawnError<Infallible>> {
+        let shared = Arc::new(Shared {
+            home: Home::new(),
+            thread_priority: AtomicU8::new(0),
+            inbound: Inbound::new(),
+            phase: AtomicU8::new(Phase::HELD),
+            arrivals: PiLock::new(Arrivals {
+                waiting: LinkedList::new(),
+                announced: 0,
+                closed: false,
+            }),
+            settled: Futex::new(0),
+            living,
+        });
+        let own = shared.clone();
+        let thread = thread::spawn(
+            attributes,
+            move |obtained: &Obtained| {
+                own.thread_priority.store(obtained.policy.priority(), Ordering::Relaxed);
+                Ok(own)
+            },
+            run,
+        )?;
+        Ok(Executor {
+            handle: ExecutorHandle { shared },
+            thread: Some(thread),
+        })
+    }
+
+    /// Spawns processes here, also when this `Executor` is elsewhere.
+    pub fn handle(&self) -> &ExecutorHandle {
+        &self.handle
+    }
+
+    /// What the thread got of the attributes that were asked for.
+    pub fn obtained(&self) -> Option<&Obtained> {
+        self.thread.as_ref().map(Thread::obtained)
+    }
+
+    /// As [`ExecutorHandle::spawn`].
+    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        self.handle.spawn(spec, build)
+    }
+
+    /// Waits until all processes spawned so far are built.
+    pub fn settle(&self) {
+        let shared = &self.handle.shared;
+        let announced = shared.arrivals.lock().announced;
+        loop {
+            let settled = shared.settled.word().load(Ordering::Acquire);
+            // Both count up and wrap, so compare their distance.
+            if (announced.wrapping_sub(settled) as i32) <= 0 {
+                return;
+            }
+            shared.settled.wait(settled, Instant::NEVER);
+        }
+    }
+
+    /// Lets the processes run.
+    pub fn release(&self) {
+        self.handle.shared.advance(Phase::RELEASED);
+    }
+
+    /// Asks the thread to cancel all its processes and end, without waiting for it.
+    pub fn request_stop(&self) {
+        self.handle.shared.advance(Phase::STOPPING);
+    }
+
+    /// Whether the thread has ended.
+    pub fn has_stopped(&self) -> bool {
+        self.thread.as_ref().is_none_or(Thread::is_finished)
+    }
+
+    /// Cancels all processes, waits until they have ended, and ends the thread. A process that never awaits keeps it waiting.
+    pub fn stop(mut self) {
+        self.join();
+    }
+
+    /// Leaves the thread to itself: for one whose process hangs.
+    pub fn abandon(mut self) {
+        self.thread = None;
+    }
+
+    fn join(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            self.request_stop();
+            // The run loop catches panics of processes; one of its own was reported by the panic hook.
+            let _ = thread.join();
+            reclaim::collect();
+        }
+    }
+}
+
+impl Drop for Executor {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+impl ExecutorHandle {
+    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`.
+    ///
+    /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it allocates, here and on the
+    /// executor's thread. O(1) apart from `build`.
+    pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        let record = Record::new(spec, self.shared.living.clone());
+        let handle = ProcessHandle(record.clone());
+        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| Task::start(shared, record, build()));
+        // The list's node is allocated before the lock is taken.
+        let mut arrival = LinkedList::from([Arrival {
+            record: record.clone(),
+            build,
+        }]);
+        {
+            let mut arrivals = self.shared.arrivals.lock();
+            if !arrivals.closed {
+                arrivals.announced = arrivals.announced.wrapping_add(1);
+                arrivals.waiting.append(&mut arrival);
+            }
+        }
+        if arrival.is_empty() {
+            self.shared.inbound.ask_attention();
+        } else {
+            drop(arrival);
+            record.end_unstarted();
+        }
+        handle
+    }
+}
+
+/// The thread of an executor.
+fn run(shared: Arc<Shared>) {
+    let timers = Arc::new(TimerQueue::new());
+    let _home = current::enter_home(shared.home, timers.clone(), false);
+    let mut members = Vec::new();
+    loop {
+        shared.inbound.take_attention();
+        shared.take_in(&mut members);
+        if shared.phase() != Phase::HELD {
+            break;
+        }
+        shared.inbound.sleep(Instant::NEVER);
+    }
+    current::set_on_path(true);
+    while shared.phase() == Phase::RELEASED {
+        round(&shared, &timers, &mut members, true);
+    }
+    current::set_on_path(false);
+    shared.close();
+    for record in &members {
+        record.cancel();
+    }
+    while members.iter().any(|record| record.state() != ProcessState::Ended) {
+        round(&shared, &timers, &mut members, false);
+    }
+}
+
+/// Polls one process, or sleeps if none is ready.
+#[inline]
+fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>>, take_in: bool) {
+    let signals = shared.inbound.signals();
+    if !signals.is_empty() {
+        if signals.attention() {
+            shared.inbound.take_attention();
+            if take_in {
+                current::set_on_path(false);
+                shared.take_in(members);
+                current::set_on_path(true);
+            }
+            if shared.phase() == Phase::STOPPING && take_in {
+                return;
+            }
+        }
+        // Only what is at least as urgent as what is ready here: the rest can wait outside.
+        if let Some(level) = signals.highest_level()
+            && with_queue(|queue| queue.highest_level()) <= Some(level)
+        {
+            for link in shared.inbound.take(level) {
+                // SAFETY: a process taken from outside is live and in no queue any more.
+                with_queue(|queue| unsafe { queue.push_back(level, link) });
+            }
+        }
+    }
+    let deadline = timers.next_deadline();
+    if deadline != Instant::NEVER {
+        let now = Instant::now();
+        if deadline <= now {
+            timers.expire(now);
+        }
+    }
+    match with_queue(|queue| queue.pop()) {
+        // SAFETY: it was just popped from this thread's queue.
+        Some(link) => unsafe { Task::run(link) },
+        None => shared.inbound.sleep(timers.next_deadline()),
+    }
+}
+
+impl fmt::Debug for Executor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Executor")
+            .field("thread", &self.thread.as_ref().map(Thread::name))
+            .finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for ExecutorHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ExecutorHandle").field("home", &self.shared.home).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,169 @@
+//! Wakes from elsewhere: how other threads hand processes to an executor, and how it goes to sleep without missing one.
+//!
+//! One stack for each level, pushed to by compare-and-swap and taken whole by one swap, so that nobody ever waits for another's
+//! progress, and a high wake never waits behind low ones. One word of signals says which stacks hold something:
+//!
+//! ```text
+//!   pusher                              owner
+//!   1 push the node                     a look at the signals: 0? queue empty?
+//!   2 set the level's bit      <----->  b swap 0 for ASLEEP in one step: fails if a bit was set
+//!   3 it was ASLEEP alone? ring         c wait for the bell
+//!                                       d clear ASLEEP; a again
+//! ```
+//!
+//! All of 2, b and d are read-modify-write operations on the one word, so they have one order: either 2 comes before b, which then
+//! fails, or the pusher sees `ASLEEP`, and the first one who does rings. While the owner is awake nobody makes a system call.
+
+use crate::link::Link;
+use luna_platform::clock::Instant;
+use luna_platform::current::LEVELS;
+use luna_platform::futex::Futex;
+use luna_platform::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
+use std::ptr::{self, NonNull};
+
+/// Set while the owner sleeps or is about to. Bits 0 to 31 are the levels.
+const ASLEEP: u64 = 1 << 32;
+/// Set to make the owner look beyond its queues: at processes to start, or at the request to stop.
+const ATTENTION: u64 = 1 << 33;
+
+/// What waits outside, as read at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Signals(u64);
+
+impl Signals {
+    /// The highest level at which somebody was pushed.
+    #[inline]
+    pub(crate) fn highest_level(self) -> Option<u8> {
+        let levels = self.0 as u32;
+        (levels != 0).then(|| (31 - levels.leading_zeros()) as u8)
+    }
+
+    /// Whether attention was asked for.
+    #[inline]
+    pub(crate) fn attention(self) -> bool {
+        self.0 & ATTENTION != 0
+    }
+
+    /// Whether nothing waits.
+    #[inline]
+    pub(crate) fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}
+
+/// The stacks, the signals, and the bell.
+///
+/// # Invariants
+///
+/// A node on a stack is live, is in no other queue, and belongs to the owner from the moment it is taken.
+#[derive(Debug)]
+pub(crate) struct Inbound {
+    signals: AtomicU64,
+    stacks: [AtomicPtr<Link>; LEVELS as usize],
+    bell: Futex,
+}
+
+impl Inbound {
+    pub(crate) fn new() -> Self {
+        Self {
+            signals: AtomicU64::new(0),
+            stacks: std::array::from_fn(|_| AtomicPtr::new(ptr::null_mut())),
+            bell: Futex::new(0),
+        }
+    }
+
+    /// Hands `node` over, from any thread. Lock-free; a system call only if the owner sleeps and nobody has rung before.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live until the owner has taken it and is in no queue. `level` is below [`LEVELS`].
+    pub(crate) unsafe fn push(&self, level: u8, node: NonNull<Link>) {
+        let stack = &self.stacks[usize::from(level)];
+        let mut top = stack.load(Ordering::Relaxed);
+        loop {
+            // SAFETY: the node is the caller's until the exchange succeeds.
+            unsafe { node.as_ref() }.set_next(NonNull::new(top));
+            // Release: whoever takes the stack sees the node's link and all that happened before the wake.
+            match stack.compare_exchange_weak(top, node.as_ptr(), Ordering::Release, Ordering::Relaxed) {
+                Ok(_) => break,
+                Err(now) => top = now,
+            }
+        }
+        self.signal(1 << level);
+    }
+
+    /// Makes the owner look at what is beside its queues.
+    pub(crate) fn ask_attention(&self) {
+        self.signal(ATTENTION);
+    }
+
+    fn signal(&self, bit: u64) {
+        if self.signals.fetch_or(bit, Ordering::AcqRel) == ASLEEP {
+            self.ring();
+        }
+    }
+
+    fn ring(&self) {
+        self.bell.word().store(1, Ordering::Release);
+        self.bell.wake_one();
+    }
+
+    /// What waits outside. One load; owner only.
+    #[inline]
+    pub(crate) fn signals(&self) -> Signals {
+        Signals(self.signals.load(Ordering::Relaxed) & !ASLEEP)
+    }
+
+    /// Answers a request for attention: one that comes after this is a new one. Owner only.
+    pub(crate) fn take_attention(&self) {
+        self.signals.fetch_and(!ATTENTION, Ordering::AcqRel);
+    }
+
+    /// Takes all that wait at `level`, in the order of their arrival. O(their number); owner only.
+    pub(crate) fn take(&self, level: u8) -> Taken {
+        // The bit goes first: a node that is pushed after the swap sets it again.
+        self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
+        let mut from = self.stacks[usize::from(level)].swap(ptr::null_mut(), Ordering::Acquire);
+        // A stack gives the last first: turn it over.
+        let mut turned = None;
+        while let Some(node) = NonNull::new(from) {
+            // SAFETY: the swap made the chain ours, and its nodes live.
+            unsafe {
+                from = node.as_ref().next().map_or(ptr::null_mut(), NonNull::as_ptr);
+                node.as_ref().set_next(turned);
+            }
+            turned = Some(node);
+        }
+        Taken(turned)
+    }
+
+    /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.
+    pub(crate) fn sleep(&self, deadline: Instant) {
+        // A ring that belongs to an earlier sleep can at worst end this one early.
+        self.bell.word().store(0, Ordering::Relaxed);
+        if self
+            .signals
+            .compare_exchange(0, ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
+            .is_ok()
+        {
+            self.bell.wait(0, deadline);
+            self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
+        }
+    }
+}
+
+/// Processes taken from a stack, first come first.
+#[derive(Debug)]
+pub(crate) struct Taken(Option<NonNull<Link>>);
+
+impl Iterator for Taken {
+    type Item = NonNull<Link>;
+
+    #[inline]
+    fn next(&mut self) -> Option<NonNull<Link>> {
+        let node = self.0?;
+        // SAFETY: taken nodes are the owner's, and live.
+        self.0 = unsafe { node.as_ref() }.next();
+        Some(node)
+    }
+}

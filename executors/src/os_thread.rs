@@ -1,0 +1,231 @@
+//! OS-thread processes: one process blocked on its own thread.
+
+use crate::executor::Phase;
+use crate::process::{Body, Living, ProcessHandle, ProcessSpec, Record};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Home, ProcessId};
+use luna_platform::park::Parker;
+use luna_platform::reclaim;
+use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
+use luna_platform::timer_queue::TimerQueue;
+use std::convert::Infallible;
+use std::fmt;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::{Pin, pin};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::task::{Context, Poll, Waker};
+
+/// [`block_on`] was called inside a process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Nested;
+
+impl fmt::Display for Nested {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("this thread runs a process already, which running another to its end would stop: await it instead")
+    }
+}
+
+impl std::error::Error for Nested {}
+
+/// Runs `future` as a process on this thread, until it is done. It may borrow and need not be `Send`; it may make blocking calls.
+///
+/// Its deadlines and wakes are those of any process: one futex wait until the next deadline when nothing is to be done.
+///
+/// # Errors
+///
+/// [`Nested`] inside a process.
+///
+/// ```
+/// assert_eq!(luna_executors::block_on(async { 1 + 1 }), Ok(2));
+/// assert!(luna_executors::block_on(async { luna_executors::block_on(async {}) }).unwrap().is_err());
+/// ```
+pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
+    if current::home().is_some() {
+        return Err(Nested);
+    }
+    let parker = Arc::new(Parker::new());
+    let priority = thread::current_policy().priority();
+    let future = pin!(future);
+    Ok(run(future, &parker, ProcessId::new(), priority, ProcessSpec::DEFAULT_LEVEL))
+}
+
+/// Polls until done, asleep in between.
+fn run<F: Future>(mut future: Pin<&mut F>, parker: &Arc<Parker>, id: ProcessId, thread_priority: u8, level: u8) -> F::Output {
+    let timers = Arc::new(TimerQueue::new());
+    let home = Home::new();
+    let _home = current::enter_home(home, timers.clone(), true);
+    let process = current::Process::new(id, home, thread_priority, level);
+    let waker = Waker::from(parker.clone());
+    // SAFETY: nobody else has seen the process yet.
+    unsafe { process.set_waker(waker.clone()) };
+    let mut cx = Context::from_waker(&waker);
+    loop {
+        if let Poll::Ready(output) = current::with_process(&process, || future.as_mut().poll(&mut cx)) {
+            return output;
+        }
+        if !parker.park(timers.next_deadline()) {
+            timers.expire(Instant::now());
+        }
+    }
+}
+
+/// An OS thread of its own for one process. It starts held, as an executor does; dropping it stops it.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use luna_executors::{Exit, OsThread, ProcessSpec};
+/// use luna_platform::thread::Attributes;
+///
+/// let thread = OsThread::start(Attributes::new("console"), ProcessSpec::new("reader"), || async {
+///     std::thread::yield_now(); // may block: nobody else runs here
+/// })?;
+/// thread.release();
+/// assert_eq!(thread.process().wait(), Exit::Completed);
+/// # Ok(()) }
+/// ```
+pub struct OsThread {
+    process: ProcessHandle,
+    shared: Arc<Held>,
+    thread: Option<Thread<()>>,
+}
+
+/// What the thread shares with its owner.
+struct Held {
+    phase: AtomicU8,
+    parker: Arc<Parker>,
+    thread_priority: AtomicU8,
+}
+
+impl OsThread {
+    /// Starts the thread with its attributes and builds the process on it; returns when both are done.
+    ///
+    /// # Errors
+    ///
+    /// What the system refused, if the attributes are strict or cannot be had in any way.
+    pub fn start<B, F>(attributes: Attributes, spec: ProcessSpec, build: B) -> Result<OsThread, SpawnError<Infallible>>
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        Self::start_counted(attributes, spec, build, Arc::new(Living::new()))
+    }
+
+    /// Like [`start`](Self::start), with the process counted in `living`.
+    ///
+    /// # Errors
+    ///
+    /// As for `start`.
+    pub fn start_counted<B, F>(
+        attributes: Attributes,
+        spec: ProcessSpec,
+        build: B,
+        living: Arc<Living>,
+    ) -> Result<OsThread, SpawnError<Infallible>>
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        let shared = Arc::new(Held {
+            phase: AtomicU8::new(Phase::HELD),
+            parker: Arc::new(Parker::new()),
+            thread_priority: AtomicU8::new(0),
+        });
+        let record = Record::new(spec, living);
+        record.set_waker(Waker::from(shared.parker.clone()));
+        let process = ProcessHandle(record.clone());
+        let (own, of_body) = (shared.clone(), record.clone());
+        let started = thread::spawn(
+            attributes,
+            move |obtained: &Obtained| {
+                own.thread_priority.store(obtained.policy.priority(), Ordering::Relaxed);
+                // Boxed, so that it does not move from here to the body; once for the process' life.
+                let future = catch_unwind(AssertUnwindSafe(build)).map(Box::pin);
+                Ok((own, future))
+            },
+            move |(shared, future)| match future {
+                Ok(future) => shared.run(of_body, future),
+                Err(payload) => of_body.end_panicked(payload),
+            },
+        );
+        match started {
+            Ok(thread) => Ok(OsThread {
+                process,
+                shared,
+                thread: Some(thread),
+            }),
+            Err(error) => {
+                record.end_unstarted();
+                Err(error)
+            }
+        }
+    }
+
+    /// The process.
+    pub fn process(&self) -> &ProcessHandle {
+        &self.process
+    }
+
+    /// What the thread got of the attributes that were asked for.
+    pub fn obtained(&self) -> Option<&Obtained> {
+        self.thread.as_ref().map(Thread::obtained)
+    }
+
+    /// Lets the process run.
+    pub fn release(&self) {
+        self.advance(Phase::RELEASED);
+    }
+
+    /// Asks the process to end, without waiting for it. A blocking call in it ends by itself or not at all.
+    pub fn request_stop(&self) {
+        self.process.cancel();
+        self.advance(Phase::STOPPING);
+    }
+
+    /// Whether the thread has ended.
+    pub fn has_stopped(&self) -> bool {
+        self.thread.as_ref().is_none_or(Thread::is_finished)
+    }
+
+    /// Leaves the thread to itself: for one whose process hangs in a blocking call.
+    pub fn abandon(mut self) {
+        self.thread = None;
+    }
+
+    fn advance(&self, phase: u8) {
+        self.shared.phase.fetch_max(phase, Ordering::AcqRel);
+        self.shared.parker.unpark();
+    }
+}
+
+impl Held {
+    fn run<F: Future<Output = ()>>(&self, record: Arc<Record>, future: Pin<Box<F>>) {
+        while self.phase.load(Ordering::Acquire) == Phase::HELD {
+            self.parker.park(Instant::NEVER);
+        }
+        let (id, level) = (record.id(), record.level());
+        let body = pin!(Body::new(future, record.clone()));
+        current::set_on_path(true);
+        run(body, &self.parker, id, self.thread_priority.load(Ordering::Relaxed), level);
+        current::set_on_path(false);
+        record.drop_waker();
+        reclaim::collect();
+    }
+}
+
+impl Drop for OsThread {
+    fn drop(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            self.request_stop();
+            // The body catches its process' panic; one of the thread's own was reported by the panic hook.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl fmt::Debug for OsThread {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("OsThread").field("process", &self.process).finish_non_exhaustive()
+    }
+}

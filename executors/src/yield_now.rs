@@ -1,0 +1,37 @@
+//! Letting others run.
+
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// Goes to the end of the queue of the process' level once: others of the same level, and all of higher ones, run first.
+///
+/// Real-time path: yes; O(1). Under another runtime it wakes itself once, which that runtime may take as it likes.
+///
+/// ```
+/// luna_executors::block_on(luna_executors::yield_now()).unwrap();
+/// ```
+pub fn yield_now() -> YieldNow {
+    YieldNow { yielded: false }
+}
+
+/// Made by [`yield_now`].
+#[derive(Debug)]
+#[must_use = "it yields only when awaited"]
+pub struct YieldNow {
+    yielded: bool,
+}
+
+impl Future for YieldNow {
+    type Output = ();
+
+    #[inline]
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        if self.yielded {
+            return Poll::Ready(());
+        }
+        self.yielded = true;
+        cx.waker().wake_by_ref();
+        Poll::Pending
+    }
+}

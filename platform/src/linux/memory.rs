@@ -1,0 +1,39 @@
+//! Locked memory: `mlockall`, where it will go on working.
+
+use super::privileges::{self, Capability};
+use crate::shortfall::MemoryRefusal;
+use nix::errno::Errno;
+use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+
+/// Locks all pages, those to come too.
+pub(crate) fn lock() -> Result<(), MemoryRefusal> {
+    let limit = getrlimit(Resource::RLIMIT_MEMLOCK).ok().map(|(soft, _)| soft);
+    // A capability in a user namespace does not lift the limit.
+    let capable = privileges::effective(Capability::IpcLock) == Some(true) && !privileges::in_a_user_namespace();
+    if !capable && limit != Some(RLIM_INFINITY) {
+        return Err(MemoryRefusal::Limited { limit });
+    }
+    mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE).map_err(|error| match error {
+        Errno::EPERM => MemoryRefusal::Limited { limit },
+        error => MemoryRefusal::Kernel { message: error.to_string() },
+    })
+}
+
+/// Unlocks all pages.
+pub(crate) fn unlock() {
+    // The call has no way to fail.
+    let _ = munlockall();
+}
+
+/// Tells the allocator to give nothing back to the kernel.
+pub(crate) fn keep_heap() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: both parameters exist, and may be changed at any time by any thread. A refusal (0) leaves things as they were.
+    unsafe {
+        // Never shrink the heap: -1 is the largest threshold.
+        libc::mallopt(libc::M_TRIM_THRESHOLD, -1);
+        // No block has a mapping of its own, which `free` would give back.
+        libc::mallopt(libc::M_MMAP_MAX, 0);
+    }
+}

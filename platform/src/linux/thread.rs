@@ -1,0 +1,262 @@
+//! Threads' attributes: set by the thread itself, then read back.
+
+use super::privileges::{self, Capability};
+use crate::facts::parse::{core_list, write_core_list};
+use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
+use crate::thread::{Attributes, Obtained, Policy};
+use nix::errno::Errno;
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::sys::prctl;
+use nix::sys::resource::{Resource, getrlimit};
+use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
+use nix::unistd::{Pid, getpid, gettid};
+use std::ffi::CString;
+use std::fs;
+use std::sync::OnceLock;
+
+/// The calling thread, for calls that take a thread id.
+const MYSELF: Pid = Pid::from_raw(0);
+
+/// The most bytes of a thread's name that the kernel keeps.
+const KERNEL_NAME: usize = 15;
+
+/// The mask of the main thread before anything was pinned here.
+fn initial_mask() -> &'static CpuSet {
+    static MASK: OnceLock<CpuSet> = OnceLock::new();
+    MASK.get_or_init(|| {
+        // The main thread's number is the process'. The call fails only on a machine with more cores than the mask has bits.
+        sched_getaffinity(getpid()).unwrap_or_else(|_| {
+            let mut all = CpuSet::new();
+            for core in 0..CpuSet::count() {
+                let _ = all.set(core);
+            }
+            all
+        })
+    })
+}
+
+/// Notes what a later thread must not inherit. To be called before any thread is pinned.
+pub(crate) fn remember_process() {
+    initial_mask();
+}
+
+pub(crate) fn available_cores() -> Vec<usize> {
+    cores_of(initial_mask())
+}
+
+fn cores_of(mask: &CpuSet) -> Vec<usize> {
+    (0..CpuSet::count()).filter(|&core| mask.is_set(core).unwrap_or(false)).collect()
+}
+
+pub(crate) fn current_core() -> Option<usize> {
+    nix::sched::sched_getcpu().ok()
+}
+
+pub(crate) fn current_policy() -> Policy {
+    let (policy, priority) = scheduler();
+    match policy & !libc::SCHED_RESET_ON_FORK {
+        libc::SCHED_FIFO => Policy::Fifo(priority),
+        libc::SCHED_RR => Policy::RoundRobin(priority),
+        _ => Policy::Other,
+    }
+}
+
+/// What a new thread does first: leave the signals that end a program to the threads made elsewhere, so that no handler runs on a
+/// real-time thread. The main thread is always among those.
+pub(crate) fn begin() {
+    let ending = SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGQUIT]);
+    // It fails only for an unknown `how`.
+    let _ = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&ending), None);
+}
+
+/// Gives the calling thread its attributes.
+pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
+    set_name(&attributes.name);
+    // Refused by no kernel since 2.6.28; without it, sleeps of ordinary threads end 50 µs later.
+    let _ = prctl::set_timerslack(1);
+
+    let mut obtained =
+        Obtained { policy: Policy::Other, core: None, stack_size: attributes.stack_size, shortfalls: Vec::new() };
+    match attributes.core.map(|core| (core, pin(core))) {
+        Some((core, Ok(()))) => obtained.core = Some(core),
+        Some((core, Err(why))) => {
+            obtained.refused(attributes.mode, Shortfall::Core { asked: core, why })?;
+            unpin();
+        }
+        None => unpin(),
+    }
+    if let Some(stack) = stack() {
+        obtained.stack_size = stack.size;
+        touch_stack(stack.lowest, attributes.stack_size);
+    }
+    // Last, since the pages above are better fetched as an ordinary thread.
+    if let Err(why) = set_policy(attributes.policy) {
+        obtained.refused(attributes.mode, Shortfall::Policy { asked: attributes.policy, why })?;
+        // From what it had before to none is always allowed.
+        let _ = set_policy(Policy::Other);
+    }
+    obtained.policy = current_policy();
+    Ok(obtained)
+}
+
+/// Tells the kernel as much of the name as it keeps, cut between characters.
+fn set_name(name: &str) {
+    // The main thread's name is the program's in `ps` and `killall`: not ours to change.
+    if gettid() == getpid() {
+        return;
+    }
+    let kept = &name[..name.floor_char_boundary(KERNEL_NAME)];
+    // A name with a zero byte was refused before.
+    if let Ok(kept) = CString::new(kept) {
+        let _ = prctl::set_name(&kept);
+    }
+}
+
+fn pin(core: usize) -> Result<(), CoreRefusal> {
+    let mut mask = CpuSet::new();
+    // A number beyond the mask is one that the kernel cannot know either.
+    let set = mask.set(core).and_then(|()| sched_setaffinity(MYSELF, &mask));
+    match set {
+        Ok(()) if sched_getaffinity(MYSELF) == Ok(mask) => Ok(()),
+        Ok(()) => Err(CoreRefusal::NotKept),
+        Err(Errno::EINVAL) => Err(why_no_core(core)),
+        Err(error) => Err(CoreRefusal::Kernel { message: error.to_string() }),
+    }
+}
+
+fn why_no_core(core: usize) -> CoreRefusal {
+    let list = |file: &str| {
+        let text = fs::read_to_string(format!("/sys/devices/system/cpu/{file}")).ok();
+        text.and_then(|text| core_list(&text))
+    };
+    let online = list("online");
+    // "Possible" counts sockets that could be filled later; "present" is what there is.
+    match list("present").or_else(|| online.clone()) {
+        Some(present) if !present.contains(&core) => CoreRefusal::NoSuchCore { cores: write_core_list(&present) },
+        _ if online.is_some_and(|online| !online.contains(&core)) => CoreRefusal::Offline,
+        _ => CoreRefusal::NotAllowed { allowed: write_core_list(&available_cores()) },
+    }
+}
+
+/// Lets the calling thread run where the process could from its start.
+fn unpin() {
+    if sched_setaffinity(MYSELF, initial_mask()).is_err() {
+        // The control group has other cores by now. All of them, then: the kernel keeps those that are allowed.
+        let mut all = CpuSet::new();
+        for core in 0..CpuSet::count() {
+            let _ = all.set(core);
+        }
+        let _ = sched_setaffinity(MYSELF, &all);
+    }
+}
+
+fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
+    let (before, _) = scheduler();
+    let (number, priority) = match asked {
+        // A thread that was batch or idle before stays so: it has no real-time policy, and that was somebody's wish.
+        Policy::Other
+            if !current_policy().is_real_time() && before & !libc::SCHED_RESET_ON_FORK != libc::SCHED_DEADLINE =>
+        {
+            return Ok(());
+        }
+        // Taking the flag back would need a privilege, which must not keep a thread from giving up its policy.
+        Policy::Other => (libc::SCHED_OTHER | before & libc::SCHED_RESET_ON_FORK, 0),
+        Policy::Fifo(priority) => (libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority),
+        Policy::RoundRobin(priority) => (libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, priority),
+    };
+    let mut parameter = zeroed_parameter();
+    parameter.sched_priority = i32::from(priority);
+    // The system call itself: musl's function of this name only fails.
+    // SAFETY: the parameter is a valid structure for the length of the call; 0 is the calling thread.
+    let outcome = unsafe { libc::syscall(libc::SYS_sched_setscheduler, 0, number, &raw const parameter) };
+    match Errno::result(outcome) {
+        Ok(_) => match current_policy() {
+            obtained if obtained == asked => Ok(()),
+            obtained => Err(PolicyRefusal::NotKept { obtained }),
+        },
+        Err(Errno::EPERM) => Err(why_no_policy(asked)),
+        Err(error) => Err(PolicyRefusal::Kernel { message: error.to_string() }),
+    }
+}
+
+/// Finds out which of the kernel's reasons for `EPERM` it was.
+fn why_no_policy(asked: Policy) -> PolicyRefusal {
+    let limit = getrlimit(Resource::RLIMIT_RTPRIO).ok().map(|(soft, _)| soft);
+    let capable = privileges::effective(Capability::SysNice) == Some(true);
+    if capable && privileges::in_a_user_namespace() {
+        return PolicyRefusal::UserNamespace;
+    }
+    if !capable && limit.is_none_or(|limit| limit < u64::from(asked.priority())) {
+        return PolicyRefusal::NotPermitted { limit };
+    }
+    // It may: so its group has no budget.
+    match privileges::cpu_group() {
+        Some(privileges::CpuGroup::One { file }) => PolicyRefusal::NoGroupBudget { file },
+        Some(privileges::CpuGroup::Two { group }) => PolicyRefusal::GroupWithoutBudget { group },
+        None => PolicyRefusal::Kernel { message: Errno::EPERM.to_string() },
+    }
+}
+
+/// The calling thread's policy, with its flags, and its priority.
+fn scheduler() -> (i32, u8) {
+    let mut parameter = zeroed_parameter();
+    // SAFETY: 0 is the calling thread; the parameter is a valid structure to write to.
+    let policy = unsafe {
+        libc::syscall(libc::SYS_sched_getparam, 0, &raw mut parameter);
+        libc::syscall(libc::SYS_sched_getscheduler, 0)
+    };
+    // Neither call can fail for the calling thread; -1 would read as no policy.
+    (policy.max(0) as i32, u8::try_from(parameter.sched_priority).unwrap_or(0))
+}
+
+fn zeroed_parameter() -> libc::sched_param {
+    // SAFETY: a structure of numbers (one with glibc, more with musl), for which all zeros is a value.
+    unsafe { std::mem::zeroed() }
+}
+
+struct Stack {
+    /// The lowest address that may be used, above the guard.
+    lowest: usize,
+    size: usize,
+}
+
+/// The calling thread's stack, without its guard.
+fn stack() -> Option<Stack> {
+    // SAFETY: the attributes are written by the first call, read by the second only if it succeeded, and then released.
+    unsafe {
+        let mut attributes = std::mem::MaybeUninit::<libc::pthread_attr_t>::uninit();
+        if libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) != 0 {
+            return None;
+        }
+        let mut lowest = std::ptr::null_mut();
+        let mut size = 0;
+        let outcome = libc::pthread_attr_getstack(attributes.as_ptr(), &mut lowest, &mut size);
+        libc::pthread_attr_destroy(attributes.as_mut_ptr());
+        (outcome == 0).then_some(Stack { lowest: lowest as usize, size })
+    }
+}
+
+/// Writes to each page of the stack below this function, `most` bytes or down to `lowest`, so that none has to be fetched later.
+#[inline(never)]
+fn touch_stack(lowest: usize, most: usize) {
+    let page = page_size();
+    let here = 0_u8;
+    let here = (&raw const here).addr() & !(page - 1);
+    let lowest = lowest.max(here.saturating_sub(most));
+    // The lowest byte of the page below this one: at least a page away from the frames in use, which are much smaller.
+    let mut at = here - page;
+    while at >= lowest {
+        // SAFETY: the byte lies in this thread's stack, above its guard and below every frame in use, so nobody's value is changed. A
+        // signal's handler may use it too, but only while this loop does not run.
+        unsafe { std::ptr::with_exposed_provenance_mut::<u8>(at).write_volatile(0) };
+        match at.checked_sub(page) {
+            Some(next) => at = next,
+            None => return,
+        }
+    }
+}
+
+pub(super) fn page_size() -> usize {
+    let size = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE);
+    size.ok().flatten().and_then(|size| usize::try_from(size).ok()).unwrap_or(4096)
+}

@@ -1,0 +1,118 @@
+//! Memory that is there when it is used.
+//!
+//! A page that is not in memory costs the thread that touches it some microseconds, or milliseconds if it must be read from a disk.
+//! [`lock_memory`] keeps every page of the process in memory, those to come included; [`prefault_heap`] fetches the pages of the heap
+//! before they are needed and lets the allocator keep them. Stacks are fetched by [`thread::spawn`](crate::thread::spawn).
+//!
+//! Not for the real-time path.
+
+use crate::backend::memory as backend;
+use crate::shortfall::Shortfall;
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+
+/// How many locks are held in this process. The kernel knows one lock, which the first takes and the last gives back.
+static HELD: Mutex<usize> = Mutex::new(0);
+
+/// Locks the memory of the whole process, now and to come, until the last lock is dropped.
+///
+/// Only with CAP_IPC_LOCK or an unlimited RLIMIT_MEMLOCK: under a smaller limit it would succeed here, and the third thread or so
+/// would fail to start, since its stack is locked too. Each page of the process then takes real memory: O(its size).
+///
+/// # Errors
+///
+/// [`Shortfall::MemoryLock`] says why not, and how to get it.
+///
+/// ```
+/// match luna_platform::memory::lock_memory() {
+///     Ok(lock) => drop(lock), // hold it as long as real-time threads run
+///     Err(shortfall) => eprintln!("{shortfall}"),
+/// }
+/// ```
+pub fn lock_memory() -> Result<MemoryLock, Shortfall> {
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    if *held == 0 {
+        backend::lock().map_err(Shortfall::MemoryLock)?;
+    }
+    *held += 1;
+    Ok(MemoryLock { _private: () })
+}
+
+/// The process' memory is locked while one of these lives.
+#[derive(Debug)]
+#[must_use = "the memory is unlocked when the last lock is dropped"]
+pub struct MemoryLock {
+    _private: (),
+}
+
+impl Drop for MemoryLock {
+    fn drop(&mut self) {
+        let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+        *held -= 1;
+        if *held == 0 {
+            backend::unlock();
+        }
+    }
+}
+
+/// Fetches `bytes` of heap and tells the allocator to keep them: later allocations of that size in all find their pages present.
+///
+/// With the GNU C library's allocator the setting holds for the rest of the program's run: freed memory stays with the process, and
+/// large blocks come from the heap too instead of from mappings of their own. It is the heap of the thread that calls this and of
+/// all that share its arena; other threads have arenas of their own, whose pages only [`lock_memory`] makes present. With another
+/// allocator the pages are fetched, and whether it keeps them is up to it.
+///
+/// O(`bytes`): 1.3 µs a page on the reference machine, a virtual one, so some 0.3 s a gigabyte.
+///
+/// # Errors
+///
+/// [`HeapError`] if there is not that much memory to be had.
+///
+/// ```
+/// luna_platform::memory::prefault_heap(1 << 20)?;
+/// # Ok::<(), luna_platform::memory::HeapError>(())
+/// ```
+pub fn prefault_heap(bytes: usize) -> Result<(), HeapError> {
+    backend::keep_heap();
+    let mut pages: Vec<u8> = Vec::new();
+    pages.try_reserve_exact(bytes).map_err(|_| HeapError { bytes })?;
+    // One write to each page; 4 KiB is the smallest page there is.
+    for page in pages.spare_capacity_mut().chunks_mut(4096) {
+        if let Some(first) = page.first_mut() {
+            // Volatile, or the compiler sees that nobody reads it.
+            // SAFETY: the byte lies in the vector's spare capacity, and any value may be written to it.
+            unsafe { first.as_mut_ptr().write_volatile(0) };
+        }
+    }
+    Ok(())
+}
+
+/// There is not that much memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HeapError {
+    bytes: usize,
+}
+
+impl fmt::Display for HeapError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "the heap cannot hold {} bytes in advance; ask for less, or raise the memory limit (ulimit -v)",
+            self.bytes
+        )
+    }
+}
+
+impl std::error::Error for HeapError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_heap_than_there_is() {
+        let error = prefault_heap(usize::MAX / 4).unwrap_err();
+        assert!(error.to_string().contains(&(usize::MAX / 4).to_string()), "{error}");
+        prefault_heap(0).unwrap();
+    }
+}

@@ -1,0 +1,82 @@
+//! The standard library cannot wait for files.
+
+use crate::clock::Instant;
+use crate::reactor::{BorrowedFd, Ended, Interest, ReactorError, Readiness};
+use std::convert::Infallible;
+
+/// Waits for files. This backend cannot: [`new`](Self::new) always fails.
+#[derive(Debug)]
+pub struct Reactor {
+    never: Infallible,
+}
+
+impl Reactor {
+    /// Fails.
+    ///
+    /// # Errors
+    ///
+    /// Always [`ReactorError::Unsupported`].
+    pub fn new() -> Result<Reactor, ReactorError> {
+        Err(ReactorError::Unsupported)
+    }
+
+    /// There is no reactor to register with.
+    ///
+    /// # Errors
+    ///
+    /// Cannot be called.
+    pub fn register(&self, _fd: BorrowedFd<'_>, _token: u64, _interest: Interest) -> Result<(), ReactorError> {
+        match self.never {}
+    }
+
+    /// There is no reactor to register with.
+    ///
+    /// # Errors
+    ///
+    /// Cannot be called.
+    pub fn rearm(&self, _fd: BorrowedFd<'_>, _token: u64, _interest: Interest) -> Result<(), ReactorError> {
+        match self.never {}
+    }
+
+    /// There is no reactor to register with.
+    ///
+    /// # Errors
+    ///
+    /// Cannot be called.
+    pub fn deregister(&self, _fd: BorrowedFd<'_>) -> Result<(), ReactorError> {
+        match self.never {}
+    }
+
+    /// There is no reactor to wait in.
+    ///
+    /// # Errors
+    ///
+    /// Cannot be called.
+    pub fn wait(&self, _deadline: Instant, _on_ready: &mut dyn FnMut(u64, Readiness)) -> Result<Ended, ReactorError> {
+        match self.never {}
+    }
+
+    /// There is no reactor to wake.
+    pub fn wake(&self) {
+        match self.never {}
+    }
+}
+
+#[cfg(any(unix, target_os = "wasi"))]
+impl std::os::fd::AsFd for Reactor {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self.never {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_that_it_cannot() {
+        let error = Reactor::new().unwrap_err();
+        assert_eq!(error, ReactorError::Unsupported);
+        assert!(error.to_string().contains("waiting for files needs Linux"), "{error}");
+    }
+}

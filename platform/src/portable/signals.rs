@@ -1,0 +1,32 @@
+//! The standard library knows no signals.
+
+use crate::signals::{Signal, SignalError};
+
+/// No signal was ever handled.
+pub(crate) enum Before {}
+
+impl Before {
+    pub(crate) fn signal(&self) -> Signal {
+        match *self {}
+    }
+}
+
+/// The numbers that most systems use.
+pub(crate) fn number(signal: Signal) -> i32 {
+    match signal {
+        Signal::Interrupt => 2,
+        Signal::Terminate => 15,
+        Signal::Hangup => 1,
+        Signal::Quit => 3,
+        Signal::User1 => 10,
+        Signal::User2 => 12,
+    }
+}
+
+pub(crate) fn install(_signal: Signal) -> Result<Before, SignalError> {
+    Err(SignalError::Unsupported)
+}
+
+pub(crate) fn restore(before: Before) {
+    match before {}
+}

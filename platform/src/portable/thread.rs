@@ -1,0 +1,36 @@
+//! Threads as the standard library makes them: with a name and a stack. Policies and cores are refused.
+
+use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
+use crate::thread::{Attributes, Obtained, Policy};
+
+/// Nothing here can be inherited.
+pub(crate) fn remember_process() {}
+
+/// Signals are not known here.
+pub(crate) fn begin() {}
+
+/// Gives the calling thread its attributes, that is: says which it cannot have. Its stack is not touched, since nobody tells its bounds.
+pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
+    let mut obtained =
+        Obtained { policy: Policy::Other, core: None, stack_size: attributes.stack_size, shortfalls: Vec::new() };
+    if let Some(core) = attributes.core {
+        obtained.refused(attributes.mode, Shortfall::Core { asked: core, why: CoreRefusal::Unsupported })?;
+    }
+    if attributes.policy.is_real_time() {
+        let why = PolicyRefusal::Unsupported;
+        obtained.refused(attributes.mode, Shortfall::Policy { asked: attributes.policy, why })?;
+    }
+    Ok(obtained)
+}
+
+pub(crate) fn current_policy() -> Policy {
+    Policy::Other
+}
+
+pub(crate) fn current_core() -> Option<usize> {
+    None
+}
+
+pub(crate) fn available_cores() -> Vec<usize> {
+    (0..std::thread::available_parallelism().map_or(1, usize::from)).collect()
+}

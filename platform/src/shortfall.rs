@@ -1,0 +1,322 @@
+//! What was asked of the system and not given: what, why, and how to get it.
+//!
+//! One type for all of it, so that a report is one list and a strict start has one kind of error.
+
+use crate::thread::Policy;
+use std::fmt;
+
+/// Something that was asked for and not given.
+///
+/// `Display` says all in one line; [`what`](Self::what), [`why`](Self::why) and [`remedy`](Self::remedy) are its parts.
+///
+/// ```
+/// use luna_platform::shortfall::{LatencyRefusal, Shortfall};
+///
+/// let shortfall = Shortfall::DmaLatency(LatencyRefusal::Missing);
+/// assert_eq!(shortfall.what(), "short wake-ups (/dev/cpu_dma_latency at 0)");
+/// assert_eq!(shortfall.to_string(), format!("no {}: {}; {}", shortfall.what(), shortfall.why(), shortfall.remedy()));
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Shortfall {
+    /// A real-time policy; the thread runs under [`Policy::Other`].
+    Policy {
+        /// The policy asked for.
+        asked: Policy,
+        /// Why it was refused.
+        why: PolicyRefusal,
+    },
+    /// A core; the thread is not pinned.
+    Core {
+        /// The core asked for.
+        asked: usize,
+        /// Why it was refused.
+        why: CoreRefusal,
+    },
+    /// Locked memory; a page may have to be fetched when it is used.
+    MemoryLock(MemoryRefusal),
+    /// Short wake-ups; an idle core may sleep deeply.
+    DmaLatency(LatencyRefusal),
+}
+
+/// Why a policy was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PolicyRefusal {
+    /// The process may not: it has no CAP_SYS_NICE, and its limit is below the priority.
+    NotPermitted {
+        /// The process' RLIMIT_RTPRIO, where it could be read.
+        limit: Option<u64>,
+    },
+    /// It may, but its control group (version 1) has no real-time budget.
+    NoGroupBudget {
+        /// The file that says so.
+        file: String,
+    },
+    /// It may, but the kernel was built with group scheduling of real-time threads, which version 2 cannot give a budget to.
+    GroupWithoutBudget {
+        /// The control group (version 2).
+        group: String,
+    },
+    /// It has CAP_SYS_NICE in a user namespace, which does not count.
+    UserNamespace,
+    /// Nothing was refused, yet the thread has another policy.
+    NotKept {
+        /// What it has.
+        obtained: Policy,
+    },
+    /// The kernel said something else.
+    Kernel {
+        /// Its words.
+        message: String,
+    },
+    /// This backend has no real-time policies.
+    Unsupported,
+}
+
+/// Why a core was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CoreRefusal {
+    /// The machine has no such core.
+    NoSuchCore {
+        /// Those it has, as the kernel writes lists.
+        cores: String,
+    },
+    /// The core is switched off.
+    Offline,
+    /// The control group (or container) of this process keeps it from the core.
+    NotAllowed {
+        /// Those allowed, as the kernel writes lists.
+        allowed: String,
+    },
+    /// Nothing was refused, yet the thread may run elsewhere.
+    NotKept,
+    /// The kernel said something else.
+    Kernel {
+        /// Its words.
+        message: String,
+    },
+    /// This backend cannot pin threads.
+    Unsupported,
+}
+
+/// Why memory was not locked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MemoryRefusal {
+    /// The process has no CAP_IPC_LOCK, and its limit is not unlimited. Under a smaller limit locking would succeed, and a later thread
+    /// would fail to start.
+    Limited {
+        /// The process' RLIMIT_MEMLOCK in bytes, where it could be read.
+        limit: Option<u64>,
+    },
+    /// The kernel said something else.
+    Kernel {
+        /// Its words.
+        message: String,
+    },
+    /// This backend cannot lock memory.
+    Unsupported,
+}
+
+/// Why wake-ups are not kept short.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LatencyRefusal {
+    /// There is no `/dev/cpu_dma_latency`: a container, or a kernel without power management.
+    Missing,
+    /// The process may not write to it.
+    NotPermitted,
+    /// The kernel said something else.
+    Kernel {
+        /// Its words.
+        message: String,
+    },
+    /// This backend has no such device.
+    Unsupported,
+}
+
+impl Shortfall {
+    /// What was asked for, in a few words: `policy fifo:80`, `core 7`.
+    pub fn what(&self) -> String {
+        match self {
+            Shortfall::Policy { asked, .. } => format!("policy {asked}"),
+            Shortfall::Core { asked, .. } => format!("core {asked}"),
+            Shortfall::MemoryLock(_) => "locked memory".to_owned(),
+            Shortfall::DmaLatency(_) => "short wake-ups (/dev/cpu_dma_latency at 0)".to_owned(),
+        }
+    }
+
+    /// Why it was not given.
+    pub fn why(&self) -> String {
+        match self {
+            Shortfall::Policy { asked, why } => why.text(*asked),
+            Shortfall::Core { why, .. } => why.text(),
+            Shortfall::MemoryLock(why) => why.text(),
+            Shortfall::DmaLatency(why) => why.text(),
+        }
+    }
+
+    /// What to do to get it.
+    pub fn remedy(&self) -> String {
+        match self {
+            Shortfall::Policy { asked, why } => why.remedy(*asked),
+            Shortfall::Core { why, .. } => why.remedy(),
+            Shortfall::MemoryLock(why) => why.remedy(),
+            Shortfall::DmaLatency(why) => why.remedy(),
+        }
+    }
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no {}: {}; {}", self.what(), self.why(), self.remedy())
+    }
+}
+
+impl std::error::Error for Shortfall {}
+
+/// What a backend without the thing says to do.
+const RUN_ON_LINUX: &str = "run it on Linux, built without `--cfg luna_portable`";
+
+impl PolicyRefusal {
+    fn text(&self, asked: Policy) -> String {
+        match self {
+            Self::NotPermitted { limit: Some(limit) } => {
+                format!("CAP_SYS_NICE is missing and the limit on real-time priorities (RLIMIT_RTPRIO) is {limit}")
+            }
+            Self::NotPermitted { limit: None } => "CAP_SYS_NICE is missing".to_owned(),
+            Self::NoGroupBudget { file } => format!("the process' control group has no real-time budget ({file} is 0)"),
+            Self::GroupWithoutBudget { group } => format!(
+                "the process may, but the kernel refused, probably since it is in the control group `{group}` (version 2) and the \
+                 kernel has CONFIG_RT_GROUP_SCHED"
+            ),
+            Self::UserNamespace => "CAP_SYS_NICE holds in a user namespace only".to_owned(),
+            Self::NotKept { obtained } => {
+                format!("it was set, but the thread runs under {obtained} instead of {asked}")
+            }
+            Self::Kernel { message } => format!("the kernel said: {message}"),
+            Self::Unsupported => "the portable backend has no real-time policies".to_owned(),
+        }
+    }
+
+    fn remedy(&self, asked: Policy) -> String {
+        match self {
+            Self::NotPermitted { .. } => format!(
+                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - rtprio {}` into \
+                 /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add SYS_NICE --ulimit rtprio={0})",
+                asked.priority().max(95)
+            ),
+            Self::UserNamespace => format!(
+                "start it outside of the namespace (a container that is not rootless), or with a limit raised before it starts \
+                 (--ulimit rtprio={})",
+                asked.priority().max(95)
+            ),
+            Self::NoGroupBudget { file } => {
+                format!("write a budget in µs to it and to those above it (echo 950000 > {file}), or start it in the root group")
+            }
+            Self::GroupWithoutBudget { .. } => {
+                "start it in the root control group (echo PID > /sys/fs/cgroup/cgroup.procs), or boot with rt_group_sched=0".to_owned()
+            }
+            Self::NotKept { .. } => "see which other program changes the policies of threads (rtkit, a cgroup manager)".to_owned(),
+            Self::Kernel { .. } => "see sched_setscheduler(2)".to_owned(),
+            Self::Unsupported => RUN_ON_LINUX.to_owned(),
+        }
+    }
+}
+
+impl CoreRefusal {
+    fn text(&self) -> String {
+        match self {
+            Self::NoSuchCore { cores } => format!("the machine has no such core, but {cores}"),
+            Self::Offline => "it is switched off".to_owned(),
+            Self::NotAllowed { allowed } => format!("the process' control group does not allow it, but {allowed}"),
+            Self::NotKept => "it was set, but the thread may still run elsewhere".to_owned(),
+            Self::Kernel { message } => format!("the kernel said: {message}"),
+            Self::Unsupported => "the portable backend cannot pin threads".to_owned(),
+        }
+    }
+
+    fn remedy(&self) -> String {
+        match self {
+            Self::NoSuchCore { .. } => "choose one of these".to_owned(),
+            Self::Offline => {
+                "switch it on (echo 1 > /sys/devices/system/cpu/cpuN/online), or choose another".to_owned()
+            }
+            Self::NotAllowed { .. } => {
+                "choose one of these, or add it to the group's cpuset.cpus (in a container: --cpuset-cpus)".to_owned()
+            }
+            Self::NotKept => "see which other program changes the affinity of threads".to_owned(),
+            Self::Kernel { .. } => "see sched_setaffinity(2)".to_owned(),
+            Self::Unsupported => RUN_ON_LINUX.to_owned(),
+        }
+    }
+}
+
+impl MemoryRefusal {
+    fn text(&self) -> String {
+        match self {
+            Self::Limited { limit: Some(limit) } => {
+                format!("CAP_IPC_LOCK is missing and the limit on locked memory (RLIMIT_MEMLOCK) is {limit} bytes")
+            }
+            Self::Limited { limit: None } => "CAP_IPC_LOCK is missing".to_owned(),
+            Self::Kernel { message } => format!("the kernel said: {message}"),
+            Self::Unsupported => "the portable backend cannot lock memory".to_owned(),
+        }
+    }
+
+    fn remedy(&self) -> String {
+        match self {
+            Self::Limited { .. } => {
+                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - memlock unlimited` into \
+                 /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add IPC_LOCK or --ulimit memlock=-1)"
+                    .to_owned()
+            }
+            Self::Kernel { .. } => "see mlockall(2)".to_owned(),
+            Self::Unsupported => RUN_ON_LINUX.to_owned(),
+        }
+    }
+}
+
+impl LatencyRefusal {
+    fn text(&self) -> String {
+        match self {
+            Self::Missing => "/dev/cpu_dma_latency does not exist".to_owned(),
+            Self::NotPermitted => "the process may not write to /dev/cpu_dma_latency".to_owned(),
+            Self::Kernel { message } => format!("the kernel said: {message}"),
+            Self::Unsupported => "the portable backend has no such device".to_owned(),
+        }
+    }
+
+    fn remedy(&self) -> String {
+        match self {
+            Self::Missing => "build the kernel with CONFIG_PM and CONFIG_CPU_IDLE, or pass the device into the container".to_owned(),
+            Self::NotPermitted => {
+                "run as root, or let a group write to it (chgrp realtime /dev/cpu_dma_latency && chmod g+w /dev/cpu_dma_latency)"
+                    .to_owned()
+            }
+            Self::Kernel { .. } => "see the kernel's Documentation/power/pm_qos_interface.rst".to_owned(),
+            Self::Unsupported => RUN_ON_LINUX.to_owned(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_says_what_why_and_how() {
+        let why = PolicyRefusal::NotPermitted { limit: Some(0) };
+        let text = Shortfall::Policy { asked: Policy::fifo(80), why }.to_string();
+        for part in ["fifo:80", "CAP_SYS_NICE", "RLIMIT_RTPRIO", "is 0", "limits.d", "setcap"] {
+            assert!(text.contains(part), "{part} in: {text}");
+        }
+        let why = CoreRefusal::NoSuchCore { cores: "0-1".to_owned() };
+        let text = Shortfall::Core { asked: 77, why }.to_string();
+        assert!(text.contains("core 77") && text.contains("0-1"), "{text}");
+        let text = Shortfall::MemoryLock(MemoryRefusal::Limited { limit: Some(8 << 20) }).to_string();
+        assert!(text.contains("8388608") && text.contains("memlock unlimited"), "{text}");
+    }
+}

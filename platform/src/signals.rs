@@ -1,0 +1,255 @@
+//! Signals that ask the program to end, as an event that threads can wait for.
+//!
+//! The handler does no more than a handler may: it stores the signal's number, counts an event, and wakes who waits for one. Other
+//! triggers, such as a panic, count events too with [`announce_event`], so one waiting thread hears of all.
+//!
+//! ```
+//! use luna_platform::clock::Instant;
+//! use luna_platform::signals;
+//! use std::time::Duration;
+//!
+//! let seen = signals::event_count();
+//! std::thread::spawn(signals::announce_event);
+//! assert_ne!(signals::wait_for_event(seen, Instant::now() + Duration::from_secs(10)), seen);
+//! ```
+
+use crate::backend::signals as backend;
+use crate::clock::Instant;
+use crate::futex::{Futex, Waited};
+use std::fmt;
+use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// A second signal this long after the first ends the program at once; an earlier one is taken for the same request.
+///
+/// Some senders deliver twice: coreutils' `timeout` signals its child and then the child's group, both within a millisecond. A human
+/// is slower than this.
+pub const SAME_REQUEST: Duration = Duration::from_millis(50);
+
+/// Counts events. Futex word: whoever waits sees a change or is woken.
+static EVENTS: Futex = Futex::new(0);
+
+/// The number of the signal received, 0 for none. Written by the handler (0 to a number) and by the last watch's drop (back to 0).
+static RECEIVED: AtomicI32 = AtomicI32::new(0);
+
+/// When it was received, in nanoseconds of the monotonic clock. Written by the handler just after `RECEIVED`, so it may be one
+/// signal late for a second handler on another thread: 0 until then, which counts as the same request.
+static RECEIVED_AT: AtomicU64 = AtomicU64::new(0);
+
+/// A signal that can be watched for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Signal {
+    /// SIGINT: Ctrl-C.
+    Interrupt,
+    /// SIGTERM: what `kill` sends.
+    Terminate,
+    /// SIGHUP: the terminal has gone. Left alone where it is ignored already, as under `nohup`.
+    Hangup,
+    /// SIGQUIT: Ctrl-\.
+    Quit,
+    /// SIGUSR1.
+    User1,
+    /// SIGUSR2.
+    User2,
+}
+
+impl Signal {
+    /// The signal's number on this system.
+    pub fn number(self) -> i32 {
+        backend::number(self)
+    }
+}
+
+impl fmt::Display for Signal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Signal::Interrupt => "SIGINT",
+            Signal::Terminate => "SIGTERM",
+            Signal::Hangup => "SIGHUP",
+            Signal::Quit => "SIGQUIT",
+            Signal::User1 => "SIGUSR1",
+            Signal::User2 => "SIGUSR2",
+        })
+    }
+}
+
+/// What is installed in this process, and for how many watches.
+struct Installed {
+    watches: usize,
+    before: Vec<backend::Before>,
+}
+
+static INSTALLED: Mutex<Installed> = Mutex::new(Installed { watches: 0, before: Vec::new() });
+
+/// While it lives, signals are events instead of the program's end.
+///
+/// The first signal is an event: [`received`](Self::received) tells its number, and who waits for events is woken. A second one, at
+/// least [`SAME_REQUEST`] later, ends the program at once with `_exit(128 + number)`: nothing is flushed or dropped.
+///
+/// Several may live in one process, from several systems: all hear of a signal. When the last is dropped, the handlers of before are
+/// back, and the signal is forgotten.
+///
+/// ```
+/// use luna_platform::signals::{Signal, SignalWatch};
+///
+/// match SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]) {
+///     Ok(watch) => assert_eq!(watch.received(), None),
+///     Err(error) => eprintln!("{error}"),
+/// }
+/// ```
+#[derive(Debug)]
+#[must_use = "signals end the program again when the last watch is dropped"]
+pub struct SignalWatch {
+    _private: (),
+}
+
+impl SignalWatch {
+    /// Watches for `signals`, besides those that other watches asked for. Not for the real-time path.
+    ///
+    /// # Errors
+    ///
+    /// [`SignalError`] if the system does not let a signal be handled, or has none. Nothing has changed then.
+    pub fn install(signals: &[Signal]) -> Result<SignalWatch, SignalError> {
+        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        let already = installed.before.len();
+        for &signal in signals {
+            if installed.before.iter().any(|before| before.signal() == signal) {
+                continue;
+            }
+            match backend::install(signal) {
+                Ok(before) => installed.before.push(before),
+                Err(error) => {
+                    installed.before.drain(already..).for_each(backend::restore);
+                    return Err(error);
+                }
+            }
+        }
+        installed.watches += 1;
+        Ok(SignalWatch { _private: () })
+    }
+
+    /// The number of the signal received since the first watch was installed, if one was. An atomic load.
+    pub fn received(&self) -> Option<i32> {
+        Some(RECEIVED.load(Ordering::Acquire)).filter(|&number| number != 0)
+    }
+}
+
+impl Drop for SignalWatch {
+    fn drop(&mut self) {
+        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        installed.watches -= 1;
+        if installed.watches == 0 {
+            // The handlers first: one that still runs then finds the signal taken, or is forgotten with it.
+            installed.before.drain(..).for_each(backend::restore);
+            RECEIVED_AT.store(0, Ordering::Relaxed);
+            RECEIVED.store(0, Ordering::Release);
+        }
+    }
+}
+
+/// What the handler is to do after it noted a signal.
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+pub(crate) enum Noted {
+    /// It was the first, or the same request again: nothing more.
+    Event,
+    /// It was a second request: end the program.
+    EndNow,
+}
+
+/// Notes the signal `number`. Async-signal-safe: atomics, the clock, and one futex wake.
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+pub(crate) fn note(number: i32) -> Noted {
+    let now = Instant::now();
+    // Acquire and release: who sees the number sees what came before the signal's sender, as far as there is an order.
+    if RECEIVED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire).is_ok() {
+        RECEIVED_AT.store(now.as_nanos(), Ordering::Relaxed);
+        announce_event();
+        return Noted::Event;
+    }
+    match RECEIVED_AT.load(Ordering::Relaxed) {
+        0 => Noted::Event,
+        first if now - Instant::from_nanos(first) < SAME_REQUEST => Noted::Event,
+        _ => Noted::EndNow,
+    }
+}
+
+/// How many events there were; wraps. To be read before looking at what the events are about, and given to [`wait_for_event`].
+pub fn event_count() -> u32 {
+    EVENTS.word().load(Ordering::Acquire)
+}
+
+/// Waits until there was an event after `seen` was read, or until `deadline`; returns the count as it is then.
+///
+/// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause.
+pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
+    loop {
+        let count = event_count();
+        if count != seen || EVENTS.wait(seen, deadline) == Waited::TimedOut {
+            return event_count();
+        }
+    }
+}
+
+/// Counts an event and wakes who waits for one. One system call. On Linux async-signal-safe.
+pub fn announce_event() {
+    EVENTS.word().fetch_add(1, Ordering::AcqRel);
+    EVENTS.wake_all();
+}
+
+/// Why a signal cannot be watched for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SignalError {
+    /// The system refused.
+    Refused {
+        /// Which signal.
+        signal: Signal,
+        /// The system's words.
+        message: String,
+    },
+    /// This backend knows no signals.
+    Unsupported,
+}
+
+impl fmt::Display for SignalError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SignalError::Refused { signal, message } => {
+                write!(f, "{signal} cannot be watched for: {message}; see sigaction(2)")
+            }
+            SignalError::Unsupported => f.write_str(
+                "signals cannot be watched for: the portable backend has none; end the system from the program, or run it on Linux, \
+                 built without `--cfg luna_portable`",
+            ),
+        }
+    }
+}
+
+impl std::error::Error for SignalError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_is_seen_by_all_who_wait() {
+        let seen = event_count();
+        let waiting: Vec<_> = (0..4)
+            .map(|_| std::thread::spawn(move || wait_for_event(seen, Instant::now() + Duration::from_secs(60))))
+            .collect();
+        announce_event();
+        for thread in waiting {
+            assert_ne!(thread.join().unwrap(), seen);
+        }
+    }
+
+    #[test]
+    fn without_an_event_the_deadline_comes() {
+        // Other tests announce events too: then the count has moved.
+        let (seen, deadline) = (event_count(), Instant::now() + Duration::from_millis(5));
+        let count = wait_for_event(seen, deadline);
+        assert!(count != seen || Instant::now() >= deadline);
+    }
+}

@@ -1,0 +1,232 @@
+//! What a thread is to be, and what it became.
+
+use super::policy::{Policy, PolicyError};
+use crate::shortfall::Shortfall;
+use std::fmt;
+
+/// What happens when the system does not give what was asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Mode {
+    /// Refuse: the start fails with the shortfall as its error.
+    Strict,
+    /// Go on without, and report the shortfall.
+    #[default]
+    BestEffort,
+}
+
+/// The stack of a thread that asks for nothing else: 1 MiB.
+///
+/// Every page of it is touched and, once memory is locked, stays in memory. The standard library's 2 MiB would cost a machine with
+/// some tens of threads twice as much, and less than 1 MiB is soon used up by unoptimized builds and formatted output.
+pub const DEFAULT_STACK_SIZE: usize = 1 << 20;
+
+/// The smallest stack that can be asked for: 128 KiB.
+///
+/// The C library takes some of it for thread-local data (16 KiB is its own minimum), the standard library's start and end of a
+/// thread and a panic's message take some 20 KiB more, and unoptimized builds several times that.
+pub const MINIMUM_STACK_SIZE: usize = 128 << 10;
+
+/// The largest stack that can be asked for: 1 GiB. All of it is touched at the thread's start.
+pub const MAXIMUM_STACK_SIZE: usize = 1 << 30;
+
+/// The attributes of a thread that is to be made: a builder.
+///
+/// ```
+/// use luna_platform::thread::{Attributes, Mode, Policy};
+///
+/// let attributes = Attributes::new("control").core(0).policy(Policy::fifo(80)).mode(Mode::BestEffort);
+/// assert!(attributes.validate().is_ok());
+/// assert!(attributes.stack_size(100).validate().is_err());
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[must_use = "attributes do nothing until a thread is made with them"]
+pub struct Attributes {
+    pub(crate) name: String,
+    pub(crate) core: Option<usize>,
+    pub(crate) policy: Policy,
+    pub(crate) stack_size: usize,
+    pub(crate) mode: Mode,
+    framework: bool,
+}
+
+impl Attributes {
+    /// A thread called `name`, on any core, without a real-time policy, best effort, with [`DEFAULT_STACK_SIZE`].
+    ///
+    /// The operating system shows the first 15 bytes of the name, cut between characters.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            core: None,
+            policy: Policy::Other,
+            stack_size: DEFAULT_STACK_SIZE,
+            mode: Mode::default(),
+            framework: false,
+        }
+    }
+
+    /// A thread of the framework's own: as [`new`](Self::new), but priorities 98 and 99 are open to it.
+    ///
+    /// For the timer manager, the emergency manager and tools that measure beside them. A user's thread is made with `new`.
+    pub fn framework(name: impl Into<String>, policy: Policy) -> Self {
+        Self { policy, framework: true, ..Self::new(name) }
+    }
+
+    /// Runs on `core` alone, by the system's number of it.
+    pub fn core(mut self, core: usize) -> Self {
+        self.core = Some(core);
+        self
+    }
+
+    /// Runs under `policy`.
+    pub fn policy(mut self, policy: Policy) -> Self {
+        self.policy = policy;
+        self
+    }
+
+    /// The policy that was asked for.
+    pub fn asked_policy(&self) -> Policy {
+        self.policy
+    }
+
+    /// Has a stack of `bytes`, rounded up to whole pages: [`MINIMUM_STACK_SIZE`] to [`MAXIMUM_STACK_SIZE`].
+    pub fn stack_size(mut self, bytes: usize) -> Self {
+        self.stack_size = bytes;
+        self
+    }
+
+    /// What to do when the system refuses the policy or the core.
+    pub fn mode(mut self, mode: Mode) -> Self {
+        self.mode = mode;
+        self
+    }
+
+    /// Whether the attributes make sense on any machine. Making a thread checks this too.
+    ///
+    /// # Errors
+    ///
+    /// A priority out of range, a stack too small or too large, or a name with a zero byte in it.
+    pub fn validate(&self) -> Result<(), AttributeError> {
+        let checked = if self.framework { self.policy.validate_framework() } else { self.policy.validate_user() };
+        checked.map_err(|error| AttributeError::Policy { name: self.name.clone(), error })?;
+        if self.stack_size < MINIMUM_STACK_SIZE {
+            return Err(AttributeError::StackTooSmall { name: self.name.clone(), asked: self.stack_size });
+        }
+        if self.stack_size > MAXIMUM_STACK_SIZE {
+            return Err(AttributeError::StackTooLarge { name: self.name.clone(), asked: self.stack_size });
+        }
+        if self.name.contains('\0') {
+            return Err(AttributeError::ZeroInName { name: self.name.clone() });
+        }
+        Ok(())
+    }
+}
+
+/// What is wrong with a thread's attributes, whatever the machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum AttributeError {
+    /// The policy's priority is out of range.
+    Policy {
+        /// The thread's name.
+        name: String,
+        /// What is wrong with it.
+        error: PolicyError,
+    },
+    /// The stack is smaller than [`MINIMUM_STACK_SIZE`].
+    StackTooSmall {
+        /// The thread's name.
+        name: String,
+        /// What was asked for, in bytes.
+        asked: usize,
+    },
+    /// The stack is larger than [`MAXIMUM_STACK_SIZE`].
+    StackTooLarge {
+        /// The thread's name.
+        name: String,
+        /// What was asked for, in bytes.
+        asked: usize,
+    },
+    /// The name holds a zero byte, which ends a name for the operating system.
+    ZeroInName {
+        /// The thread's name.
+        name: String,
+    },
+}
+
+impl fmt::Display for AttributeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            AttributeError::Policy { name, error } => write!(f, "thread `{name}`: {error}"),
+            AttributeError::StackTooSmall { name, asked } => write!(
+                f,
+                "thread `{name}`: a stack of {asked} bytes is too small; ask for at least {MINIMUM_STACK_SIZE}"
+            ),
+            AttributeError::StackTooLarge { name, asked } => write!(
+                f,
+                "thread `{name}`: a stack of {asked} bytes is too large; ask for at most {MAXIMUM_STACK_SIZE}"
+            ),
+            AttributeError::ZeroInName { name } => {
+                write!(f, "the thread name {name:?} holds a zero byte; leave it out")
+            }
+        }
+    }
+}
+
+impl std::error::Error for AttributeError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            AttributeError::Policy { error, .. } => Some(error),
+            _ => None,
+        }
+    }
+}
+
+/// What a thread has, as the system said after it was set.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Obtained {
+    /// The policy it runs under.
+    pub policy: Policy,
+    /// The core it is pinned to, if it is.
+    pub core: Option<usize>,
+    /// The bytes of its stack; where the system does not tell, those asked for.
+    pub stack_size: usize,
+    /// What was asked for and refused; always empty under [`Mode::Strict`].
+    pub shortfalls: Vec<Shortfall>,
+}
+
+impl Obtained {
+    /// Notes a refusal, or makes it the error under [`Mode::Strict`].
+    pub(crate) fn refused(&mut self, mode: Mode, shortfall: Shortfall) -> Result<(), Shortfall> {
+        match mode {
+            Mode::Strict => Err(shortfall),
+            Mode::BestEffort => {
+                self.shortfalls.push(shortfall);
+                Ok(())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_attributes_are_named() {
+        let error = Attributes::new("small").stack_size(MINIMUM_STACK_SIZE - 1).validate().unwrap_err();
+        assert!(error.to_string().contains("`small`") && error.to_string().contains("131071"), "{error}");
+        assert!(Attributes::new("large").stack_size(usize::MAX).validate().is_err());
+        let error = Attributes::new("high").policy(Policy::fifo(98)).validate().unwrap_err();
+        assert!(error.to_string().contains("fifo:98") && error.to_string().contains("97"), "{error}");
+        let error = Attributes::new("ze\0ro").validate().unwrap_err();
+        assert!(error.to_string().contains("ze\\0ro"), "{error}");
+    }
+
+    #[test]
+    fn the_framework_has_98_and_99() {
+        assert_eq!(Attributes::framework("timers", Policy::fifo(98)).validate(), Ok(()));
+        assert_eq!(Attributes::framework("emergency", Policy::fifo(99)).validate(), Ok(()));
+        assert!(Attributes::framework("above", Policy::fifo(100)).validate().is_err());
+    }
+}

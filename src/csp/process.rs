@@ -1,0 +1,350 @@
+//! What can be a process, and how the framework starts and ends it.
+
+use crate::error::{Error, Result};
+use crate::safety::{Cause, Emergency};
+use crate::time::{LoopName, Scope};
+use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
+use luna_platform::lock::PiLock;
+use luna_platform::thread::{Attributes, SpawnError};
+use std::cell::Cell;
+use std::convert::Infallible;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomData;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+
+/// A process with three phases.
+///
+/// A plain async block is a process too; implement this when there is something to set up or to clean up.
+///
+/// ```
+/// use luna::prelude::*;
+///
+/// struct Summer { input: Receiver<u32>, sum: u32 }
+///
+/// impl Process for Summer {
+///     async fn run(&mut self) -> luna::Result<()> {
+///         while let Ok(n) = self.input.recv().await {
+///             self.sum += n;
+///         }
+///         assert_eq!(self.sum, 3);
+///         Ok(())
+///     }
+/// }
+///
+/// let (output, input) = luna::channel();
+/// let mut system = System::new("sum");
+/// let executor = system.executor("main").build()?;
+/// executor.process("summer").spawn(Summer { input, sum: 0 })?;
+/// executor.process("source").spawn(async move {
+///     output.send(1).await?;
+///     output.send(2).await?;
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub trait Process {
+    /// Prepares the process: it may allocate and block.
+    ///
+    /// The `pre_run` of all processes of a system, one after the other in the order of their spawning, ends before any body runs.
+    /// Runs on the thread that starts the system, or that spawns the process while the system runs.
+    ///
+    /// # Errors
+    ///
+    /// An error stops the start, which returns it with the process' name; what was prepared until then gets its `post_run`.
+    fn pre_run(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    /// The body: the real-time part. Made and run on the executor's thread, so its future need not be `Send`.
+    fn run(&mut self) -> impl Future<Output = Result<()>>;
+
+    /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
+    /// the thread that runs the system. Then the process is dropped.
+    fn post_run(&mut self) {}
+}
+
+/// How `spawn` tells what it was given. Inferred, never written.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct ViaFuture;
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct ViaProcess;
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct ViaClosure;
+
+/// What can be spawned as a process; `M` is inferred and tells the three kinds apart.
+///
+/// - a future with output `luna::Result<()>` that is `Send`;
+/// - a closure that makes one: it runs on the executor's thread, so the future need not be `Send`;
+/// - a type that implements [`Process`].
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` cannot be spawned as a process",
+    label = "not a process",
+    note = "a process is a future or a closure that makes one, with output `luna::Result<()>`, or a type that implements \
+            `luna::Process`; it must be `Send + 'static`"
+)]
+pub trait IntoProcess<M> {
+    #[doc(hidden)]
+    fn prepare(self) -> Prepared;
+}
+
+impl<F: Future<Output = Result<()>> + Send + 'static> IntoProcess<ViaFuture> for F {
+    fn prepare(self) -> Prepared {
+        Prepared { resident: None, starter: Box::new(move || self) }
+    }
+}
+
+impl<C, F> IntoProcess<ViaClosure> for C
+where
+    C: FnOnce() -> F + Send + 'static,
+    F: Future<Output = Result<()>> + 'static,
+{
+    fn prepare(self) -> Prepared {
+        Prepared { resident: None, starter: Box::new(self) }
+    }
+}
+
+impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
+    fn prepare(self) -> Prepared {
+        let resident = Resident::new(self);
+        let at = Place(resident.place);
+        Prepared {
+            resident: Some(Box::new(resident)),
+            starter: Box::new(move || {
+                let at = at;
+                // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended, and
+                // does not touch the process in between; so this is the only access while the body lives.
+                let process: &'static mut P = unsafe { &mut *at.0 };
+                process.run()
+            }),
+        }
+    }
+}
+
+/// A process that is ready to be started.
+#[doc(hidden)]
+pub struct Prepared {
+    pub(crate) resident: Option<Box<dyn Phases>>,
+    pub(crate) starter: Box<dyn Start>,
+}
+
+impl fmt::Debug for Prepared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Prepared").finish_non_exhaustive()
+    }
+}
+
+/// The phases around the body.
+pub(crate) trait Phases: Send {
+    fn pre_run(&mut self) -> Result<()>;
+    fn post_run(&mut self);
+}
+
+/// A process at a fixed place, which its body borrows.
+///
+/// # Invariants
+///
+/// `place` came from a box and is freed by this value's drop alone. While a body lives, the body alone accesses it.
+struct Resident<P> {
+    place: *mut P,
+    _owned: PhantomData<P>,
+}
+
+// SAFETY: it owns its process as a box would.
+unsafe impl<P: Send> Send for Resident<P> {}
+
+impl<P> Resident<P> {
+    fn new(process: P) -> Self {
+        Self { place: Box::into_raw(Box::new(process)), _owned: PhantomData }
+    }
+}
+
+impl<P: Process + Send> Phases for Resident<P> {
+    fn pre_run(&mut self) -> Result<()> {
+        // SAFETY: called before there is a body.
+        unsafe { &mut *self.place }.pre_run()
+    }
+
+    fn post_run(&mut self) {
+        // SAFETY: called after the body has ended, or when there was none.
+        unsafe { &mut *self.place }.post_run();
+    }
+}
+
+impl<P> Drop for Resident<P> {
+    fn drop(&mut self) {
+        // SAFETY: the framework drops a resident only when its body has ended or was never made.
+        drop(unsafe { Box::from_raw(self.place) });
+    }
+}
+
+/// A pointer that goes to the executor's thread.
+struct Place<P>(*mut P);
+// SAFETY: it leads to a `P: Send` that one thread at a time accesses.
+unsafe impl<P: Send> Send for Place<P> {}
+
+/// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
+pub(crate) trait Start: Send {
+    fn on_executor(self: Box<Self>, executor: &ExecutorHandle, spec: ProcessSpec, frame: Frame) -> ProcessHandle;
+
+    fn on_thread(
+        self: Box<Self>,
+        attributes: Attributes,
+        spec: ProcessSpec,
+        living: Arc<Living>,
+        frame: Frame,
+    ) -> Result<OsThread, SpawnError<Infallible>>;
+}
+
+impl<B, F> Start for B
+where
+    B: FnOnce() -> F + Send + 'static,
+    F: Future<Output = Result<()>> + 'static,
+{
+    fn on_executor(self: Box<Self>, executor: &ExecutorHandle, spec: ProcessSpec, frame: Frame) -> ProcessHandle {
+        executor.spawn(spec, move || Supervised::new(self(), frame))
+    }
+
+    fn on_thread(
+        self: Box<Self>,
+        attributes: Attributes,
+        spec: ProcessSpec,
+        living: Arc<Living>,
+        frame: Frame,
+    ) -> Result<OsThread, SpawnError<Infallible>> {
+        OsThread::start_counted(attributes, spec, move || Supervised::new(self(), frame), living)
+    }
+}
+
+/// What the framework gives a body on its way.
+#[derive(Clone)]
+pub(crate) struct Frame {
+    pub(crate) verdict: Arc<Verdict>,
+    pub(crate) scope: Arc<Scope>,
+    pub(crate) emergency: Arc<Emergency>,
+}
+
+/// How a body ended, if it was not cancelled and did not panic.
+pub(crate) struct Verdict(PiLock<Option<Ended>>);
+
+pub(crate) enum Ended {
+    Returned(Result<()>),
+    Failed(Failure),
+}
+
+impl Verdict {
+    pub(crate) fn new() -> Arc<Self> {
+        Arc::new(Self(PiLock::new(None)))
+    }
+
+    pub(crate) fn take(&self) -> Option<Ended> {
+        self.0.lock().take()
+    }
+}
+
+/// Why the framework ends a process: without allocation, since others go on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Failure {
+    Overrun { name: LoopName, consecutive: u32 },
+}
+
+impl From<Failure> for Error {
+    fn from(failure: Failure) -> Error {
+        match failure {
+            Failure::Overrun { name, consecutive } => Error::overrun(name, consecutive),
+        }
+    }
+}
+
+thread_local! {
+    static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
+}
+
+/// Ends the current process with `failure` at its next await, which does not return.
+pub(crate) async fn fail_current(failure: Failure) -> ! {
+    FAILURE.set(Some(failure));
+    std::future::pending().await
+}
+
+/// A body with the failures that the framework finds in it.
+pub(crate) struct Supervised<F> {
+    body: F,
+    frame: Frame,
+}
+
+impl<F> Supervised<F> {
+    /// Called on the thread that the body is to run on.
+    fn new(body: F, frame: Frame) -> Self {
+        frame.scope.enter_thread();
+        Self { body, frame }
+    }
+}
+
+impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
+    type Output = ();
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: the body is pinned with the whole, and never moved.
+        let (body, frame) = unsafe {
+            let this = self.get_unchecked_mut();
+            (Pin::new_unchecked(&mut this.body), &this.frame)
+        };
+        let alarm = Alarm(&frame.emergency);
+        let polled = poll_until_failure(body, cx);
+        std::mem::forget(alarm);
+        match polled {
+            Poll::Pending => Poll::Pending,
+            Poll::Ready(ended) => {
+                *frame.verdict.0.lock() = Some(ended.map_or_else(Ended::Failed, Ended::Returned));
+                Poll::Ready(())
+            }
+        }
+    }
+}
+
+/// A panic in a process is an emergency: triggered here, on the spot, not when somebody finds the process ended.
+struct Alarm<'a>(&'a Emergency);
+
+impl Drop for Alarm<'_> {
+    fn drop(&mut self) {
+        self.0.trigger(Cause::Panic);
+    }
+}
+
+#[inline]
+fn poll_until_failure<F: Future>(body: Pin<&mut F>, cx: &mut Context<'_>) -> Poll<Result<F::Output, Failure>> {
+    match body.poll(cx) {
+        Poll::Ready(output) => Poll::Ready(Ok(output)),
+        Poll::Pending => match FAILURE.take() {
+            Some(failure) => Poll::Ready(Err(failure)),
+            None => Poll::Pending,
+        },
+    }
+}
+
+/// Runs `body` as a process on the calling thread, without a system around it: neither `Send` nor `'static` is asked for.
+///
+/// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
+///
+/// # Errors
+///
+/// The body's own, or [`SetupError::Nested`](crate::SetupError::Nested) inside a process.
+///
+/// ```
+/// let greeting = String::from("hello");
+/// let length = luna::run(async { Ok(greeting.len()) })?;
+/// assert_eq!(length, 5);
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
+    let _scope = Scope::free_standing().enter_until_dropped();
+    let mut body = std::pin::pin!(body);
+    luna_executors::block_on(std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx)))?.map_err(Error::from)?
+}

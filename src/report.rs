@@ -1,0 +1,142 @@
+//! What a system did, told when it has ended.
+
+use crate::time::{Distribution, LoopReport};
+use luna_executors::Exit;
+use luna_platform::shortfall::Shortfall;
+use luna_platform::thread::Policy;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+/// What a system did. Its `Display` is a table: a row for each thread and each loop.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Report {
+    /// The system's name.
+    pub system: String,
+    /// How the system came to its end.
+    pub end: End,
+    /// From the release of the processes until the last one had ended.
+    pub elapsed: Duration,
+    /// The executors and OS threads, in the order of their making, with what they obtained.
+    pub threads: Vec<ThreadReport>,
+    /// The processes, in the order of their spawning.
+    pub processes: Vec<ProcessReport>,
+    /// The periodic loops, by their names.
+    pub loops: BTreeMap<String, LoopReport>,
+    /// What the system as a whole was not given: locked memory, short wake-ups, the emergency manager's priority.
+    pub shortfalls: Vec<Shortfall>,
+}
+
+/// How a system came to its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum End {
+    /// All processes ended by themselves.
+    Completed,
+    /// A signal came (SIGINT is 2, SIGTERM 15): the emergency functions ran, then all processes were cancelled.
+    Signal(i32),
+    /// A process panicked: the emergency functions ran, then all others were cancelled.
+    Panic,
+}
+
+/// An executor or OS thread.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ThreadReport {
+    /// Its name.
+    pub name: String,
+    /// The policy that it had, read back from the system.
+    pub policy: Policy,
+    /// The core that it was pinned to.
+    pub core: Option<usize>,
+    /// What it asked for and was not given.
+    pub shortfalls: Vec<Shortfall>,
+    /// Whether it did not end within the time that the end of a system is given, and was left to itself.
+    pub abandoned: bool,
+}
+
+/// A process.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ProcessReport {
+    /// Its name.
+    pub name: String,
+    /// How it ended; `None` if it did not.
+    pub exit: Option<Exit>,
+    /// How often it was given the processor.
+    pub polls: u64,
+    /// The longest that it kept it, if its polls were timed.
+    pub longest_poll: Option<Duration>,
+}
+
+impl Report {
+    /// Everything that was asked for and not given, with the name of who asked.
+    pub fn all_shortfalls(&self) -> impl Iterator<Item = (&str, &Shortfall)> {
+        let system = self.shortfalls.iter().map(|shortfall| ("system", shortfall));
+        let threads = self.threads.iter();
+        system.chain(threads.flat_map(|thread| thread.shortfalls.iter().map(|missing| (thread.name.as_str(), missing))))
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let end = match self.end {
+            End::Completed => "completed".to_owned(),
+            End::Signal(2) => "ended by SIGINT".to_owned(),
+            End::Signal(15) => "ended by SIGTERM".to_owned(),
+            End::Signal(number) => format!("ended by signal {number}"),
+            End::Panic => "ended by a panic".to_owned(),
+        };
+        writeln!(f, "system `{}`: {end} after {:.3} s", self.system, self.elapsed.as_secs_f64())?;
+        for thread in &self.threads {
+            let core = thread.core.map_or("any core".to_owned(), |core| format!("core {core}"));
+            let abandoned = if thread.abandoned { ", did not end and was left to itself" } else { "" };
+            writeln!(f, "  {:<16} {}, {core}{abandoned}", thread.name, thread.policy)?;
+        }
+        for (who, shortfall) in self.all_shortfalls() {
+            writeln!(f, "  best effort: {who}: {shortfall}")?;
+        }
+        if self.loops.is_empty() {
+            return Ok(());
+        }
+        writeln!(f)?;
+        writeln!(
+            f,
+            "{:<16} {:>9} {:>9} {:>7} | {:>36} | {:>30}",
+            "loop", "period", "cycles", "missed", "wake-up latency, us", "cycle time, us"
+        )?;
+        writeln!(
+            f,
+            "{:<16} {:>9} {:>9} {:>7} | {:>8} {:>8} {:>8} {:>9} | {:>9} {:>8} {:>11}",
+            "", "us", "", "", "p50", "p99", "p99.9", "max", "mean", "stddev", "max"
+        )?;
+        for (name, one) in &self.loops {
+            let (wake, cycle) = (&one.wake_latency, &one.cycle_time);
+            writeln!(
+                f,
+                "{:<16} {:>9} {:>9} {:>7} | {:>8} {:>8} {:>8} {:>9} | {:>9.1} {:>8.1} {:>11}",
+                name,
+                micros(one.period),
+                one.cycles,
+                one.missed,
+                percentile(wake, 50.0),
+                percentile(wake, 99.0),
+                percentile(wake, 99.9),
+                micros(wake.max()),
+                cycle.mean_nanos() / 1e3,
+                cycle.stddev_nanos() / 1e3,
+                micros(cycle.max()),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn percentile(times: &Distribution, percent: f64) -> String {
+    micros(times.percentile(percent))
+}
+
+fn micros(duration: Duration) -> String {
+    format!("{:.1}", duration.as_nanos() as f64 / 1e3)
+}

@@ -1,0 +1,5 @@
+//! What happens when something goes wrong: the emergency functions, run once, before anything else.
+
+mod emergency;
+
+pub(crate) use emergency::{Cause, Emergency, EmergencyThread, Function};

@@ -1,0 +1,197 @@
+//! How a system is described: builders of executors, threads and processes.
+
+use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
+use crate::csp::process::IntoProcess;
+use crate::error::{Result, SetupError};
+use luna_executors::{ProcessHandle, ProcessSpec};
+use luna_platform::current::{LEVELS, ProcessId};
+use luna_platform::facts::SystemFacts;
+use luna_platform::thread::{Attributes, Policy};
+use std::fmt;
+use std::sync::Arc;
+
+/// Whether the machine has the core that was asked for. Whether this program may use it, the start will show.
+fn check_core(of: &str, core: Option<usize>) -> Result<()> {
+    let Some(core) = core else { return Ok(()) };
+    // Where the machine does not tell its cores, the start will.
+    let Some(available) = SystemFacts::gather().online_cores else { return Ok(()) };
+    if available.contains(&core) {
+        return Ok(());
+    }
+    Err(SetupError::NoSuchCore { of: of.to_owned(), core, available }.into())
+}
+
+macro_rules! place_methods {
+    () => {
+        /// Pins the thread to `core`, by the operating system's number of it.
+        pub fn core(mut self, core: usize) -> Self {
+            self.core = Some(core);
+            self.attributes = self.attributes.core(core);
+            self
+        }
+
+        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or none (the default).
+        pub fn policy(mut self, policy: Policy) -> Self {
+            self.attributes = self.attributes.policy(policy);
+            self
+        }
+
+        /// Gives the thread a stack of `bytes`, at least 128 KiB; 1 MiB if not stated.
+        pub fn stack_size(mut self, bytes: usize) -> Self {
+            self.attributes = self.attributes.stack_size(bytes);
+            self
+        }
+    };
+}
+
+/// An executor to be: see [`System::executor`](crate::System::executor).
+#[must_use = "an executor is made by `build`"]
+pub struct ExecutorBuilder {
+    plan: Arc<Plan>,
+    name: String,
+    core: Option<usize>,
+    attributes: Attributes,
+}
+
+impl ExecutorBuilder {
+    pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
+        Self { plan, name: name.to_owned(), core: None, attributes: Attributes::new(name) }
+    }
+
+    place_methods!();
+
+    /// Adds the executor to the system. Its thread is made when the system starts.
+    ///
+    /// # Errors
+    ///
+    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too small, a name that another executor or
+    /// thread has, or a system that has been run.
+    ///
+    /// ```
+    /// use luna::{Error, Policy, SetupError, System};
+    ///
+    /// let mut system = System::new("wrong");
+    /// let error = system.executor("control").core(9999).build().unwrap_err();
+    /// assert!(matches!(error, Error::Setup(SetupError::NoSuchCore { core: 9999, .. })));
+    /// assert!(system.executor("control").policy(Policy::fifo(98)).build().is_err());
+    /// ```
+    pub fn build(self) -> Result<Executor> {
+        self.attributes.validate()?;
+        check_core(&self.name, self.core)?;
+        let number = self.plan.add_executor(ExecutorPlan { name: self.name, attributes: self.attributes })?;
+        Ok(Executor { plan: self.plan, number })
+    }
+}
+
+/// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
+/// keep one to spawn others.
+#[derive(Clone)]
+pub struct Executor {
+    plan: Arc<Plan>,
+    number: usize,
+}
+
+impl Executor {
+    /// A process to be, on this executor.
+    pub fn process(&self, name: &str) -> ProcessBuilder {
+        ProcessBuilder::new(self.plan.clone(), name, Ok(Place::Executor(self.number)))
+    }
+
+    /// A spawned process of this system, from when it runs.
+    pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
+        self.plan.process_handle(id)
+    }
+}
+
+/// An OS thread to be: see [`System::thread`](crate::System::thread).
+#[must_use = "a thread is made for the process that is spawned on it"]
+pub struct Thread {
+    plan: Arc<Plan>,
+    name: String,
+    core: Option<usize>,
+    attributes: Attributes,
+}
+
+impl Thread {
+    pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
+        Self { plan, name: name.to_owned(), core: None, attributes: Attributes::new(name) }
+    }
+
+    place_methods!();
+
+    /// The thread's one process to be. What is wrong with the thread is an error of `spawn`.
+    pub fn process(self, name: &str) -> ProcessBuilder {
+        let place = self
+            .attributes
+            .validate()
+            .map_err(Into::into)
+            .and_then(|()| check_core(&self.name, self.core))
+            .and_then(|()| self.plan.take_thread_name(&self.name))
+            .map(|()| Place::Thread(self.attributes));
+        ProcessBuilder::new(self.plan, name, place)
+    }
+}
+
+/// A process to be: see [`Executor::process`] and [`Thread::process`].
+#[must_use = "a process starts with `spawn`"]
+pub struct ProcessBuilder {
+    plan: Arc<Plan>,
+    name: String,
+    place: Result<Place>,
+    level: u8,
+    timed: bool,
+}
+
+impl ProcessBuilder {
+    fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
+        Self { plan, name: name.to_owned(), place, level: ProcessSpec::DEFAULT_LEVEL, timed: false }
+    }
+
+    /// At `priority`, 0 (lowest) to 31, among the processes of the same executor; 16 if not stated.
+    pub fn priority(mut self, priority: u8) -> Self {
+        self.level = priority;
+        self
+    }
+
+    /// Measures the longest time that the process keeps the processor, for about 50 ns each time it gets it.
+    pub fn timed(mut self) -> Self {
+        self.timed = true;
+        self
+    }
+
+    /// Adds the process to the system. It starts with the others; if they run already, at once.
+    ///
+    /// `process` is a future, a closure that makes one on the executor's thread, or a [`Process`](crate::Process): see
+    /// [`IntoProcess`]. While the system runs this is not for the real-time path: it allocates, and `pre_run` runs right here.
+    ///
+    /// # Errors
+    ///
+    /// A [`SetupError`]: a priority out of range, a name that another process has, a thread that makes no sense, a system that has ended.
+    /// While the system runs also an error of `pre_run`, and a thread that is refused.
+    pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
+        let place = self.place?;
+        if self.level >= LEVELS {
+            return Err(SetupError::Level { process: self.name, level: self.level }.into());
+        }
+        let spec = ProcessSpec::new(self.name.clone()).level(self.level).timed(self.timed);
+        let id = spec.id();
+        self.plan.add_process(ProcessPlan { name: self.name, id, place, spec, prepared: process.prepare() })
+    }
+}
+
+macro_rules! debug_by_name {
+    ($($type:ident),+) => { $(
+        impl fmt::Debug for $type {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.debug_struct(stringify!($type)).field("name", &self.name).finish_non_exhaustive()
+            }
+        }
+    )+ };
+}
+debug_by_name!(ExecutorBuilder, Thread, ProcessBuilder);
+
+impl fmt::Debug for Executor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Executor").field("number", &self.number).finish_non_exhaustive()
+    }
+}

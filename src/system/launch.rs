@@ -1,0 +1,147 @@
+//! The start: threads first, then every `pre_run`, then the release of all bodies.
+
+use super::plan::{Members, Phase, Plan, ProcessPlan, Running};
+use crate::error::{Error, Result, SetupError};
+use crate::safety::{Emergency, EmergencyThread};
+use crate::time::Scope;
+use luna_executors::{Executor, Living};
+use luna_platform::latency::DmaLatency;
+use luna_platform::memory::{self, MemoryLock};
+use luna_platform::shortfall::Shortfall;
+use luna_platform::thread::{Mode, Policy};
+use std::sync::Arc;
+
+use super::plan::{Place, Settings};
+
+/// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
+const HEAP_IN_ADVANCE: usize = 4 << 20;
+
+/// The most loops that room is set aside for unless asked for: 256 at about 46 KiB.
+const MOST_LOOPS: usize = 256;
+
+/// A system whose processes are ready to be released.
+pub(super) struct Launched {
+    pub(super) executors: Vec<(String, Executor)>,
+    pub(super) running: Running,
+    pub(super) emergency: EmergencyThread,
+    pub(super) shortfalls: Vec<Shortfall>,
+    _memory: Option<MemoryLock>,
+    _latency: Option<DmaLatency>,
+}
+
+/// Takes the plan and starts it. On an error all that was started is ended again.
+pub(super) fn launch(plan: &Plan) -> Result<Launched> {
+    let mut settings = std::mem::take(&mut *plan.settings());
+    let (executor_plans, mut waiting) = {
+        let mut members = plan.members();
+        if members.phase != Phase::Described {
+            return Err(SetupError::AlreadyRun { system: plan.name().to_owned() }.into());
+        }
+        members.phase = Phase::Running;
+        (std::mem::take(&mut members.executors), std::mem::take(&mut members.waiting))
+    };
+    let mode = if settings.strict { Mode::Strict } else { Mode::BestEffort };
+    let real_time = executor_plans.iter().any(|executor| executor.attributes.asked_policy().is_real_time())
+        || waiting.iter().any(|process| policy_of(process).is_real_time());
+
+    let mut shortfalls = Vec::new();
+    let memory = lock_memory(&settings, &mut shortfalls)?;
+    // Asked for by nobody, so its lack is no reason not to start.
+    let latency = if real_time { obtained(DmaLatency::hold(), &mut shortfalls) } else { None };
+    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread { message: error.to_string() })?;
+
+    let living = Arc::new(Living::new());
+    let emergency = Emergency::new();
+    let functions = std::mem::take(&mut settings.functions);
+    let guard = EmergencyThread::start(emergency.clone(), functions, living.clone(), real_time)?;
+    shortfalls.extend_from_slice(guard.shortfalls());
+
+    let loops = settings.max_loops.unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
+    let scope = Scope::with_room_for(loops);
+    let mut executors = Vec::with_capacity(executor_plans.len());
+    for executor in executor_plans {
+        let started = Executor::start_counted(executor.attributes.mode(mode), living.clone())
+            .map_err(|error| Error::not_started(&executor.name, error))?;
+        executors.push((executor.name, started));
+    }
+    let handles = executors.iter().map(|(_, executor)| executor.handle().clone()).collect();
+    let running = Running { executors: handles, living, scope, emergency };
+
+    pre_run_all(&mut waiting)?;
+    let mut members = plan.members();
+    for mut process in waiting {
+        if let Place::Thread(attributes) = process.place {
+            process.place = Place::Thread(attributes.mode(mode));
+        }
+        let name = process.name.clone();
+        match running.start(process) {
+            Ok((member, thread)) => {
+                members.started.push(member);
+                members.threads.extend(thread.map(|thread| (name, thread)));
+            }
+            Err(error) => {
+                drop(executors);
+                undo(&mut members);
+                return Err(error);
+            }
+        }
+    }
+    drop(members);
+    for (_, executor) in &executors {
+        executor.settle();
+    }
+    Ok(Launched { executors, running, emergency: guard, shortfalls, _memory: memory, _latency: latency })
+}
+
+fn policy_of(process: &ProcessPlan) -> Policy {
+    match &process.place {
+        Place::Thread(attributes) => attributes.asked_policy(),
+        Place::Executor(_) => Policy::Other,
+    }
+}
+
+fn lock_memory(settings: &Settings, shortfalls: &mut Vec<Shortfall>) -> Result<Option<MemoryLock>> {
+    if !settings.lock_memory {
+        return Ok(None);
+    }
+    memory::prefault_heap(HEAP_IN_ADVANCE)?;
+    let locked = memory::lock_memory();
+    if settings.strict {
+        return locked.map(Some).map_err(|shortfall| SetupError::Refused { of: "system".to_owned(), shortfall }.into());
+    }
+    Ok(obtained(locked, shortfalls))
+}
+
+fn obtained<T>(asked: Result<T, Shortfall>, shortfalls: &mut Vec<Shortfall>) -> Option<T> {
+    asked.map_err(|shortfall| shortfalls.push(shortfall)).ok()
+}
+
+/// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
+fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
+    for index in 0..processes.len() {
+        let process = &mut processes[index];
+        let Some(resident) = &mut process.prepared.resident else { continue };
+        let prepared = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| resident.pre_run()));
+        let outcome = prepared.unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))));
+        if let Err(error) = outcome {
+            let error = error.in_process(&process.name);
+            for earlier in processes[..index].iter_mut().rev() {
+                if let Some(resident) = &mut earlier.prepared.resident {
+                    resident.post_run();
+                }
+            }
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
+/// Ends what was started of a system that does not start. Its executors are gone already, and with them their bodies.
+fn undo(members: &mut Members) {
+    members.threads.clear();
+    for member in members.started.drain(..).rev() {
+        if let Some(mut resident) = member.resident {
+            resident.post_run();
+        }
+    }
+}

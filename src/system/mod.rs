@@ -1,0 +1,115 @@
+//! The system: which processes there are, where each runs, and their common start and end.
+
+mod builder;
+mod launch;
+mod plan;
+mod supervise;
+
+pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
+
+use crate::error::Result;
+use crate::report::Report;
+use luna_executors::ProcessHandle;
+use luna_platform::current::ProcessId;
+use plan::Plan;
+use std::fmt;
+use std::sync::Arc;
+
+/// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
+///
+/// First the system is described: [`executor`](Self::executor) and [`thread`](Self::thread) say where processes can run, and their
+/// `process(..).spawn(..)` which do. Then [`run`](Self::run) starts all of it together and returns when it has ended.
+///
+/// Best effort is the default: what the operating system refuses (a policy without the privilege, say) is done without, and said once on
+/// standard error and in the report. [`strict`](Self::strict) refuses to start instead.
+///
+/// ```
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("greeter");
+/// let main = system.executor("main").build()?;
+/// main.process("hello").spawn(async {
+///     println!("hello");
+///     Ok(())
+/// })?;
+/// let report = system.run()?;
+/// assert_eq!(report.processes[0].name, "hello");
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub struct System {
+    plan: Arc<Plan>,
+}
+
+impl System {
+    /// An empty system called `name`.
+    pub fn new(name: &str) -> System {
+        System { plan: Arc::new(Plan::new(name)) }
+    }
+
+    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory.
+    pub fn strict(&mut self) -> &mut Self {
+        self.plan.settings().strict = true;
+        self
+    }
+
+    /// Keeps all memory of the program in memory while the system runs (`mlockall`), and touches stacks and heap before the start, so that
+    /// no page fault makes a process wait. Needs CAP_IPC_LOCK or an unlimited limit.
+    pub fn lock_memory(&mut self) -> &mut Self {
+        self.plan.settings().lock_memory = true;
+        self
+    }
+
+    /// Sets room aside for the statistics of `loops` periodic loops, about 46 KiB each. Without it there is room for one a process and
+    /// four more, at most 256.
+    pub fn max_loops(&mut self, loops: usize) -> &mut Self {
+        self.plan.settings().max_loops = Some(loops);
+        self
+    }
+
+    /// An executor to be: one OS thread that runs many processes by priority.
+    pub fn executor(&mut self, name: &str) -> ExecutorBuilder {
+        ExecutorBuilder::new(self.plan.clone(), name)
+    }
+
+    /// An OS thread to be, for one process alone, which may make blocking calls.
+    pub fn thread(&mut self, name: &str) -> Thread {
+        Thread::new(self.plan.clone(), name)
+    }
+
+    /// Registers a function that brings something to safety.
+    ///
+    /// In an emergency (SIGINT, SIGTERM, a panic in a process) they run once, first to last registered, on a thread of the highest
+    /// priority; then the system ends. One that panics does not keep the next from running.
+    pub fn on_emergency(&mut self, name: &str, function: impl FnMut() + Send + 'static) -> &mut Self {
+        self.plan.settings().functions.push(crate::safety::Function { name: name.to_owned(), run: Box::new(function) });
+        self
+    }
+
+    /// A spawned process, to look at and to cancel, from when the system runs. Also from [`Executor::process_handle`].
+    pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
+        self.plan.process_handle(id)
+    }
+
+    /// Runs the system: returns when all processes have ended, and `post_run` of each, and all threads.
+    ///
+    /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
+    /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
+    ///
+    /// SIGINT and SIGTERM run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
+    /// usual, and says so. A second signal ends the program at once. A process that does not end within two seconds then is left behind.
+    ///
+    /// # Errors
+    ///
+    /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
+    /// with its process' name. A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
+    /// fails is told on standard error at once, and the others go on.
+    pub fn run(&self) -> Result<Report> {
+        supervise::run(&self.plan)
+    }
+}
+
+impl fmt::Debug for System {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("System").field("name", &self.plan.name()).finish_non_exhaustive()
+    }
+}

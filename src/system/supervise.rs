@@ -1,0 +1,224 @@
+//! The run: from the release of the bodies to the report.
+
+use super::launch::{Launched, launch};
+use super::plan::{Member, Phase, Plan};
+use crate::csp::process::Ended;
+use crate::error::{Error, Result, SetupError};
+use crate::report::{End, ProcessReport, Report, ThreadReport};
+use luna_executors::{Executor, Exit, OsThread};
+use luna_platform::clock::Instant;
+use luna_platform::thread::{Obtained, Policy};
+use luna_platform::{current, reclaim};
+use std::time::Duration;
+
+/// How long the end of a system waits for threads that do not end.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// See [`System::run`](crate::System::run).
+pub(super) fn run(plan: &Plan) -> Result<Report> {
+    if current::home().is_some() {
+        return Err(SetupError::Nested.into());
+    }
+    let launched = launch(plan).inspect_err(|_| plan.members().phase = Phase::Ended)?;
+    announce_shortfalls(plan, &launched);
+
+    let started = Instant::now();
+    plan.members().running = Some(launched.running.clone());
+    for (_, executor) in &launched.executors {
+        executor.release();
+    }
+    for (_, thread) in &plan.members().threads {
+        thread.release();
+    }
+
+    watch(plan, &launched);
+    let emergency = launched.running.emergency.is_safe();
+    let elapsed = Instant::now() - started;
+    let threads = {
+        let mut members = plan.members();
+        members.phase = Phase::Ended;
+        members.running = None;
+        std::mem::take(&mut members.threads)
+    };
+    let Launched { executors, running, emergency: guard, shortfalls, .. } = launched;
+    let threads = end_threads(executors, threads);
+    bury(plan, false);
+    let signal = guard.stop();
+
+    let mut members = plan.members();
+    let processes = members.started.iter().map(process_report).collect();
+    let report = Report {
+        system: plan.name().to_owned(),
+        end: match (signal, emergency) {
+            (Some(number), _) => End::Signal(number),
+            (None, true) => End::Panic,
+            (None, false) => End::Completed,
+        },
+        elapsed,
+        threads,
+        processes,
+        loops: running.scope.take_reports(),
+        shortfalls,
+    };
+    match first_error(&mut members.started, report.end) {
+        Some(error) => Err(error),
+        None => Ok(report),
+    }
+}
+
+/// Says once what is done without.
+fn announce_shortfalls(plan: &Plan, launched: &Launched) {
+    let members = plan.members();
+    let of_executors = launched.executors.iter().map(|(name, executor)| (name.as_str(), executor.obtained()));
+    let of_threads = members.threads.iter().map(|(name, thread)| (name.as_str(), thread.obtained()));
+    let of_all = of_executors
+        .chain(of_threads)
+        .flat_map(|(name, obtained)| obtained.into_iter().flat_map(|got| &got.shortfalls).map(move |one| (name, one)));
+    let all: Vec<_> = launched.shortfalls.iter().map(|one| ("system", one)).chain(of_all).collect();
+    if let Some((_, first)) = all.first() {
+        let what: Vec<String> = all.iter().map(|(name, one)| format!("{name}: no {}", one.what())).collect();
+        eprintln!(
+            "luna: system `{}` runs with best effort, without {} of what it asked for ({}): {}; {}",
+            plan.name(),
+            all.len(),
+            what.join(", "),
+            first.why(),
+            first.remedy()
+        );
+    }
+}
+
+/// Sleeps until all processes have ended or an emergency is over; buries those that end on the way.
+fn watch(plan: &Plan, launched: &Launched) {
+    let running = &launched.running;
+    loop {
+        let seen = running.living.changes();
+        bury(plan, true);
+        if running.living.count() == 0 || running.emergency.is_safe() {
+            return;
+        }
+        running.living.wait(seen, Instant::NEVER);
+    }
+}
+
+/// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
+fn bury(plan: &Plan, tell: bool) {
+    loop {
+        // One at a time and without the lock, since `post_run` may take long, and spawn.
+        let next = {
+            let mut members = plan.members();
+            let found = members.started.iter_mut().enumerate().find(|(_, one)| !one.buried && one.handle.exit().is_some());
+            found.map(|(index, member)| {
+                member.buried = true;
+                member.error = error_of(member);
+                if let Some(error) = &member.error
+                    && tell
+                {
+                    eprintln!("luna: {error}");
+                }
+                (index, member.resident.take())
+            })
+        };
+        match next {
+            Some((_, Some(mut resident))) => {
+                // The user's code: its panic must not keep the others from being cleaned up.
+                let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                    resident.post_run();
+                    drop(resident);
+                }));
+            }
+            Some((_, None)) => {}
+            None => break,
+        }
+    }
+    reclaim::collect();
+}
+
+fn error_of(member: &Member) -> Option<Error> {
+    let error = match (member.handle.exit()?, member.verdict.take()) {
+        (Exit::Panicked(message), _) => Error::Panicked(message),
+        (Exit::Cancelled, _) => Error::Cancelled,
+        (_, Some(Ended::Returned(Err(error)))) => error,
+        (_, Some(Ended::Failed(failure))) => failure.into(),
+        _ => return None,
+    };
+    Some(error.in_process(&member.name))
+}
+
+/// Asks all threads to end, waits for them a bounded time, and leaves behind who does not.
+fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<(String, OsThread)>) -> Vec<ThreadReport> {
+    for (_, executor) in &executors {
+        executor.request_stop();
+    }
+    for (_, thread) in &threads {
+        thread.request_stop();
+    }
+    let deadline = Instant::now() + GRACE;
+    let mut reports = Vec::new();
+    for (name, executor) in executors {
+        let ended = wait_until(deadline, || executor.has_stopped());
+        reports.push(thread_report(name, executor.obtained(), !ended));
+        if ended {
+            executor.stop();
+        } else {
+            executor.abandon();
+        }
+    }
+    for (name, thread) in threads {
+        let ended = wait_until(deadline, || thread.has_stopped());
+        reports.push(thread_report(name, thread.obtained(), !ended));
+        if ended {
+            drop(thread);
+        } else {
+            thread.abandon();
+        }
+    }
+    for report in reports.iter().filter(|report| report.abandoned) {
+        eprintln!("luna: `{}` did not end within {GRACE:?} and is left to itself", report.name);
+    }
+    reports
+}
+
+/// Waits for a thread's end. There is no event for it, and nobody is in a hurry: so it looks now and then.
+fn wait_until(deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
+    let mut pause = Duration::from_micros(20);
+    while !done() {
+        if Instant::now() >= deadline {
+            return false;
+        }
+        std::thread::sleep(pause);
+        pause = (pause * 2).min(Duration::from_millis(5));
+    }
+    true
+}
+
+fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> ThreadReport {
+    ThreadReport {
+        name,
+        policy: obtained.map_or(Policy::Other, |got| got.policy),
+        core: obtained.and_then(|got| got.core),
+        shortfalls: obtained.map(|got| got.shortfalls.clone()).unwrap_or_default(),
+        abandoned,
+    }
+}
+
+fn process_report(member: &Member) -> ProcessReport {
+    ProcessReport {
+        name: member.name.clone(),
+        exit: member.handle.exit(),
+        polls: member.handle.polls(),
+        longest_poll: member.handle.longest_poll(),
+    }
+}
+
+/// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
+/// processes return while they are being ended says nothing.
+fn first_error(members: &mut [Member], end: End) -> Option<Error> {
+    let is_panic = |error: &Error| matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)));
+    let wanted = |error: &&Error| match end {
+        End::Signal(_) => false,
+        End::Panic => is_panic(error),
+        End::Completed => true,
+    };
+    members.iter().filter_map(|member| member.error.as_ref()).find(wanted).cloned()
+}

@@ -1,0 +1,154 @@
+//! The loops of a system: room for their statistics, set aside before the start, and their names.
+
+use super::statistics::{LoopReport, Statistics};
+use crate::error::SetupError;
+use luna_platform::lock::PiLock;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A loop's name, in room of fixed size: taking one allocates nothing.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LoopName {
+    bytes: [u8; LoopName::MOST],
+    length: u8,
+}
+
+impl LoopName {
+    /// The most bytes a name may have.
+    pub(crate) const MOST: usize = 63;
+
+    fn new(name: &str) -> Option<Self> {
+        let mut bytes = [0; Self::MOST];
+        bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
+        Some(Self { bytes, length: name.len() as u8 })
+    }
+
+    pub(crate) fn as_str(&self) -> &str {
+        // It was made of a whole `str`, so it is one.
+        std::str::from_utf8(&self.bytes[..usize::from(self.length)]).unwrap_or_default()
+    }
+}
+
+impl Default for LoopName {
+    fn default() -> Self {
+        Self { bytes: [0; Self::MOST], length: 0 }
+    }
+}
+
+impl fmt::Debug for LoopName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self.as_str(), f)
+    }
+}
+
+/// What the processes of one system have in common, found through their thread.
+pub(crate) struct Scope {
+    loops: PiLock<Loops>,
+    /// Whether more room may be allocated when it is asked for: outside of a system, where nothing is started together.
+    grows: bool,
+    most: usize,
+}
+
+struct Loops {
+    /// Room that nobody uses yet.
+    free: Vec<Box<Statistics>>,
+    /// Loops that have ended.
+    ended: Vec<Box<Statistics>>,
+    /// All names that were ever taken.
+    names: Vec<LoopName>,
+}
+
+thread_local! {
+    static SCOPE: RefCell<Option<Arc<Scope>>> = const { RefCell::new(None) };
+}
+
+impl Scope {
+    /// Sets room for `most` loops aside.
+    pub(crate) fn with_room_for(most: usize) -> Arc<Self> {
+        Arc::new(Self {
+            loops: PiLock::new(Loops {
+                free: (0..most).map(|_| Statistics::new()).collect(),
+                ended: Vec::with_capacity(most),
+                names: Vec::with_capacity(most),
+            }),
+            grows: false,
+            most,
+        })
+    }
+
+    /// Makes room when it is asked for.
+    pub(crate) fn free_standing() -> Arc<Self> {
+        Arc::new(Self {
+            loops: PiLock::new(Loops { free: Vec::new(), ended: Vec::new(), names: Vec::new() }),
+            grows: true,
+            most: 0,
+        })
+    }
+
+    /// Makes this the scope of the calling thread, for as long as the thread lives.
+    pub(crate) fn enter_thread(self: &Arc<Self>) {
+        SCOPE.with(|scope| {
+            let mut scope = scope.borrow_mut();
+            if !scope.as_ref().is_some_and(|there| Arc::ptr_eq(there, self)) {
+                *scope = Some(self.clone());
+            }
+        });
+    }
+
+    /// Makes this the scope of the calling thread until the guard is dropped.
+    pub(crate) fn enter_until_dropped(self: Arc<Self>) -> Entered {
+        Entered { before: SCOPE.with(|scope| scope.borrow_mut().replace(self)) }
+    }
+
+    /// The scope of this thread.
+    pub(crate) fn current() -> Option<Arc<Scope>> {
+        SCOPE.with(|scope| scope.borrow().clone())
+    }
+
+    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names.
+    pub(crate) fn enroll(self: &Arc<Self>, name: &str, period: Duration) -> Result<Box<Statistics>, SetupError> {
+        let Some(short) = LoopName::new(name) else {
+            return Err(SetupError::NameTooLong { name: name.to_owned(), most: LoopName::MOST });
+        };
+        let made = self.grows.then(Statistics::new);
+        let mut loops = self.loops.lock();
+        if loops.names.contains(&short) {
+            drop(loops);
+            return Err(SetupError::DuplicateName { kind: "loop", name: name.to_owned() });
+        }
+        let Some(mut statistics) = made.or_else(|| loops.free.pop()) else {
+            drop(loops);
+            return Err(SetupError::TooManyLoops { name: name.to_owned(), most: self.most });
+        };
+        loops.names.push(short);
+        statistics.name = short;
+        statistics.period = period;
+        Ok(statistics)
+    }
+
+    /// Takes back the statistics of a loop that has ended. O(1); the room for it was made with the statistics.
+    pub(crate) fn retire(&self, statistics: Box<Statistics>) {
+        self.loops.lock().ended.push(statistics);
+    }
+
+    /// The reports of the loops that have ended, by their names. Not for the real-time path.
+    pub(crate) fn take_reports(&self) -> BTreeMap<String, LoopReport> {
+        let ended = std::mem::take(&mut self.loops.lock().ended);
+        ended.into_iter().map(|loops| (loops.name.as_str().to_owned(), LoopReport::from(*loops))).collect()
+    }
+}
+
+/// Restores the thread's scope from before.
+pub(crate) struct Entered {
+    before: Option<Arc<Scope>>,
+}
+
+impl Drop for Entered {
+    fn drop(&mut self) {
+        let before = self.before.take();
+        SCOPE.with(|scope| *scope.borrow_mut() = before);
+    }
+}

@@ -1,0 +1,76 @@
+//! What is counted of a periodic loop.
+
+use super::distribution::Distribution;
+use super::registry::LoopName;
+use std::time::Duration;
+
+/// A loop's statistics while it runs: owned by the loop alone, in memory that was set aside before the start.
+#[derive(Debug)]
+pub(crate) struct Statistics {
+    pub(crate) name: LoopName,
+    pub(crate) period: Duration,
+    pub(crate) slots_elapsed: u64,
+    pub(crate) kept: u64,
+    pub(crate) missed: u64,
+    pub(crate) overruns: u64,
+    pub(crate) wake_latency: Distribution,
+    pub(crate) cycle_time: Distribution,
+    pub(crate) run_time: Distribution,
+}
+
+impl Statistics {
+    /// Allocates the histograms.
+    pub(crate) fn new() -> Box<Self> {
+        Box::new(Self {
+            name: LoopName::default(),
+            period: Duration::ZERO,
+            slots_elapsed: 0,
+            kept: 0,
+            missed: 0,
+            overruns: 0,
+            wake_latency: Distribution::new(),
+            cycle_time: Distribution::new(),
+            run_time: Distribution::new(),
+        })
+    }
+}
+
+/// How a loop kept its time.
+///
+/// Of every grid of slots that the loop ran on, `kept + missed` is the time that elapsed on it divided by the period, whole
+/// periods counted; so is it of their sums, with [`slots_elapsed`](Self::slots_elapsed).
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct LoopReport {
+    /// The loop's period.
+    pub period: Duration,
+    /// How often the loop ran: the slots it kept.
+    pub cycles: u64,
+    /// The slots that passed without a cycle.
+    pub missed: u64,
+    /// The slots that have come, from the clock: elapsed time divided by the period.
+    pub slots_elapsed: u64,
+    /// How many cycles ended after the next slot had begun.
+    pub overruns: u64,
+    /// From the scheduled slot to the body: the wake-up latency. After missed slots it counts from the first of them.
+    pub wake_latency: Distribution,
+    /// From one cycle's begin to the next one's.
+    pub cycle_time: Distribution,
+    /// From a cycle's begin until the loop asked for the next.
+    pub run_time: Distribution,
+}
+
+impl From<Statistics> for LoopReport {
+    fn from(statistics: Statistics) -> Self {
+        LoopReport {
+            period: statistics.period,
+            cycles: statistics.kept,
+            missed: statistics.missed,
+            slots_elapsed: statistics.slots_elapsed,
+            overruns: statistics.overruns,
+            wake_latency: statistics.wake_latency,
+            cycle_time: statistics.cycle_time,
+            run_time: statistics.run_time,
+        }
+    }
+}
