@@ -14,6 +14,7 @@ use luna_benches::{
     channels::{AsyncChannel, Channel, Crossbeam, Flume, Kanal, TokioMpsc},
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     harness::{Case, on_core, one_core, run},
+    ours::{Luna, LunaChannel},
     processes::{consumer, delta, prefix, successor},
 };
 
@@ -49,6 +50,7 @@ fn main() {
     run(
         "commstime",
         vec![
+            case::<Luna, LunaChannel>("LUNA"),
             case::<Tokio, TokioMpsc>("tokio mpsc(1), spawn"),
             case::<TokioLocal, Flume>("flume bounded(0), tokio LocalSet"),
             case::<TokioLocal, Kanal>("kanal bounded_async(0), tokio LocalSet"),

@@ -11,6 +11,7 @@ use luna_benches::{
     },
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     harness::{Case, on_core, on_cores, one_core, run, two_cores},
+    ours::{Luna, LunaChannel},
     processes::{consumer, ping, pong, producer},
 };
 
@@ -78,6 +79,7 @@ fn on_two<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -> (C
 
 fn main() {
     let mut cases = vec![
+        on_one::<Luna, LunaChannel>("LUNA"),
         on_one::<Tokio, TokioMpsc>("tokio mpsc(1), spawn"),
         on_one::<TokioLocal, Flume>("flume bounded(0), tokio LocalSet"),
         on_one::<TokioLocal, Kanal>("kanal bounded_async(0), tokio LocalSet"),
@@ -86,6 +88,7 @@ fn main() {
     ];
     if let Some(cores) = two_cores() {
         let (streams, ping_pongs): (Vec<_>, Vec<_>) = [
+            on_two::<Luna, LunaChannel>(cores, "LUNA"),
             on_two::<Tokio, TokioMpsc>(cores, "tokio mpsc(1), spawn"),
             on_two::<TokioLocal, Flume>(cores, "flume bounded(0), tokio LocalSet"),
             on_two::<TokioLocal, Kanal>(cores, "kanal bounded_async(0), tokio LocalSet"),

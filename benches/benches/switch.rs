@@ -13,6 +13,7 @@ use std::{
 use luna_benches::{
     executors::{Executor, Smol, Tokio},
     harness::{Case, on_core, one_core, run},
+    ours::Luna,
     processes::yielding,
 };
 
@@ -67,11 +68,13 @@ fn case(peer: &'static str, block: impl FnMut(u64) -> Duration + 'static) -> Cas
 }
 
 fn main() {
+    let luna = |switches| switch::<Luna, _>(luna::yield_now, switches);
     let tokio = |switches| switch::<Tokio, _>(tokio::task::yield_now, switches);
     let smol = |switches| switch::<Smol, _>(futures_lite::future::yield_now, switches);
     run(
         "switch",
         vec![
+            case("LUNA", luna),
             case("tokio yield_now, spawn", tokio),
             case("futures-lite yield_now, smol LocalExecutor", smol),
             case("std::thread::yield_now, threads", switch_threads),

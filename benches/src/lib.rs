@@ -14,4 +14,5 @@ pub mod channels;
 pub mod executors;
 pub mod harness;
 pub mod machine;
+pub mod ours;
 pub mod processes;

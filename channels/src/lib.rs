@@ -48,7 +48,7 @@ pub use recv::{Receiver, RecvOp, RecvTimeout};
 pub use send::{SendOp, SendTimeout, Sender};
 pub use stream::Incoming;
 
-use luna_platform::current;
+use luna_platform::current::{self, Place};
 use std::task::Context;
 
 /// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the channel; not for the real-time path.
@@ -112,12 +112,12 @@ fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
 #[inline]
 fn gives_way(cx: &Context<'_>) -> bool {
     if current::is_outranked() {
-        current::give_way(cx);
+        current::ready_again(cx, Place::First);
         true
     } else if current::count_operation() {
         false
     } else {
-        cx.waker().wake_by_ref();
+        current::ready_again(cx, Place::Last);
         true
     }
 }

@@ -76,6 +76,7 @@ pub(crate) struct Quantiles {
 /// The same, with mean and standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Spread {
+    /// Side by side with the other two.
     #[serde(flatten)]
     pub(crate) quantiles: Quantiles,
     /// Their sum by their number.
@@ -87,6 +88,7 @@ pub(crate) struct Spread {
 /// What `luna demo --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Demo {
+    /// Side by side with the axes.
     #[serde(flatten)]
     pub(crate) measurement: Measurement,
     /// Pan, tilt.

@@ -7,7 +7,7 @@ use luna_platform::facts::SystemFacts;
 /// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.
 pub(crate) fn executor(system: &mut System, name: &str, place: &Place) -> luna::Result<luna::Executor> {
     let mut executor = system.executor(name).policy(place.policy);
-    if let Some(core) = place.core.or_else(|| quietest_here()) {
+    if let Some(core) = place.core.or_else(quietest_here) {
         executor = executor.core(core);
     }
     executor.build()

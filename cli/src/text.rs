@@ -16,7 +16,7 @@ pub(crate) fn header(measurement: &Measurement) -> String {
     missing.sort_unstable();
     missing.dedup();
     if !missing.is_empty() {
-        let _ = writeln!(text, "best effort, without: {} (standard error says why)", missing.join(", "));
+        let _ = writeln!(text, "best effort, without: {}", missing.join(", "));
     }
     text
 }
@@ -39,7 +39,7 @@ pub(crate) fn latency(name: &str, values: impl Iterator<Item = (u64, u64)>) -> S
 /// What the allocator counted.
 pub(crate) fn memory(measurement: &Measurement) -> String {
     let Measurement { allocations, reallocations, frees, .. } = measurement;
-    format!("on the real-time path: {allocations} allocations, {reallocations} reallocations, {frees} frees\n")
+    format!("on the real-time path: allocations {allocations}, reallocations {reallocations}, frees {frees}\n")
 }
 
 /// Said when a run was cut short.
@@ -82,15 +82,12 @@ mod tests {
             missing: ["policy fifo:80", "locked memory", "policy fifo:80"].map(missing).into(),
             ..measurement()
         };
-        assert_eq!(
-            header(&poor),
-            "policy other on any core\nbest effort, without: locked memory, policy fifo:80 (standard error says why)\n"
-        );
+        assert_eq!(header(&poor), "policy other on any core\nbest effort, without: locked memory, policy fifo:80\n");
     }
 
     #[test]
     fn memory_and_ending() {
-        assert_eq!(memory(&measurement()), "on the real-time path: 1 allocations, 2 reallocations, 3 frees\n");
+        assert_eq!(memory(&measurement()), "on the real-time path: allocations 1, reallocations 2, frees 3\n");
         assert_eq!(ending(&measurement()), "");
         assert_ne!(ending(&Measurement { complete: false, ..measurement() }), "");
     }

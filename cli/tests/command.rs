@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn luna(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_luna")).args(arguments).output().expect("the program starts")
@@ -81,6 +81,35 @@ fn demo_takes_a_recording() {
         let angle = demo["axes"][axis]["final_state"]["angle_deg"].as_f64().expect("an angle");
         assert!((angle - expected).abs() < 5.0, "{angle}");
     }
+}
+
+/// Ctrl-C ends the demo in order: there is a report, which says that the run was cut short.
+#[cfg(target_os = "linux")]
+#[test]
+fn interrupted_demo_still_reports() {
+    let child = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["demo", "--seconds", "600", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    // Its handler is there before its executors are.
+    let tasks = format!("/proc/{}/task", child.id());
+    let has_executor = || {
+        let tasks = std::fs::read_dir(&tasks).expect("the program runs").flatten();
+        tasks
+            .map(|task| std::fs::read_to_string(task.path().join("comm")).unwrap_or_default())
+            .any(|name| name == "mechanism\n")
+    };
+    while !has_executor() {
+        std::thread::yield_now();
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    assert!(killed.success());
+    let output = child.wait_with_output().expect("the program ends");
+    assert_eq!(output.status.code(), Some(1));
+    let demo: Value = serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else");
+    assert_eq!(demo["complete"], false);
 }
 
 #[test]

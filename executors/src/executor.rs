@@ -5,7 +5,7 @@
 
 use crate::inbound::Inbound;
 use crate::process::{Living, ProcessHandle, ProcessSpec, ProcessState, Record};
-use crate::task::{Task, with_queue};
+use crate::task::{self, with_queue};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home};
 use luna_platform::futex::Futex;
@@ -259,7 +259,7 @@ impl ExecutorHandle {
     {
         let record = Record::new(spec, self.shared.living.clone());
         let handle = ProcessHandle(record.clone());
-        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| Task::start(shared, record, build()));
+        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| task::start(shared, record, build()));
         // The list's node is allocated before the lock is taken.
         let mut arrival = LinkedList::from([Arrival {
             record: record.clone(),
@@ -304,7 +304,7 @@ fn run(shared: Arc<Shared>) {
     for record in &members {
         record.cancel();
     }
-    while members.iter().any(|record| record.state() != ProcessState::Ended) {
+    while task::count() > 0 {
         round(&shared, &timers, &mut members, false);
     }
 }
@@ -343,8 +343,8 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
         }
     }
     match with_queue(|queue| queue.pop()) {
-        // SAFETY: it was just popped from this thread's queue.
-        Some(link) => unsafe { Task::run(link) },
+        // SAFETY: it was just popped from this thread's queue, where only live tasks are.
+        Some(link) => unsafe { (link.as_ref().run())(link) },
         None => shared.inbound.sleep(timers.next_deadline()),
     }
 }

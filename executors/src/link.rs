@@ -1,21 +1,27 @@
 //! The link by which a process lies in a queue: inside the process itself, so that queueing allocates nothing.
 //!
-//! A process is in at most one queue at a time: its task is scheduled once, however often it is woken.
+//! A link is in at most one queue at a time: what it stands for is queued once, however often it is woken.
 
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
-/// The link to the next in a queue.
+/// The link to the next in a queue, and what to do when its turn comes.
 #[derive(Debug)]
 pub(crate) struct Link {
     next: AtomicPtr<Link>,
+    run: unsafe fn(NonNull<Link>),
 }
 
 impl Link {
-    pub(crate) fn new() -> Self {
-        Self {
-            next: AtomicPtr::new(ptr::null_mut()),
-        }
+    /// A link that is in no queue. `run` is called with it when it has been taken from the run queue.
+    pub(crate) fn new(run: unsafe fn(NonNull<Link>)) -> Self {
+        Self { next: AtomicPtr::new(ptr::null_mut()), run }
+    }
+
+    /// What to do when its turn comes.
+    #[inline]
+    pub(crate) fn run(&self) -> unsafe fn(NonNull<Link>) {
+        self.run
     }
 
     /// Who comes next. Relaxed: the queue's own head orders the accesses.

@@ -3,7 +3,7 @@
 use crate::executor::Phase;
 use crate::process::{Body, Living, ProcessHandle, ProcessSpec, Record};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Home, ProcessId};
+use luna_platform::current::{self, Home, Place, ProcessId};
 use luna_platform::park::Parker;
 use luna_platform::reclaim;
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
@@ -51,15 +51,22 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     Ok(run(future, &parker, ProcessId::new(), priority, ProcessSpec::DEFAULT_LEVEL))
 }
 
+/// The one process of a thread is readied by letting its next park return at once.
+unsafe fn ready_here(parker: *const (), _: Place) {
+    // SAFETY: `run` gave its parker, which outlives the process.
+    unsafe { &*parker.cast::<Parker>() }.unpark();
+}
+
 /// Polls until done, asleep in between.
 fn run<F: Future>(mut future: Pin<&mut F>, parker: &Arc<Parker>, id: ProcessId, thread_priority: u8, level: u8) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
     let home = Home::new();
     let _home = current::enter_home(home, timers.clone(), true);
-    let process = current::Process::new(id, home, thread_priority, level);
+    // SAFETY: the owner is the parker, which outlives the process.
+    let process = unsafe { current::Process::new(id, home, thread_priority, level, ready_here) };
     let waker = Waker::from(parker.clone());
     // SAFETY: nobody else has seen the process yet.
-    unsafe { process.set_waker(waker.clone()) };
+    unsafe { process.set_waker(waker.clone(), Arc::as_ptr(parker).cast()) };
     let mut cx = Context::from_waker(&waker);
     loop {
         if let Poll::Ready(output) = current::with_process(&process, || future.as_mut().poll(&mut cx)) {

@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn highest_level_first_then_by_arrival() {
-        let links: Vec<Link> = (0..6).map(|_| Link::new()).collect();
+        let links: Vec<Link> = (0..6).map(|_| Link::new(|_| {})).collect();
         let queue = RunQueue::new();
         for (index, level) in [0, 31, 5, 5, 31, 0].into_iter().enumerate() {
             // SAFETY: the links outlive the queue and are pushed once.
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn who_resumes_comes_before_its_level_and_after_higher_ones() {
-        let links: Vec<Link> = (0..3).map(|_| Link::new()).collect();
+        let links: Vec<Link> = (0..3).map(|_| Link::new(|_| {})).collect();
         let queue = RunQueue::new();
         // SAFETY: the links outlive the queue and are pushed once.
         unsafe {

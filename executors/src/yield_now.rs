@@ -1,5 +1,6 @@
 //! Letting others run.
 
+use luna_platform::current::{self, Place};
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -31,7 +32,7 @@ impl Future for YieldNow {
             return Poll::Ready(());
         }
         self.yielded = true;
-        cx.waker().wake_by_ref();
+        current::ready_again(cx, Place::Last);
         Poll::Pending
     }
 }

@@ -73,31 +73,54 @@ pub struct Priority {
 ///
 /// # Invariants
 ///
-/// `waker` is written before the process is polled for the first time and after it has ended, and only read in between.
+/// `waker` and `owner` are written before the process is polled for the first time and the waker after it has ended; in between they are
+/// only read. `ready_here` can be called on the home's thread as long as the process lives.
 pub struct Process {
     id: ProcessId,
     home: Home,
     thread_priority: u8,
     level: AtomicU8,
     waker: UnsafeCell<Option<Waker>>,
+    /// What to call `ready_here` with.
+    owner: Cell<*const ()>,
+    ready_here: unsafe fn(*const (), Place),
 }
 
-// SAFETY: by the invariant `waker` does not change while others can see it; all else is atomic or constant.
+/// Where in the queue of its level a process is put.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Before the others: it only let more urgent ones run.
+    First,
+    /// Behind the others.
+    Last,
+}
+
+// SAFETY: by the invariant `waker` and `owner` do not change while others can see them; all else is atomic or constant.
 unsafe impl Sync for Process {}
 
 impl fmt::Debug for Process {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Process")
-            .field("id", &self.id)
-            .field("priority", &self.priority())
-            .finish_non_exhaustive()
+        f.debug_struct("Process").field("id", &self.id).field("priority", &self.priority()).finish_non_exhaustive()
     }
 }
 
 impl Process {
     /// A process of `home`, whose thread has the real-time priority `thread_priority` (0: none), at `level`.
-    pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
+    ///
+    /// # Safety
+    ///
+    /// `ready_here` may be called, on the home's thread and until the process has ended, with the owner that
+    /// [`set_waker`](Self::set_waker) is given.
+    pub unsafe fn new(
+        id: ProcessId,
+        home: Home,
+        thread_priority: u8,
+        level: u8,
+        ready_here: unsafe fn(*const (), Place),
+    ) -> Self {
         Self {
+            owner: Cell::new(std::ptr::null()),
+            ready_here,
             id,
             home,
             thread_priority,
@@ -106,12 +129,13 @@ impl Process {
         }
     }
 
-    /// Sets the waker that readies this process.
+    /// Sets the waker that readies this process from anywhere, and what readies it on its home's thread.
     ///
     /// # Safety
     ///
     /// The process has not been polled yet, and nobody uses this value at the same time.
-    pub unsafe fn set_waker(&self, waker: Waker) {
+    pub unsafe fn set_waker(&self, waker: Waker, owner: *const ()) {
+        self.owner.set(owner);
         // SAFETY: the contract makes this the only access.
         unsafe { *self.waker.get() = Some(waker) };
     }
@@ -126,10 +150,22 @@ impl Process {
         unsafe { (*self.waker.get()).take() }
     }
 
+    /// The waker that readies this process from anywhere.
     #[inline]
-    fn waker(&self) -> Option<&Waker> {
+    pub fn waker(&self) -> Option<&Waker> {
         // SAFETY: by the type's invariant it does not change between the first poll and the end, and before and after nobody asks.
         unsafe { (*self.waker.get()).as_ref() }
+    }
+
+    /// Readies the process without its waker.
+    ///
+    /// # Safety
+    ///
+    /// The process has not ended, and this is its home's thread.
+    #[inline]
+    unsafe fn ready_here(&self, place: Place) {
+        // SAFETY: the contract is that of `new`.
+        unsafe { (self.ready_here)(self.owner.get(), place) };
     }
 
     /// The process' number.
@@ -146,17 +182,7 @@ impl Process {
     /// How urgent the process is.
     #[inline]
     pub fn priority(&self) -> Priority {
-        Priority {
-            thread: self.thread_priority,
-            level: self.level(),
-        }
-    }
-
-    /// Readies the process, from any thread. O(1); a system call only if its thread sleeps.
-    pub fn wake(&self) {
-        if let Some(waker) = self.waker() {
-            waker.wake_by_ref();
-        }
+        Priority { thread: self.thread_priority, level: self.level() }
     }
 }
 
@@ -167,7 +193,6 @@ struct Thread {
     ready_levels: Cell<u32>,
     operations_left: Cell<u32>,
     branch_failed: Cell<bool>,
-    resumes_first: Cell<bool>,
     may_block: Cell<bool>,
     on_path: Cell<bool>,
 }
@@ -180,7 +205,6 @@ thread_local! {
             ready_levels: Cell::new(0),
             operations_left: Cell::new(0),
             branch_failed: Cell::new(false),
-            resumes_first: Cell::new(false),
             may_block: Cell::new(true),
             on_path: Cell::new(false),
         }
@@ -305,17 +329,15 @@ pub fn is_outranked() -> bool {
     })
 }
 
-/// Readies the current process again, before others of its level: it lets only more urgent ones run. The caller returns `Pending`.
+/// Readies the current process again, at `place` among those of its level; more urgent ones run before it in any case. The caller
+/// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
 #[inline]
-pub fn give_way(cx: &Context<'_>) {
-    THREAD.with(|thread| thread.resumes_first.set(true));
-    cx.waker().wake_by_ref();
-}
-
-/// Whether the process that was just polled asked to resume before others of its level; asking takes the answer.
-#[inline]
-pub fn take_resumes_first() -> bool {
-    THREAD.with(|thread| thread.resumes_first.replace(false))
+pub fn ready_again(cx: &Context<'_>, place: Place) {
+    match &Wakeup::of(cx).0 {
+        // SAFETY: it is the current process, so it lives, and this is its home's thread.
+        Inner::Process(process) => unsafe { process.as_ref().ready_here(place) },
+        Inner::Waker(waker) => waker.wake_by_ref(),
+    }
 }
 
 /// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
@@ -465,8 +487,8 @@ impl Ready {
     #[inline]
     pub fn wake(self) {
         match self.0 {
-            // SAFETY: `take` saw the process alive on this thread, and nothing has been polled here since.
-            Readying::Here(process) => unsafe { process.as_ref() }.wake(),
+            // SAFETY: `take` saw the process alive on this thread, its home's, and nothing has been polled here since.
+            Readying::Here(process) => unsafe { process.as_ref().ready_here(Place::Last) },
             Readying::Elsewhere(waker) => waker.wake(),
             Readying::Nobody => {}
         }

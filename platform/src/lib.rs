@@ -9,19 +9,28 @@
 //! | `portable` | the standard library alone: no real-time policy, and asking for one is a clear error | elsewhere, and with `--cfg luna_portable` |
 //! | `model` | loom's clock, lock and wait, to check protocols | with `--cfg loom` |
 //!
+//! What it offers of the system:
+//!
+//! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
+//! - [`clock`], [`futex`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
+//! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
+//! - [`signals`]: requests to end, as events.
+//!
 //! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
 //! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`] and [`reclaim`].
+//!
+//! A system call is made on the real-time path only where a function's documentation says so.
 
 pub mod clock;
 pub mod current;
-#[cfg(not(loom))]
-pub mod park;
 #[cfg(not(loom))]
 pub mod facts;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
+#[cfg(not(loom))]
+pub mod park;
 #[cfg(not(loom))]
 pub mod reactor;
 pub mod reclaim;

@@ -34,18 +34,13 @@ impl Parker {
     /// A parker that nobody has woken.
     #[expect(clippy::new_without_default, reason = "belongs to one thread: made on purpose, not by default")]
     pub fn new() -> Self {
-        Self {
-            state: Futex::new(EMPTY),
-        }
+        Self { state: Futex::new(EMPTY) }
     }
 
     /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone.
     pub fn park(&self, deadline: Instant) -> bool {
         let word = self.state.word();
-        if word
-            .compare_exchange(EMPTY, PARKED, Ordering::Acquire, Ordering::Acquire)
-            .is_err()
-        {
+        if word.compare_exchange(EMPTY, PARKED, Ordering::Acquire, Ordering::Acquire).is_err() {
             // Notified before.
             word.store(EMPTY, Ordering::Relaxed);
             std::sync::atomic::fence(Ordering::Acquire);
@@ -53,10 +48,7 @@ impl Parker {
         }
         loop {
             let waited = self.state.wait(PARKED, deadline);
-            if word
-                .compare_exchange(NOTIFIED, EMPTY, Ordering::Acquire, Ordering::Relaxed)
-                .is_ok()
-            {
+            if word.compare_exchange(NOTIFIED, EMPTY, Ordering::Acquire, Ordering::Relaxed).is_ok() {
                 return true;
             }
             if waited == Waited::TimedOut {

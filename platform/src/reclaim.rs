@@ -17,10 +17,7 @@ pub struct Retired {
 impl Retired {
     /// A head whose allocation `free` frees.
     pub const fn new(free: unsafe fn(NonNull<Retired>)) -> Self {
-        Self {
-            next: AtomicPtr::new(ptr::null_mut()),
-            free,
-        }
+        Self { next: AtomicPtr::new(ptr::null_mut()), free }
     }
 }
 

@@ -18,12 +18,7 @@ pub struct WaitNode {
 impl WaitNode {
     /// A node that is in no list.
     pub const fn new() -> Self {
-        Self {
-            before: None,
-            after: None,
-            priority: Priority { thread: 0, level: 0 },
-            wakeup: None,
-        }
+        Self { before: None, after: None, priority: Priority { thread: 0, level: 0 }, wakeup: None }
     }
 
     /// Whom to wake; to be changed only under the list's lock.

@@ -111,6 +111,17 @@ fn an_earlier_deadline_does_not_end_a_later_wait() {
 }
 
 #[test]
+fn a_later_deadline_does_not_delay_an_earlier_wait() {
+    let reactor = Reactor::new().unwrap();
+    let late = in_millis(WATCHDOG);
+    reactor.wake();
+    assert!(wait(&reactor, late).0.woken);
+    // Armed for the late one, which is then not waited for.
+    assert!(wait(&reactor, in_millis(2)).0.timed_out);
+    assert!(Instant::now() < late);
+}
+
+#[test]
 fn one_deadline_waited_for_twice() {
     let reactor = Reactor::new().unwrap();
     let deadline = in_millis(10);

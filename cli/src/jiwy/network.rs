@@ -31,7 +31,7 @@ use super::AXES;
 use super::encoder::Encoder;
 use super::pid::{Gains, Pid};
 use super::plant::{Plant, State};
-use super::processes::{Controller, Mechanism, Sanity, read_encoder, read_joystick, write_motor};
+use super::processes::{Controller, Joystick, Mechanism, Sanity, read_encoder, write_motor};
 use super::sanity::{Interventions, SanityCheck};
 use super::set_point::SetPoint;
 use super::tracking::Tracking;
@@ -141,6 +141,6 @@ pub(crate) fn build(
         duties: [pan_duty, tilt_duty],
         findings: findings.clone(),
     })?;
-    operator.process("joystick").spawn(read_joystick(joystick, [pan_stick, tilt_stick]))?;
+    operator.process("joystick").spawn(Joystick { playback: joystick, sticks: [pan_stick, tilt_stick] })?;
     Ok(findings)
 }

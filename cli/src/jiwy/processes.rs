@@ -162,16 +162,25 @@ pub(super) async fn write_motor(duties: Receiver<f64>, pwm: Sender<f64>) -> luna
 }
 
 /// Plays the recording to both controllers until they have ended.
-pub(super) async fn read_joystick(mut playback: Playback, sticks: [Sender<f64>; 2]) -> luna::Result<()> {
-    let mut tick = luna::periodic("joystick", JOYSTICK_PERIOD)?;
-    let mut slots = Slots::new(Duration::ZERO);
-    let mut time = 0.0;
-    loop {
-        time += slots.elapsed(tick.next().await.deadline);
-        let deflection = playback.at(time);
-        for (axis, stick) in AXES.iter().zip(&sticks) {
-            if stick.send((axis.stick)(deflection)).await.is_err() {
-                return Ok(());
+///
+/// A type and not an async function, since those drop what they hold when they return, still on the real-time path: the recording is memory.
+pub(super) struct Joystick {
+    pub(super) playback: Playback,
+    pub(super) sticks: [Sender<f64>; 2],
+}
+
+impl Process for Joystick {
+    async fn run(&mut self) -> luna::Result<()> {
+        let mut tick = luna::periodic("joystick", JOYSTICK_PERIOD)?;
+        let mut slots = Slots::new(Duration::ZERO);
+        let mut time = 0.0;
+        loop {
+            time += slots.elapsed(tick.next().await.deadline);
+            let deflection = self.playback.at(time);
+            for (axis, stick) in AXES.iter().zip(&self.sticks) {
+                if stick.send((axis.stick)(deflection)).await.is_err() {
+                    return Ok(());
+                }
             }
         }
     }

@@ -26,9 +26,7 @@ pub enum Waited {
 impl Futex {
     /// A word that holds `value`.
     pub const fn new(value: u32) -> Self {
-        Self {
-            word: AtomicU32::new(value),
-        }
+        Self { word: AtomicU32::new(value) }
     }
 
     /// The word itself.
@@ -76,12 +74,7 @@ impl Futex {
     fn wake(&self, threads: i32) {
         // SAFETY: FUTEX_WAKE only uses the address as a key.
         unsafe {
-            libc::syscall(
-                libc::SYS_futex,
-                self.word.as_ptr(),
-                libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG,
-                threads,
-            );
+            libc::syscall(libc::SYS_futex, self.word.as_ptr(), libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG, threads);
         }
     }
 }

@@ -27,11 +27,7 @@ pub enum Waited {
 impl Futex {
     /// A word that holds `value`.
     pub const fn new(value: u32) -> Self {
-        Self {
-            word: AtomicU32::new(value),
-            lock: Mutex::new(()),
-            changed: Condvar::new(),
-        }
+        Self { word: AtomicU32::new(value), lock: Mutex::new(()), changed: Condvar::new() }
     }
 
     /// The word itself.
@@ -54,17 +50,10 @@ impl Futex {
         if left.is_zero() {
             return Waited::TimedOut;
         }
-        let (guard, outcome) = self
-            .changed
-            .wait_timeout(guard, left)
-            .unwrap_or_else(PoisonError::into_inner);
+        let (guard, outcome) = self.changed.wait_timeout(guard, left).unwrap_or_else(PoisonError::into_inner);
         drop(guard);
         // The clock of the caller decides, not the condition variable's.
-        if outcome.timed_out() && Instant::now() >= deadline {
-            Waited::TimedOut
-        } else {
-            Waited::Woken
-        }
+        if outcome.timed_out() && Instant::now() >= deadline { Waited::TimedOut } else { Waited::Woken }
     }
 
     /// Wakes one waiting thread.

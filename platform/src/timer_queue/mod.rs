@@ -34,10 +34,7 @@ impl TimerQueue {
     /// An empty queue.
     #[expect(clippy::new_without_default, reason = "a queue belongs to a thread: made on purpose, not by default")]
     pub fn new() -> Self {
-        Self {
-            heap: PiLock::new(Heap::new()),
-            next: AtomicU64::new(u64::MAX),
-        }
+        Self { heap: PiLock::new(Heap::new()), next: AtomicU64::new(u64::MAX) }
     }
 
     /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one load.
@@ -114,13 +111,7 @@ unsafe impl Sync for Sleep {}
 impl Sleep {
     /// Waits until `deadline`; one that has passed is ready at once.
     pub fn until(deadline: Instant) -> Self {
-        Self {
-            deadline,
-            queue: None,
-            armed: false,
-            node: UnsafeCell::new(Node::new()),
-            _pinned: PhantomPinned,
-        }
+        Self { deadline, queue: None, armed: false, node: UnsafeCell::new(Node::new()), _pinned: PhantomPinned }
     }
 
     /// The instant it waits for.
@@ -218,10 +209,7 @@ impl Drop for Sleep {
 
 impl fmt::Debug for Sleep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Sleep")
-            .field("deadline", &self.deadline)
-            .field("armed", &self.armed)
-            .finish_non_exhaustive()
+        f.debug_struct("Sleep").field("deadline", &self.deadline).field("armed", &self.armed).finish_non_exhaustive()
     }
 }
 
