@@ -95,7 +95,8 @@ impl fmt::Display for Report {
             writeln!(f, "  {:<16} {}, {core}{abandoned}", thread.name, thread.policy)?;
         }
         for (who, shortfall) in self.all_shortfalls() {
-            writeln!(f, "  best effort: {who}: {shortfall}")?;
+            // How to get it was said at the start.
+            writeln!(f, "  best effort: {who}: no {}: {}", shortfall.what(), shortfall.why())?;
         }
         if self.loops.is_empty() {
             return Ok(());

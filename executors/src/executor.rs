@@ -4,7 +4,7 @@
 //! highest level of its run queue, whose first process it polls. With nothing to do it sleeps until the next deadline.
 
 use crate::inbound::Inbound;
-use crate::process::{Living, ProcessHandle, ProcessSpec, ProcessState, Record};
+use crate::process::{Living, ProcessHandle, ProcessSpec, Record};
 use crate::task::{self, with_queue};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home};
@@ -86,7 +86,7 @@ impl Shared {
         if arrived.is_empty() {
             return;
         }
-        members.retain(|record| record.state() != ProcessState::Ended);
+        members.retain(|record| !record.has_ended());
         for Arrival { record, build } in arrived {
             members.push(record.clone());
             // A builder is the user's code: if it panics, the process has ended before it began.

@@ -82,8 +82,7 @@ impl ProcessState {
             0 => ProcessState::Created,
             1 => ProcessState::Ready,
             2 => ProcessState::Running,
-            3 => ProcessState::Waiting,
-            _ => ProcessState::Ended,
+            _ => ProcessState::Waiting,
         }
     }
 }
@@ -171,7 +170,9 @@ pub(crate) struct Record {
     id: ProcessId,
     level: u8,
     timed: bool,
+    /// What it is doing, as last said: a late wake may say that it is ready when it has ended, so `ended` has the last word.
     state: AtomicU8,
+    ended: AtomicBool,
     cancelled: AtomicBool,
     /// Written by the process' thread alone.
     polls: AtomicU64,
@@ -195,6 +196,7 @@ impl Record {
             level: spec.level,
             timed: spec.timed,
             state: AtomicU8::new(ProcessState::Created as u8),
+            ended: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             polls: AtomicU64::new(0),
             longest_poll: AtomicU64::new(0),
@@ -220,8 +222,17 @@ impl Record {
         self.state.store(state as u8, Ordering::Relaxed);
     }
 
+    /// Whether the body has ended.
+    #[inline]
+    pub(crate) fn has_ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
+    }
+
     pub(crate) fn state(&self) -> ProcessState {
-        ProcessState::from_number(self.state.load(Ordering::Acquire))
+        if self.has_ended() {
+            return ProcessState::Ended;
+        }
+        ProcessState::from_number(self.state.load(Ordering::Relaxed))
     }
 
     pub(crate) fn set_waker(&self, waker: Waker) {
@@ -257,7 +268,7 @@ impl Record {
             return;
         }
         end.exit = Some(exit);
-        self.state.store(ProcessState::Ended as u8, Ordering::Release);
+        self.ended.store(true, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = end.joining.pop() {
             // SAFETY: a node in the list is live and guarded by the lock that is held; its join is pending until `gone` is set.

@@ -197,7 +197,7 @@ unsafe fn run_scheduled(link: NonNull<Link>) {
         let runnable = Runnable::<Task>::from_raw(raw);
         current::with_process(&task.as_ref().process, || runnable.run());
         let this = task.as_ref();
-        if this.record.state() == ProcessState::Ended {
+        if this.record.has_ended() {
             this.is_completed.set(true);
             // If the direct link is still queued, it is the last to let go.
             if !this.is_ready.get() {
@@ -252,7 +252,7 @@ unsafe fn run_direct(link: NonNull<Link>) {
         let task = task_of!(direct, link);
         let this = task.as_ref();
         this.is_ready.set(false);
-        if this.record.state() == ProcessState::Ended {
+        if this.record.has_ended() {
             // Either a scheduled run completed it and left it to this one, or one is still to come.
             if this.is_completed.get() {
                 retire(task);

@@ -91,7 +91,7 @@ mod tests {
         }
         assert_eq!((times.count(), times.min().as_nanos(), times.max().as_nanos()), (10_000, 1, 10_000));
         assert!((times.mean_nanos() - 5000.5).abs() < 1e-6);
-        assert!((times.stddev_nanos() - 2886.895_68).abs() < 1e-3);
+        assert!((times.stddev_nanos() - 2_886.895_68).abs() < 1e-3);
         let median = times.percentile(50.0).as_nanos() as f64;
         assert!((median / 5000.0 - 1.0).abs() < 0.008, "{median}");
         assert_eq!(times.bins().map(|(_, count)| count).sum::<u64>(), 10_000);

@@ -52,6 +52,7 @@ pub(crate) struct Scope {
     most: usize,
 }
 
+#[expect(clippy::vec_box, reason = "a loop takes its statistics along: a pointer, not a kilobyte of them")]
 struct Loops {
     /// Room that nobody uses yet.
     free: Vec<Box<Statistics>>,
