@@ -46,8 +46,9 @@ mod time;
 pub use csp::process::{IntoProcess, Process, run};
 pub use error::{Error, OtherError, Result, SetupError};
 pub use luna_channels::{
-    Buffer, BufferError, Incoming, Receiver, RecvError, RecvOp, RecvTimeout, RecvTimeoutError, SendError, SendOp,
-    SendTimeout, SendTimeoutError, Sender, TryRecvError, TrySendError, buffered, channel, try_buffered,
+    Buffer, BufferError, Incoming, Receiver, RecvError, RecvOp, RecvTimeout, RecvTimeoutError,
+    SendError, SendOp, SendTimeout, SendTimeoutError, Sender, TryRecvError, TrySendError, buffered,
+    channel, try_buffered,
 };
 pub use luna_executors::{
     Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
@@ -63,3 +64,8 @@ pub use time::{
 
 #[doc(hidden)]
 pub use csp::par as __par;
+
+/// The guide's programs are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/guide.md")]
+struct Guide;

@@ -9,6 +9,19 @@ use std::fmt;
 use std::time::Duration;
 
 /// What a system did. Its `Display` is a table: a row for each thread and each loop.
+///
+/// ```
+/// use luna::{End, Exit, prelude::*};
+///
+/// let mut system = System::new("greeter");
+/// let main = system.executor("main").build()?;
+/// main.process("hello").spawn(async { Ok(()) })?;
+/// let report = system.run()?;
+/// assert_eq!(report.end, End::Completed);
+/// assert_eq!(report.processes[0].exit, Some(Exit::Completed));
+/// assert!(report.to_string().contains("main"));
+/// # Ok::<(), luna::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Report {
@@ -73,9 +86,17 @@ pub struct ProcessReport {
 impl Report {
     /// Everything that was asked for and not given, with the name of who asked.
     pub fn all_shortfalls(&self) -> impl Iterator<Item = (&str, &Shortfall)> {
-        let system = self.shortfalls.iter().map(|shortfall| ("system", shortfall));
+        let system = self
+            .shortfalls
+            .iter()
+            .map(|shortfall| ("system", shortfall));
         let threads = self.threads.iter();
-        system.chain(threads.flat_map(|thread| thread.shortfalls.iter().map(|missing| (thread.name.as_str(), missing))))
+        system.chain(threads.flat_map(|thread| {
+            thread
+                .shortfalls
+                .iter()
+                .map(|missing| (thread.name.as_str(), missing))
+        }))
     }
 }
 
@@ -88,15 +109,35 @@ impl fmt::Display for Report {
             End::Signal(number) => format!("ended by signal {number}"),
             End::Panic => "ended by a panic".to_owned(),
         };
-        writeln!(f, "system `{}`: {end} after {:.3} s", self.system, self.elapsed.as_secs_f64())?;
+        writeln!(
+            f,
+            "system `{}`: {end} after {:.3} s",
+            self.system,
+            self.elapsed.as_secs_f64()
+        )?;
         for thread in &self.threads {
-            let core = thread.core.map_or("any core".to_owned(), |core| format!("core {core}"));
-            let abandoned = if thread.abandoned { ", did not end and was left to itself" } else { "" };
-            writeln!(f, "  {:<16} {}, {core}{abandoned}", thread.name, thread.policy)?;
+            let core = thread
+                .core
+                .map_or("any core".to_owned(), |core| format!("core {core}"));
+            let abandoned = if thread.abandoned {
+                ", did not end and was left to itself"
+            } else {
+                ""
+            };
+            writeln!(
+                f,
+                "  {:<16} {}, {core}{abandoned}",
+                thread.name, thread.policy
+            )?;
         }
         for (who, shortfall) in self.all_shortfalls() {
             // How to get it was said at the start.
-            writeln!(f, "  best effort: {who}: no {}: {}", shortfall.what(), shortfall.why())?;
+            writeln!(
+                f,
+                "  best effort: {who}: no {}: {}",
+                shortfall.what(),
+                shortfall.why()
+            )?;
         }
         if self.loops.is_empty() {
             return Ok(());

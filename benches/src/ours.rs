@@ -44,8 +44,16 @@ pub struct Luna {
 impl Executor for Luna {
     fn new(core: CoreId) -> Self {
         let mut system = System::new("bench");
-        let executor = system.executor("bench").core(core.id).build().expect("the core is one of the machine's");
-        Luna { system: RefCell::new(system), executor, spawned: Cell::new(0) }
+        let executor = system
+            .executor("bench")
+            .core(core.id)
+            .build()
+            .expect("the core is one of the machine's");
+        Luna {
+            system: RefCell::new(system),
+            executor,
+            spawned: Cell::new(0),
+        }
     }
 
     fn spawn<T: Send + 'static>(
@@ -60,7 +68,10 @@ impl Executor for Luna {
             *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(value);
             Ok(())
         };
-        let spawned = self.executor.process(&format!("process {number}")).spawn(process);
+        let spawned = self
+            .executor
+            .process(&format!("process {number}"))
+            .spawn(process);
         spawned.expect("the names differ");
         async move {
             let value = result.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -69,7 +80,10 @@ impl Executor for Luna {
     }
 
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
-        self.system.borrow_mut().run().expect("a process of a bench panics when its check fails");
+        self.system
+            .borrow_mut()
+            .run()
+            .expect("a process of a bench panics when its check fails");
         // All processes have ended, so nothing is left to wait for.
         futures_lite::future::block_on(future)
     }

@@ -68,10 +68,17 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Acquire: who sees an outcome sees the value that came with it.
+    /// What the operation has come to. Acquire: who sees an outcome sees the value that came with it.
+    ///
+    /// Takes a pointer, since without the lock there must be no reference to the parts of a listed node that others change.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live.
     #[inline]
-    pub(crate) fn outcome(&self) -> Outcome {
-        match self.outcome.load(Ordering::Acquire) {
+    pub(crate) unsafe fn outcome(node: NonNull<Waiter<T>>) -> Outcome {
+        // SAFETY: the contract; this borrows the one field, which is atomic.
+        match unsafe { (*node.as_ptr()).outcome.load(Ordering::Acquire) } {
             0 => Outcome::Waiting,
             1 => Outcome::Done,
             2 => Outcome::Closed,
@@ -87,7 +94,8 @@ impl<T> Waiter<T> {
     #[inline]
     pub(crate) unsafe fn take_value(&self) -> T {
         // SAFETY: the contract.
-        self.value.with(|value| unsafe { (*value).assume_init_read() })
+        self.value
+            .with(|value| unsafe { (*value).assume_init_read() })
     }
 
     /// Puts a value in.
@@ -106,17 +114,20 @@ impl<T> Waiter<T> {
     /// # Safety
     ///
     /// `node` is a waiter's, was taken off its list under the lock that is still held, and what it says it holds is true of
-    /// `outcome`. The result is woken or dropped before this thread polls another process.
+    /// `outcome`.
     #[inline]
     unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> Ready {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
-            let ready = match (*node.as_ptr()).wait.wakeup_mut().take() {
-                Some(wakeup) => wakeup.take(),
-                None => Ready::NOBODY,
-            };
+            let ready = (*node.as_ptr())
+                .wait
+                .wakeup_mut()
+                .take()
+                .map_or(Ready::NOBODY, Wakeup::take);
             // Release: the value and all that came before is visible to who sees the outcome.
-            (*node.as_ptr()).outcome.store(outcome as u8, Ordering::Release);
+            (*node.as_ptr())
+                .outcome
+                .store(outcome as u8, Ordering::Release);
             ready
         }
     }
@@ -182,7 +193,7 @@ impl<T> Channel<T> {
             state: PiLock::new(State {
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
-                store: VecDeque::with_capacity(buffer.capacity + SPARE),
+                store: VecDeque::with_capacity(buffer.capacity.saturating_add(SPARE)),
                 ending: Ending::Open,
             }),
         });
@@ -274,7 +285,12 @@ impl<T> Channel<T> {
     ///
     /// `node` is a sender's, holds its value, is not listed, and stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn list_sender(state: &mut State<T>, node: NonNull<Waiter<T>>, priority: Priority, wakeup: Wakeup) {
+    pub(crate) unsafe fn list_sender(
+        state: &mut State<T>,
+        node: NonNull<Waiter<T>>,
+        priority: Priority,
+        wakeup: Wakeup,
+    ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe { state.senders.insert(node.cast(), priority, wakeup) };
     }
@@ -285,7 +301,12 @@ impl<T> Channel<T> {
     ///
     /// `node` is a receiver's, holds no value, is not listed, and stays where it is until it is settled or withdrawn.
     #[inline]
-    pub(crate) unsafe fn list_receiver(state: &mut State<T>, node: NonNull<Waiter<T>>, priority: Priority, wakeup: Wakeup) {
+    pub(crate) unsafe fn list_receiver(
+        state: &mut State<T>,
+        node: NonNull<Waiter<T>>,
+        priority: Priority,
+        wakeup: Wakeup,
+    ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe { state.receivers.insert(node.cast(), priority, wakeup) };
     }
@@ -299,11 +320,18 @@ impl<T> Channel<T> {
         let mut state = self.lock();
         // SAFETY: under the lock a waiting node is listed.
         unsafe {
-            let outcome = node.as_ref().outcome();
+            let outcome = Waiter::outcome(node);
             if outcome == Outcome::Waiting {
-                let list = if of_sender { &mut state.senders } else { &mut state.receivers };
+                let list = if of_sender {
+                    &mut state.senders
+                } else {
+                    &mut state.receivers
+                };
                 list.remove(node.cast());
-                drop((*node.as_ptr()).wait.wakeup_mut().take());
+                let unused = (*node.as_ptr()).wait.wakeup_mut().take();
+                // Dropping a waker can run anything, so not under the lock.
+                drop(state);
+                drop(unused);
             }
             outcome
         }
@@ -314,15 +342,22 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `node` was listed in this channel and was not withdrawn.
-    pub(crate) unsafe fn update_wakeup(&self, node: NonNull<Waiter<T>>, cx: &std::task::Context<'_>) -> Outcome {
-        let _state = self.lock();
+    pub(crate) unsafe fn update_wakeup(
+        &self,
+        node: NonNull<Waiter<T>>,
+        cx: &std::task::Context<'_>,
+    ) -> Outcome {
+        let state = self.lock();
         // SAFETY: under the lock a waiting node may be changed.
         unsafe {
-            let outcome = node.as_ref().outcome();
+            let outcome = Waiter::outcome(node);
             if outcome == Outcome::Waiting {
                 let wakeup = (*node.as_ptr()).wait.wakeup_mut();
                 if !wakeup.as_ref().is_some_and(|wakeup| wakeup.is_of(cx)) {
-                    *wakeup = Some(Wakeup::of(cx));
+                    let unused = wakeup.replace(Wakeup::of(cx));
+                    // Dropping a waker can run anything, so not under the lock.
+                    drop(state);
+                    drop(unused);
                 }
             }
             outcome
@@ -330,10 +365,16 @@ impl<T> Channel<T> {
     }
 
     /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
-    /// receiver, before all others. Allocates only if more than [`SPARE`] values, or one for each receiver, are back at once.
+    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. Allocates only if more than
+    /// [`SPARE`] values, or one for each receiver, are back at once.
     pub(crate) fn give_back(&self, value: T) {
         let ready = {
             let mut state = self.lock();
+            if state.ending == Ending::Poisoned {
+                drop(state);
+                drop(value);
+                return;
+            }
             match state.receivers.pop() {
                 Some(receiver) => {
                     let receiver = receiver.cast::<Waiter<T>>();
@@ -352,9 +393,24 @@ impl<T> Channel<T> {
         ready.wake();
     }
 
-    /// Poisons the channel: all who wait and all who come fail. O(those who wait), one lock section each.
+    /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.
     pub(crate) fn poison(&self) {
         self.end(Ending::Poisoned);
+        self.drop_stored();
+    }
+
+    /// Drops what nobody will receive. At once and not with the channel, since a value may be what somebody waits for (the way back to a
+    /// client, say), and may borrow what the channel's memory outlives until it is reclaimed.
+    ///
+    /// To be called when the channel has ended for receivers: nothing is stored after that.
+    fn drop_stored(&self) {
+        // One by one, and not under the lock: the drop of a value can run anything.
+        loop {
+            let value = self.lock().store.pop_front();
+            if value.is_none() {
+                return;
+            }
+        }
     }
 
     fn end(&self, ending: Ending) {
@@ -386,7 +442,11 @@ impl<T> Channel<T> {
         if receivers > SPARE {
             // Each receiver may have one receive under way that gives its value back.
             let mut state = self.lock();
-            let needed = (self.buffer.capacity + receivers).saturating_sub(state.store.len());
+            let needed = self
+                .buffer
+                .capacity
+                .saturating_add(receivers)
+                .saturating_sub(state.store.len());
             state.store.reserve(needed);
         }
     }
@@ -412,6 +472,7 @@ impl<T> Channel<T> {
         unsafe {
             if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
                 channel.as_ref().end(Ending::Closed);
+                channel.as_ref().drop_stored();
                 Self::drop_kind(channel);
             }
         }

@@ -8,7 +8,9 @@ macro_rules! gives_value_back {
         impl<T> fmt::Debug for $name<T> {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 // Without the value, so that it need not be `Debug`.
-                f.debug_struct(stringify!($name)).field("reason", &format_args!("{self}")).finish_non_exhaustive()
+                f.debug_struct(stringify!($name))
+                    .field("reason", &format_args!("{self}"))
+                    .finish_non_exhaustive()
             }
         }
         impl<T> Error for $name<T> {}
@@ -106,7 +108,9 @@ impl<T> TrySendError<T> {
     /// The value that was not sent.
     pub fn into_inner(self) -> T {
         match self {
-            TrySendError::Full(value) | TrySendError::Closed(value) | TrySendError::Poisoned(value) => value,
+            TrySendError::Full(value)
+            | TrySendError::Closed(value)
+            | TrySendError::Poisoned(value) => value,
         }
     }
 
@@ -129,7 +133,9 @@ impl<T> TrySendError<T> {
 impl<T> fmt::Display for TrySendError<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            TrySendError::Full(_) => "sending at once, but nobody waits to receive and there is no room",
+            TrySendError::Full(_) => {
+                "sending at once, but nobody waits to receive and there is no room"
+            }
             TrySendError::Closed(_) => "sending to a channel whose last receiver is gone",
             TrySendError::Poisoned(_) => "sending to a poisoned channel",
         })
@@ -168,7 +174,9 @@ impl TryRecvError {
 impl fmt::Display for TryRecvError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            TryRecvError::Empty => "receiving at once, but nobody waits to send and nothing is buffered",
+            TryRecvError::Empty => {
+                "receiving at once, but nobody waits to send and nothing is buffered"
+            }
             TryRecvError::Poisoned => "receiving from a poisoned channel",
             TryRecvError::Closed => "receiving from a channel whose last sender is gone",
         })
@@ -191,7 +199,9 @@ impl<T> SendTimeoutError<T> {
     /// The value that was not sent.
     pub fn into_inner(self) -> T {
         match self {
-            SendTimeoutError::Timeout(value) | SendTimeoutError::Closed(value) | SendTimeoutError::Poisoned(value) => value,
+            SendTimeoutError::Timeout(value)
+            | SendTimeoutError::Closed(value)
+            | SendTimeoutError::Poisoned(value) => value,
         }
     }
 

@@ -42,7 +42,8 @@ mod loom_tests;
 
 pub use buffer::Buffer;
 pub use error::{
-    BufferError, RecvError, RecvTimeoutError, SendError, SendTimeoutError, TryRecvError, TrySendError,
+    BufferError, RecvError, RecvTimeoutError, SendError, SendTimeoutError, TryRecvError,
+    TrySendError,
 };
 pub use recv::{Receiver, RecvOp, RecvTimeout};
 pub use send::{SendOp, SendTimeout, Sender};

@@ -17,8 +17,8 @@ use std::time::Duration;
 
 /// The receiving end of a channel. Any number of clones, on any threads, may receive at the same time; each value goes to one.
 ///
-/// Dropping the last one closes the channel: senders get their values back. Cloning is not for the real-time path; dropping is
-/// O(1), and O(waiting senders) for the last one.
+/// Dropping the last one closes the channel: senders get their values back, and what is buffered is dropped. Cloning is not for the
+/// real-time path; dropping is O(1), and O(waiting senders + buffered values) for the last one.
 pub struct Receiver<T> {
     channel: NonNull<Channel<T>>,
     _values: PhantomData<T>,
@@ -30,6 +30,8 @@ unsafe impl<T: Send> Send for Receiver<T> {}
 unsafe impl<T: Send> Sync for Receiver<T> {}
 impl<T> std::panic::UnwindSafe for Receiver<T> {}
 impl<T> std::panic::RefUnwindSafe for Receiver<T> {}
+// The values lie in the channel, not in its ends.
+impl<T> Unpin for Receiver<T> {}
 
 impl<T> Receiver<T> {
     /// # Safety
@@ -201,7 +203,9 @@ impl<T> Drop for Receiver<T> {
 
 impl<T> fmt::Debug for Receiver<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Receiver").field("channel", &self.channel).finish()
+        f.debug_struct("Receiver")
+            .field("channel", &self.channel)
+            .finish()
     }
 }
 
@@ -242,9 +246,10 @@ impl<T> RecvOp<'_, T> {
         unsafe { NonNull::new_unchecked(self.waiter.get()) }
     }
 
+    /// Not to be called while the node is listed: others change it then.
     #[inline]
     fn waiter(&self) -> &Waiter<T> {
-        // SAFETY: the fields of a waiter that others change while it is listed are cells.
+        // SAFETY: a node that is not listed, or was settled, is known to its future alone.
         unsafe { &*self.waiter.get() }
     }
 
@@ -281,7 +286,8 @@ impl<T> RecvOp<'_, T> {
     }
 
     fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<Result<T, RecvError>> {
-        let mut outcome = self.waiter().outcome();
+        // SAFETY: the node lies in this future.
+        let mut outcome = unsafe { Waiter::outcome(self.node()) };
         if outcome == Outcome::Waiting {
             if current::branch_failed() {
                 // SAFETY: the node was listed on the receivers' side.
@@ -335,7 +341,14 @@ impl<T> Future for RecvOp<'_, T> {
             }
             Received::Empty => {
                 // SAFETY: the future is pinned, and its drop withdraws the node.
-                unsafe { Channel::list_receiver(&mut state, this.node(), current::priority(), Wakeup::of(cx)) };
+                unsafe {
+                    Channel::list_receiver(
+                        &mut state,
+                        this.node(),
+                        current::priority(),
+                        Wakeup::of(cx),
+                    )
+                };
                 this.phase = Phase::Listed;
                 Poll::Pending
             }
@@ -358,7 +371,9 @@ impl<T> Drop for RecvOp<'_, T> {
             Phase::New | Phase::Over => false,
             Phase::GaveWay => true,
             // SAFETY: the node was listed on the receivers' side.
-            Phase::Listed => unsafe { self.receiver.channel().withdraw(self.node(), false) == Outcome::Done },
+            Phase::Listed => unsafe {
+                self.receiver.channel().withdraw(self.node(), false) == Outcome::Done
+            },
         };
         if holds_value {
             // SAFETY: the value is here, and nobody else knows the node any more.
@@ -370,7 +385,9 @@ impl<T> Drop for RecvOp<'_, T> {
 
 impl<T> fmt::Debug for RecvOp<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("RecvOp").field("phase", &self.phase).finish_non_exhaustive()
+        f.debug_struct("RecvOp")
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
     }
 }
 
@@ -389,7 +406,10 @@ impl<T> Future for RecvTimeout<'_, T> {
         // SAFETY: both fields are pinned with the whole, and never moved.
         let (mut recv, sleep) = unsafe {
             let this = self.get_unchecked_mut();
-            (Pin::new_unchecked(&mut this.recv), Pin::new_unchecked(&mut this.sleep))
+            (
+                Pin::new_unchecked(&mut this.recv),
+                Pin::new_unchecked(&mut this.sleep),
+            )
         };
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));

@@ -30,6 +30,8 @@ unsafe impl<T: Send> Send for Sender<T> {}
 unsafe impl<T: Send> Sync for Sender<T> {}
 impl<T> std::panic::UnwindSafe for Sender<T> {}
 impl<T> std::panic::RefUnwindSafe for Sender<T> {}
+// The values lie in the channel, not in its ends.
+impl<T> Unpin for Sender<T> {}
 
 impl<T> Sender<T> {
     /// # Safety
@@ -148,7 +150,11 @@ impl<T> Sender<T> {
     /// ```
     #[cfg(not(loom))]
     #[track_caller]
-    pub fn blocking_send_timeout(&self, value: T, timeout: Duration) -> Result<(), SendTimeoutError<T>> {
+    pub fn blocking_send_timeout(
+        &self,
+        value: T,
+        timeout: Duration,
+    ) -> Result<(), SendTimeoutError<T>> {
         let mut send = std::pin::pin!(self.send(value));
         match luna_platform::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
             Some(sent) => sent.map_err(SendTimeoutError::from),
@@ -158,8 +164,8 @@ impl<T> Sender<T> {
 
     /// Poisons the channel: all operations that wait on it, and all that come to it later, on both ends, fail as poisoned.
     ///
-    /// What was communicated before stays communicated; what is still buffered is not received any more. May be called more than once.
-    /// Real-time path: yes; O(those who wait).
+    /// What was communicated before stays communicated; what is still buffered is dropped. May be called more than once.
+    /// Real-time path: yes; O(those who wait + what is buffered).
     ///
     /// ```
     /// let (sender, receiver) = luna_channels::channel::<u32>();
@@ -188,7 +194,9 @@ impl<T> Drop for Sender<T> {
 
 impl<T> fmt::Debug for Sender<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Sender").field("channel", &self.channel).finish()
+        f.debug_struct("Sender")
+            .field("channel", &self.channel)
+            .finish()
     }
 }
 
@@ -229,9 +237,10 @@ impl<T> SendOp<'_, T> {
         unsafe { NonNull::new_unchecked(self.waiter.get()) }
     }
 
+    /// Not to be called while the node is listed: others change it then.
     #[inline]
     fn waiter(&self) -> &Waiter<T> {
-        // SAFETY: the fields of a waiter that others change while it is listed are cells.
+        // SAFETY: a node that is not listed, or was settled, is known to its future alone.
         unsafe { &*self.waiter.get() }
     }
 
@@ -259,12 +268,16 @@ impl<T> SendOp<'_, T> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New => Err(SendTimeoutError::Timeout(this.failed(Outcome::Closed).value)),
+            Phase::New => Err(SendTimeoutError::Timeout(
+                this.failed(Outcome::Closed).value,
+            )),
             Phase::GaveWay | Phase::Over => Ok(()),
             Phase::Listed => {
                 // SAFETY: the node was listed on the senders' side.
                 match unsafe { this.sender.channel().withdraw(this.node(), true) } {
-                    Outcome::Waiting => Err(SendTimeoutError::Timeout(this.failed(Outcome::Closed).value)),
+                    Outcome::Waiting => Err(SendTimeoutError::Timeout(
+                        this.failed(Outcome::Closed).value,
+                    )),
                     outcome => this.settled(outcome).map_err(SendTimeoutError::from),
                 }
             }
@@ -272,7 +285,8 @@ impl<T> SendOp<'_, T> {
     }
 
     fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<Result<(), SendError<T>>> {
-        let mut outcome = self.waiter().outcome();
+        // SAFETY: the node lies in this future.
+        let mut outcome = unsafe { Waiter::outcome(self.node()) };
         if outcome == Outcome::Waiting {
             if current::branch_failed() {
                 // SAFETY: the node was listed on the senders' side.
@@ -331,7 +345,12 @@ impl<T> Future for SendOp<'_, T> {
                 // SAFETY: the value goes back to where it came from; the future is pinned, and its drop withdraws the node.
                 unsafe {
                     this.waiter().put_value(value);
-                    Channel::list_sender(&mut state, this.node(), current::priority(), Wakeup::of(cx));
+                    Channel::list_sender(
+                        &mut state,
+                        this.node(),
+                        current::priority(),
+                        Wakeup::of(cx),
+                    );
                 }
                 this.phase = Phase::Listed;
                 Poll::Pending
@@ -354,7 +373,9 @@ impl<T> Drop for SendOp<'_, T> {
         let holds_value = match self.phase {
             Phase::New => true,
             // SAFETY: the node was listed on the senders' side.
-            Phase::Listed => unsafe { self.sender.channel().withdraw(self.node(), true) != Outcome::Done },
+            Phase::Listed => unsafe {
+                self.sender.channel().withdraw(self.node(), true) != Outcome::Done
+            },
             Phase::GaveWay | Phase::Over => false,
         };
         if holds_value {
@@ -366,7 +387,9 @@ impl<T> Drop for SendOp<'_, T> {
 
 impl<T> fmt::Debug for SendOp<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SendOp").field("phase", &self.phase).finish_non_exhaustive()
+        f.debug_struct("SendOp")
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
     }
 }
 
@@ -385,7 +408,10 @@ impl<T> Future for SendTimeout<'_, T> {
         // SAFETY: both fields are pinned with the whole, and never moved.
         let (mut send, sleep) = unsafe {
             let this = self.get_unchecked_mut();
-            (Pin::new_unchecked(&mut this.send), Pin::new_unchecked(&mut this.sleep))
+            (
+                Pin::new_unchecked(&mut this.send),
+                Pin::new_unchecked(&mut this.sleep),
+            )
         };
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));

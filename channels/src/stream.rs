@@ -20,7 +20,10 @@ pub struct Incoming<'a, T> {
 
 impl<'a, T> Incoming<'a, T> {
     pub(crate) fn new(receiver: &'a Receiver<T>) -> Self {
-        Self { receiver, recv: None }
+        Self {
+            receiver,
+            recv: None,
+        }
     }
 }
 
@@ -43,6 +46,8 @@ impl<T> Stream for Incoming<'_, T> {
 
 impl<T> fmt::Debug for Incoming<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Incoming").field("receiver", self.receiver).finish_non_exhaustive()
+        f.debug_struct("Incoming")
+            .field("receiver", self.receiver)
+            .finish_non_exhaustive()
     }
 }

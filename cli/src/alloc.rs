@@ -28,7 +28,12 @@ pub(crate) struct Counts {
 impl Counting {
     /// Counts calls from threads on which `counts` says so. It is asked inside the allocator: it must not allocate.
     pub(crate) const fn new(counts: fn() -> bool) -> Self {
-        Self { counts, allocations: AtomicU64::new(0), reallocations: AtomicU64::new(0), frees: AtomicU64::new(0) }
+        Self {
+            counts,
+            allocations: AtomicU64::new(0),
+            reallocations: AtomicU64::new(0),
+            frees: AtomicU64::new(0),
+        }
     }
 
     /// The calls counted so far.
@@ -107,7 +112,11 @@ mod tests {
         assert_eq!(allocator.counts(), Counts::default());
         COUNTED.set(true);
         exercise(&allocator);
-        let once = Counts { allocations: 2, reallocations: 1, frees: 2 };
+        let once = Counts {
+            allocations: 2,
+            reallocations: 1,
+            frees: 2,
+        };
         assert_eq!(allocator.counts(), once);
         // Another thread is asked for itself.
         std::thread::scope(|scope| {

@@ -102,21 +102,29 @@ fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Err(_) => Err("it is not a number".into()),
         Ok(value) if value > 0.0 && value <= MAX_SECONDS => Ok(value),
-        Ok(_) => Err(format!("it must be more than 0 and at most {MAX_SECONDS} (a day)")),
+        Ok(_) => Err(format!(
+            "it must be more than 0 and at most {MAX_SECONDS} (a day)"
+        )),
     }
 }
 
 fn rate(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(value) if RATES.contains(&value) => Ok(value),
-        _ => Err(format!("it must be a whole number from {} to {}", RATES.start(), RATES.end())),
+        _ => Err(format!(
+            "it must be a whole number from {} to {}",
+            RATES.start(),
+            RATES.end()
+        )),
     }
 }
 
 fn interval(text: &str) -> Result<u64, String> {
     match text.parse::<u64>() {
         Ok(value) if (1..=MAX_INTERVAL).contains(&value) => Ok(value),
-        _ => Err(format!("it must be a whole number of microseconds, from 1 to {MAX_INTERVAL} (a minute)")),
+        _ => Err(format!(
+            "it must be a whole number of microseconds, from 1 to {MAX_INTERVAL} (a minute)"
+        )),
     }
 }
 
@@ -150,18 +158,35 @@ mod tests {
     fn no_command_is_the_demo() {
         for line in ["luna", "luna demo"] {
             let demo = demo(line);
-            assert_eq!((demo.seconds, demo.rate, demo.cycles()), (10.0, 1000, 10_000));
-            assert_eq!((demo.place.core, demo.place.policy, demo.place.json), (None, Policy::fifo(80), false));
-            assert_eq!((demo.joystick.clone(), demo.period()), (None, Duration::from_millis(1)));
+            assert_eq!(
+                (demo.seconds, demo.rate, demo.cycles()),
+                (10.0, 1000, 10_000)
+            );
+            assert_eq!(
+                (demo.place.core, demo.place.policy, demo.place.json),
+                (None, Policy::fifo(80), false)
+            );
+            assert_eq!(
+                (demo.joystick.clone(), demo.period()),
+                (None, Duration::from_millis(1))
+            );
         }
         assert_eq!(demo("luna --seconds 2").cycles(), 2000);
     }
 
     #[test]
     fn demo_takes_its_options() {
-        let demo = demo("luna demo --seconds 0.5 --rate 250 --core 1 --policy rr:7 --joystick a.csv --json");
-        assert_eq!((demo.cycles(), demo.period()), (125, Duration::from_millis(4)));
-        assert_eq!((demo.place.core, demo.place.policy, demo.place.json), (Some(1), Policy::round_robin(7), true));
+        let demo = demo(
+            "luna demo --seconds 0.5 --rate 250 --core 1 --policy rr:7 --joystick a.csv --json",
+        );
+        assert_eq!(
+            (demo.cycles(), demo.period()),
+            (125, Duration::from_millis(4))
+        );
+        assert_eq!(
+            (demo.place.core, demo.place.policy, demo.place.json),
+            (Some(1), Policy::round_robin(7), true)
+        );
         assert_eq!(demo.joystick, Some(PathBuf::from("a.csv")));
     }
 
@@ -172,7 +197,10 @@ mod tests {
         else {
             panic!("no jitter");
         };
-        assert_eq!((jitter.interval, jitter.loops, jitter.place.policy), (500, 20, Policy::Other));
+        assert_eq!(
+            (jitter.interval, jitter.loops, jitter.place.policy),
+            (500, 20, Policy::Other)
+        );
         assert_eq!(jitter.histogram, Some(PathBuf::from("h.csv")));
     }
 

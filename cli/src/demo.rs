@@ -16,14 +16,21 @@ const CONTROL: &str = "control";
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
     let recording = match &arguments.joystick {
         Some(path) => Recording::read(path).map_err(|error| (path.clone(), error)),
-        None => Recording::parse(joystick::DEFAULT.as_bytes()).map_err(|error| ("built in".into(), error)),
+        None => Recording::parse(joystick::DEFAULT.as_bytes())
+            .map_err(|error| ("built in".into(), error)),
     };
     let recording = recording.map_err(|(path, error)| Failure::Joystick { path, error })?;
 
     let mut system = System::new("jiwy");
     system.lock_memory();
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
-    let findings = network::build(&mut system, &executors, arguments.period(), arguments.cycles(), recording.play());
+    let findings = network::build(
+        &mut system,
+        &executors,
+        arguments.period(),
+        arguments.cycles(),
+        recording.play(),
+    );
     let findings = findings.map_err(Failure::Luna)?;
     drop(executors);
 
@@ -31,19 +38,29 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     let control_loops = AXES.map(|axis| axis.name);
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &control_loops, allocator.counts()),
-        axes: AXES.iter().zip(&findings).map(|(axis, findings)| found(axis.name, findings)).collect(),
+        axes: AXES
+            .iter()
+            .zip(&findings)
+            .map(|(axis, findings)| found(axis.name, findings))
+            .collect(),
     };
 
     let mut out = std::io::stdout().lock();
     let printed = if arguments.place.json {
         print_json(&mut out, &demo)
     } else {
-        let head = format!("Jiwy, pan and tilt at {} Hz for {} s: ", arguments.rate, arguments.seconds);
+        let head = format!(
+            "Jiwy, pan and tilt at {} Hz for {} s: ",
+            arguments.rate, arguments.seconds
+        );
         let parts = [
             head + &text::header(&demo.measurement),
             report.to_string(),
             text::tracking(&demo.axes),
-            text::latency(control_loops[0], report::latencies(&report, control_loops[0])),
+            text::latency(
+                control_loops[0],
+                report::latencies(&report, control_loops[0]),
+            ),
             text::memory(&demo.measurement) + text::ending(&demo.measurement),
         ];
         print_parts(&mut out, &parts)
@@ -64,7 +81,11 @@ fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Execu
     };
     let mechanism = system.executor("mechanism").policy(policy).build()?;
     let operator = system.executor("operator").policy(Policy::Other).build()?;
-    Ok(Executors { control, mechanism, operator })
+    Ok(Executors {
+        control,
+        mechanism,
+        operator,
+    })
 }
 
 /// What the processes of an axis left behind; zeroes where one of them never got to run.
@@ -73,7 +94,10 @@ fn found(name: &'static str, findings: &Findings) -> Axis {
     let state = findings.state.get().copied().unwrap_or_default();
     Axis {
         name,
-        tracking_error_deg: TrackingError { rms: tracking.rms().to_degrees(), max: tracking.max().to_degrees() },
+        tracking_error_deg: TrackingError {
+            rms: tracking.rms().to_degrees(),
+            max: tracking.max().to_degrees(),
+        },
         final_state: FinalState {
             angle_deg: state.angle.to_degrees(),
             speed_deg_per_s: state.speed.to_degrees(),
@@ -84,7 +108,10 @@ fn found(name: &'static str, findings: &Findings) -> Axis {
 }
 
 /// One JSON object on one line.
-pub(crate) fn print_json(out: &mut impl Write, value: &impl serde::Serialize) -> std::io::Result<()> {
+pub(crate) fn print_json(
+    out: &mut impl Write,
+    value: &impl serde::Serialize,
+) -> std::io::Result<()> {
     serde_json::to_writer(&mut *out, value)?;
     writeln!(out)?;
     out.flush()

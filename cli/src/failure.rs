@@ -33,7 +33,9 @@ impl Failure {
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::Joystick { .. } | Self::Histogram { .. } => 2,
-            Self::Luna(luna::Error::Setup(SetupError::NoSuchCore { .. } | SetupError::Attributes(_))) => 2,
+            Self::Luna(luna::Error::Setup(
+                SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
+            )) => 2,
             Self::Luna(_) | Self::Output(_) => 1,
         }
     }
@@ -42,7 +44,9 @@ impl Failure {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Joystick { path, error } => write!(f, "joystick recording {}: {error}", path.display()),
+            Self::Joystick { path, error } => {
+                write!(f, "joystick recording {}: {error}", path.display())
+            }
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
             Self::Luna(error) => error.fmt(f),
             Self::Output(error) => write!(f, "standard output: {error}"),

@@ -26,9 +26,16 @@ pub(crate) fn draw(values: impl Iterator<Item = (u64, u64)>) -> String {
         let length = (u128::from(count) * u128::from(BAR)).div_ceil(u128::from(most)) as usize;
         let bar = "#".repeat(length);
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{:>9} to {:<9} {count:>9} {bar}", duration(from), duration(to));
+        let _ = writeln!(
+            text,
+            "{:>9} to {:<9} {count:>9} {bar}",
+            duration(from),
+            duration(to)
+        );
     }
-    text.lines().map(|line| format!("{}\n", line.trim_end())).collect()
+    text.lines()
+        .map(|line| format!("{}\n", line.trim_end()))
+        .collect()
 }
 
 fn bins(values: impl Iterator<Item = (u64, u64)>) -> Vec<Bin> {
@@ -58,7 +65,13 @@ fn edges(value: u64) -> (u64, u64) {
         return (0, 100);
     }
     let decade = 10_u64.pow(value.ilog10() - 1);
-    let next = |step: usize| STEPS.get(step).map_or(decade.saturating_mul(100), |tenths| tenths.saturating_mul(decade));
+    let next = |step: usize| {
+        STEPS
+            .get(step)
+            .map_or(decade.saturating_mul(100), |tenths| {
+                tenths.saturating_mul(decade)
+            })
+    };
     let step = STEPS.partition_point(|tenths| tenths.saturating_mul(decade) <= value) - 1;
     (next(step), next(step + 1))
 }
@@ -73,9 +86,17 @@ pub(crate) fn duration(nanoseconds: u64) -> String {
         _ => (value / 1e9, "s"),
     };
     // Three digits that count, no zeros after the point.
-    let decimals = if scaled < 10.0 { 2 } else { usize::from(scaled < 100.0) };
+    let decimals = if scaled < 10.0 {
+        2
+    } else {
+        usize::from(scaled < 100.0)
+    };
     let text = format!("{scaled:.decimals$}");
-    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    let text = if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        &text
+    };
     format!("{text} {unit}")
 }
 
@@ -91,7 +112,17 @@ mod tests {
 
     #[test]
     fn looks_as_it_should() {
-        let text = draw([(12_000, 1), (21_000, 96), (16_000, 48), (33, 1), (19_999, 48), (71_000, 2)].into_iter());
+        let text = draw(
+            [
+                (12_000, 1),
+                (21_000, 96),
+                (16_000, 48),
+                (33, 1),
+                (19_999, 48),
+                (71_000, 2),
+            ]
+            .into_iter(),
+        );
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "     0 ns to 100 ns            1 #");
         assert_eq!(lines[1], "   100 ns to 150 ns            0");
@@ -108,14 +139,19 @@ mod tests {
 
     #[test]
     fn every_value_is_in_its_bin_and_none_is_lost() {
-        let values: Vec<u64> =
-            (0..64).flat_map(|bit| [(1_u64 << bit) - 1, 1 << bit, (1 << bit) + 1]).chain([u64::MAX - 1]).collect();
+        let values: Vec<u64> = (0..64)
+            .flat_map(|bit| [(1_u64 << bit) - 1, 1 << bit, (1 << bit) + 1])
+            .chain([u64::MAX - 1])
+            .collect();
         for &value in &values {
             let (from, to) = edges(value);
             assert!(from <= value && value < to, "{value} in {from} to {to}");
         }
         let bins = bins(values.iter().map(|value| (*value, 2)));
-        assert_eq!(bins.iter().map(|bin| bin.count).sum::<u64>(), 2 * values.len() as u64);
+        assert_eq!(
+            bins.iter().map(|bin| bin.count).sum::<u64>(),
+            2 * values.len() as u64
+        );
         assert!(bins.windows(2).all(|pair| pair[0].to == pair[1].from));
     }
 

@@ -14,9 +14,18 @@ const NAME: &str = "jitter";
 /// Measures and prints. Gives whether the run was complete.
 pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool, Failure> {
     // Before the measurement: a path that cannot be written should not cost its time.
-    let file = arguments.histogram.as_ref().map(|path| (path, File::create(path)));
-    let histogram_failed = |error| Failure::Histogram { path: arguments.histogram.clone().unwrap_or_default(), error };
-    let file = file.map(|(_, file)| file).transpose().map_err(histogram_failed)?;
+    let file = arguments
+        .histogram
+        .as_ref()
+        .map(|path| (path, File::create(path)));
+    let histogram_failed = |error| Failure::Histogram {
+        path: arguments.histogram.clone().unwrap_or_default(),
+        error,
+    };
+    let file = file
+        .map(|(_, file)| file)
+        .transpose()
+        .map_err(histogram_failed)?;
 
     let mut system = System::new(NAME);
     system.lock_memory();
@@ -31,7 +40,10 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
     let printed = if arguments.place.json {
         print_json(&mut out, &measurement)
     } else {
-        let head = format!("{} wake-ups, {} µs apart: ", arguments.loops, arguments.interval);
+        let head = format!(
+            "{} wake-ups, {} µs apart: ",
+            arguments.loops, arguments.interval
+        );
         let parts = [
             head + &text::header(&measurement),
             report.to_string(),
@@ -47,13 +59,15 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
 fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<()> {
     let loops = arguments.loops;
     let period = Duration::from_micros(arguments.interval);
-    place::executor(system, NAME, &arguments.place)?.process(NAME).spawn(async move {
-        let mut tick = luna::periodic(NAME, period)?;
-        for _ in 0..loops {
-            tick.next().await;
-        }
-        Ok(())
-    })?;
+    place::executor(system, NAME, &arguments.place)?
+        .process(NAME)
+        .spawn(async move {
+            let mut tick = luna::periodic(NAME, period)?;
+            for _ in 0..loops {
+                tick.next().await;
+            }
+            Ok(())
+        })?;
     Ok(())
 }
 

@@ -42,9 +42,15 @@ impl Recording {
 
     /// Reads a recording's text. Columns are found by their names, others are left alone, empty lines too.
     pub(crate) fn parse(text: &[u8]) -> Result<Self, Error> {
-        let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text);
+        let mut reader = csv::ReaderBuilder::new()
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .from_reader(text);
         let mut record = csv::ByteRecord::new();
-        let header = reader.byte_headers().map_err(|error| Error::File(error.into()))?.clone();
+        let header = reader
+            .byte_headers()
+            .map_err(|error| Error::File(error.into()))?
+            .clone();
         let mut places = [0; 3];
         for (place, column) in places.iter_mut().zip(COLUMNS) {
             let found = header.iter().position(|name| name == column.as_bytes());
@@ -55,25 +61,42 @@ impl Recording {
         }
 
         let mut samples: Vec<Sample> = Vec::new();
-        while reader.read_byte_record(&mut record).map_err(|error| Error::File(error.into()))? {
+        while reader
+            .read_byte_record(&mut record)
+            .map_err(|error| Error::File(error.into()))?
+        {
             let line = line_of(text, record.position().map_or(0, csv::Position::byte));
             let number = |index: usize| {
                 let column = COLUMNS[index];
-                let field = record.get(places[index]).ok_or(Fault::MissingColumn(column))?;
+                let field = record
+                    .get(places[index])
+                    .ok_or(Fault::MissingColumn(column))?;
                 let field = String::from_utf8_lossy(field);
                 match field.parse::<f64>() {
-                    Err(_) => Err(Fault::NotANumber { column, field: field.into() }),
+                    Err(_) => Err(Fault::NotANumber {
+                        column,
+                        field: field.into(),
+                    }),
                     Ok(value) if !value.is_finite() => Err(Fault::NotFinite { column }),
-                    Ok(value) if index > 0 && value.abs() > 1.0 => Err(Fault::OutOfRange { column, value }),
+                    Ok(value) if index > 0 && value.abs() > 1.0 => {
+                        Err(Fault::OutOfRange { column, value })
+                    }
                     Ok(value) => Ok(value),
                 }
             };
             let sample = || -> Result<Sample, Fault> {
-                let sample = Sample { time: number(0)?, deflection: Deflection { pan: number(1)?, tilt: number(2)? } };
+                let sample = Sample {
+                    time: number(0)?,
+                    deflection: Deflection {
+                        pan: number(1)?,
+                        tilt: number(2)?,
+                    },
+                };
                 match samples.last() {
-                    Some(before) if sample.time <= before.time => {
-                        Err(Fault::NotIncreasing { time: sample.time, before: before.time })
-                    }
+                    Some(before) if sample.time <= before.time => Err(Fault::NotIncreasing {
+                        time: sample.time,
+                        before: before.time,
+                    }),
                     _ => Ok(sample),
                 }
             };
@@ -157,7 +180,10 @@ impl fmt::Display for Error {
         match self {
             Self::File(error) => error.fmt(f),
             Self::NoSamples => {
-                write!(f, "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample")
+                write!(
+                    f,
+                    "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
+                )
             }
             Self::Line { line, fault } => write!(f, "line {line}: {fault}"),
         }
@@ -176,7 +202,10 @@ impl fmt::Display for Fault {
                 write!(f, "{value} in column `{column}` is not within -1 and 1")
             }
             Self::NotIncreasing { time, before } => {
-                write!(f, "time {time} is not after the {before} of the line before")
+                write!(
+                    f,
+                    "time {time} is not after the {before} of the line before"
+                )
             }
         }
     }
@@ -187,8 +216,14 @@ impl std::error::Error for Error {}
 /// The line that holds the first text at or after `byte`. The reader's own count is off after `\r\n` and empty lines.
 fn line_of(text: &[u8], byte: u64) -> u64 {
     let from = (byte as usize).min(text.len());
-    let skipped = text[from..].iter().take_while(|byte| byte.is_ascii_whitespace()).count();
-    let ends = text[..from + skipped].iter().filter(|byte| **byte == b'\n').count();
+    let skipped = text[from..]
+        .iter()
+        .take_while(|byte| byte.is_ascii_whitespace())
+        .count();
+    let ends = text[..from + skipped]
+        .iter()
+        .filter(|byte| **byte == b'\n')
+        .count();
     ends as u64 + 1
 }
 

@@ -134,7 +134,13 @@ mod tests {
     use serde_json::{Value, json, to_value};
 
     fn quantiles() -> Quantiles {
-        Quantiles { min: 1, p50: 2, p99: 3, p99_9: 4, max: 5 }
+        Quantiles {
+            min: 1,
+            p50: 2,
+            p99: 3,
+            p99_9: 4,
+            max: 5,
+        }
     }
 
     #[test]
@@ -154,12 +160,17 @@ mod tests {
                 slots_kept: 9,
                 slots_missed: 1,
                 wake_latency_ns: quantiles(),
-                cycle_time_ns: Spread { quantiles: quantiles(), mean: 1.5, stddev: 0.5 },
+                cycle_time_ns: Spread {
+                    quantiles: quantiles(),
+                    mean: 1.5,
+                    stddev: 0.5,
+                },
                 run_time_ns: quantiles(),
             }],
         };
         let five = json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5});
-        let seven = json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5, "mean": 1.5, "stddev": 0.5});
+        let seven =
+            json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5, "mean": 1.5, "stddev": 0.5});
         let expected = json!({
             "policy": "fifo:80", "core": 1, "missing": [], "complete": true,
             "allocations": 0, "reallocations": 0, "frees": 0,
@@ -175,13 +186,20 @@ mod tests {
             axes: vec![Axis {
                 name: "pan",
                 tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },
-                final_state: FinalState { angle_deg: 3.0, speed_deg_per_s: 4.0, current_a: 5.0 },
+                final_state: FinalState {
+                    angle_deg: 3.0,
+                    speed_deg_per_s: 4.0,
+                    current_a: 5.0,
+                },
                 sanity: Interventions::default(),
             }],
         })
         .unwrap();
         assert_eq!(demo["policy"], expected["policy"]);
-        assert_eq!(demo["axes"][0]["tracking_error_deg"], json!({"rms": 1.0, "max": 2.0}));
+        assert_eq!(
+            demo["axes"][0]["tracking_error_deg"],
+            json!({"rms": 1.0, "max": 2.0})
+        );
         assert!(matches!(demo["loops"], Value::Array(_)));
     }
 }

@@ -5,7 +5,11 @@ use luna::System;
 use luna_platform::facts::SystemFacts;
 
 /// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.
-pub(crate) fn executor(system: &mut System, name: &str, place: &Place) -> luna::Result<luna::Executor> {
+pub(crate) fn executor(
+    system: &mut System,
+    name: &str,
+    place: &Place,
+) -> luna::Result<luna::Executor> {
     let mut executor = system.executor(name).policy(place.policy);
     if let Some(core) = place.core.or_else(quietest_here) {
         executor = executor.core(core);
@@ -15,7 +19,10 @@ pub(crate) fn executor(system: &mut System, name: &str, place: &Place) -> luna::
 
 fn quietest_here() -> Option<usize> {
     let facts = SystemFacts::gather();
-    quietest(&facts.allowed_cores.unwrap_or_default(), &facts.isolated_cores.unwrap_or_default())
+    quietest(
+        &facts.allowed_cores.unwrap_or_default(),
+        &facts.isolated_cores.unwrap_or_default(),
+    )
 }
 
 /// The last isolated one of the cores that this process may use, else the last one: interrupts tend to go to the first.

@@ -6,10 +6,20 @@ use luna::{Distribution, End, Exit, LoopReport, Report, Shortfall};
 use std::time::Duration;
 
 /// What was measured by the executor `executor`, with `loops` first among its loops.
-pub(crate) fn measurement(report: &Report, executor: &str, loops: &[&str], counts: Counts) -> Measurement {
+pub(crate) fn measurement(
+    report: &Report,
+    executor: &str,
+    loops: &[&str],
+    counts: Counts,
+) -> Measurement {
     let place = report.threads.iter().find(|thread| thread.name == executor);
-    let first = loops.iter().filter_map(|name| report.loops.get_key_value(*name));
-    let others = report.loops.iter().filter(|(name, _)| !loops.contains(&name.as_str()));
+    let first = loops
+        .iter()
+        .filter_map(|name| report.loops.get_key_value(*name));
+    let others = report
+        .loops
+        .iter()
+        .filter(|(name, _)| !loops.contains(&name.as_str()));
     Measurement {
         policy: place.map_or_else(|| "other".to_owned(), |place| place.policy.to_string()),
         core: place.and_then(|place| place.core),
@@ -18,24 +28,40 @@ pub(crate) fn measurement(report: &Report, executor: &str, loops: &[&str], count
         allocations: counts.allocations,
         reallocations: counts.reallocations,
         frees: counts.frees,
-        loops: first.chain(others).map(|(name, report)| one_loop(name, report)).collect(),
+        loops: first
+            .chain(others)
+            .map(|(name, report)| one_loop(name, report))
+            .collect(),
     }
 }
 
 /// Whether every process returned by itself, and every thread ended.
 fn complete(report: &Report) -> bool {
-    let all_returned = report.processes.iter().all(|process| process.exit == Some(Exit::Completed));
-    report.end == End::Completed && all_returned && !report.threads.iter().any(|thread| thread.abandoned)
+    let all_returned = report
+        .processes
+        .iter()
+        .all(|process| process.exit == Some(Exit::Completed));
+    report.end == End::Completed
+        && all_returned
+        && !report.threads.iter().any(|thread| thread.abandoned)
 }
 
 /// The wake-up latencies of the loop `name`: (ns, count).
-pub(crate) fn latencies<'a>(report: &'a Report, name: &str) -> impl Iterator<Item = (u64, u64)> + use<'a> {
+pub(crate) fn latencies<'a>(
+    report: &'a Report,
+    name: &str,
+) -> impl Iterator<Item = (u64, u64)> + use<'a> {
     let latency = report.loops.get(name).map(|report| &report.wake_latency);
     latency.into_iter().flat_map(Distribution::bins)
 }
 
 fn missing((who, shortfall): (&str, &Shortfall)) -> Missing {
-    Missing { who: who.to_owned(), what: shortfall.what(), why: shortfall.why(), remedy: shortfall.remedy() }
+    Missing {
+        who: who.to_owned(),
+        what: shortfall.what(),
+        why: shortfall.why(),
+        remedy: shortfall.remedy(),
+    }
 }
 
 fn one_loop(name: &str, report: &LoopReport) -> Loop {

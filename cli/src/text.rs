@@ -11,7 +11,11 @@ pub(crate) fn header(measurement: &Measurement) -> String {
         None => "any core".to_owned(),
     };
     let mut text = format!("policy {} on {core}\n", measurement.policy);
-    let mut missing: Vec<&str> = measurement.missing.iter().map(|missing| missing.what.as_str()).collect();
+    let mut missing: Vec<&str> = measurement
+        .missing
+        .iter()
+        .map(|missing| missing.what.as_str())
+        .collect();
     // Several threads may lack the same.
     missing.sort_unstable();
     missing.dedup();
@@ -26,20 +30,34 @@ pub(crate) fn tracking(axes: &[Axis]) -> String {
     let mut text = format!("{:<16}{:>9}{:>9}\n", "tracking error", "rms", "max");
     for axis in axes {
         let error = axis.tracking_error_deg;
-        let _ = writeln!(text, "{:<16}{:>8.2}°{:>8.2}°", axis.name, error.rms, error.max);
+        let _ = writeln!(
+            text,
+            "{:<16}{:>8.2}°{:>8.2}°",
+            axis.name, error.rms, error.max
+        );
     }
     text
 }
 
 /// The wake-up latency of a loop, given as (ns, count).
 pub(crate) fn latency(name: &str, values: impl Iterator<Item = (u64, u64)>) -> String {
-    format!("wake-up latency of {name}\n{}", histogram_text::draw(values))
+    format!(
+        "wake-up latency of {name}\n{}",
+        histogram_text::draw(values)
+    )
 }
 
 /// What the allocator counted.
 pub(crate) fn memory(measurement: &Measurement) -> String {
-    let Measurement { allocations, reallocations, frees, .. } = measurement;
-    format!("on the real-time path: allocations {allocations}, reallocations {reallocations}, frees {frees}\n")
+    let Measurement {
+        allocations,
+        reallocations,
+        frees,
+        ..
+    } = measurement;
+    format!(
+        "on the real-time path: allocations {allocations}, reallocations {reallocations}, frees {frees}\n"
+    )
 }
 
 /// Said when a run was cut short.
@@ -57,7 +75,12 @@ mod tests {
     use crate::output::{FinalState, Missing, TrackingError};
 
     fn missing(what: &str) -> Missing {
-        Missing { who: String::new(), what: what.to_owned(), why: String::new(), remedy: String::new() }
+        Missing {
+            who: String::new(),
+            what: what.to_owned(),
+            why: String::new(),
+            remedy: String::new(),
+        }
     }
 
     fn measurement() -> Measurement {
@@ -79,25 +102,46 @@ mod tests {
         let poor = Measurement {
             policy: "other".to_owned(),
             core: None,
-            missing: ["policy fifo:80", "locked memory", "policy fifo:80"].map(missing).into(),
+            missing: ["policy fifo:80", "locked memory", "policy fifo:80"]
+                .map(missing)
+                .into(),
             ..measurement()
         };
-        assert_eq!(header(&poor), "policy other on any core\nbest effort, without: locked memory, policy fifo:80\n");
+        assert_eq!(
+            header(&poor),
+            "policy other on any core\nbest effort, without: locked memory, policy fifo:80\n"
+        );
     }
 
     #[test]
     fn memory_and_ending() {
-        assert_eq!(memory(&measurement()), "on the real-time path: allocations 1, reallocations 2, frees 3\n");
+        assert_eq!(
+            memory(&measurement()),
+            "on the real-time path: allocations 1, reallocations 2, frees 3\n"
+        );
         assert_eq!(ending(&measurement()), "");
-        assert_ne!(ending(&Measurement { complete: false, ..measurement() }), "");
+        assert_ne!(
+            ending(&Measurement {
+                complete: false,
+                ..measurement()
+            }),
+            ""
+        );
     }
 
     #[test]
     fn tracking_errors_stand_in_columns() {
         let axis = |name, rms| Axis {
             name,
-            tracking_error_deg: TrackingError { rms, max: 2.0 * rms },
-            final_state: FinalState { angle_deg: 0.0, speed_deg_per_s: 0.0, current_a: 0.0 },
+            tracking_error_deg: TrackingError {
+                rms,
+                max: 2.0 * rms,
+            },
+            final_state: FinalState {
+                angle_deg: 0.0,
+                speed_deg_per_s: 0.0,
+                current_a: 0.0,
+            },
             sanity: Interventions::default(),
         };
         let text = tracking(&[axis("pan", 1.234), axis("tilt", 10.0)]);

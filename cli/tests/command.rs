@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
 fn luna(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luna")).args(arguments).output().expect("the program starts")
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(arguments)
+        .output()
+        .expect("the program starts")
 }
 
 fn text(bytes: &[u8]) -> &str {
@@ -25,14 +28,29 @@ fn file(name: &str) -> PathBuf {
 }
 
 fn check_loop(report: &Value) {
-    let slots = |key: &str| report[key].as_u64().unwrap_or_else(|| panic!("{key} in {report}"));
-    assert_eq!(slots("slots_elapsed"), slots("slots_kept") + slots("slots_missed"), "{report}");
+    let slots = |key: &str| {
+        report[key]
+            .as_u64()
+            .unwrap_or_else(|| panic!("{key} in {report}"))
+    };
+    assert_eq!(
+        slots("slots_elapsed"),
+        slots("slots_kept") + slots("slots_missed"),
+        "{report}"
+    );
     for histogram in ["wake_latency_ns", "cycle_time_ns", "run_time_ns"] {
-        let quantiles = ["min", "p50", "p99", "p99_9", "max"].map(|key| report[histogram][key].as_u64());
-        assert!(quantiles.iter().all(Option::is_some), "{histogram} in {report}");
+        let quantiles =
+            ["min", "p50", "p99", "p99_9", "max"].map(|key| report[histogram][key].as_u64());
+        assert!(
+            quantiles.iter().all(Option::is_some),
+            "{histogram} in {report}"
+        );
         assert!(quantiles.is_sorted(), "{histogram} in {report}");
     }
-    assert!(report["cycle_time_ns"]["mean"].is_f64() && report["cycle_time_ns"]["stddev"].is_f64(), "{report}");
+    assert!(
+        report["cycle_time_ns"]["mean"].is_f64() && report["cycle_time_ns"]["stddev"].is_f64(),
+        "{report}"
+    );
 }
 
 #[test]
@@ -44,8 +62,14 @@ fn demo_prints_json() {
     }
     assert!(["fifo:80", "other"].contains(&demo["policy"].as_str().expect("a policy")));
     let loops = demo["loops"].as_array().expect("loops");
-    let names: Vec<_> = loops.iter().filter_map(|report| report["name"].as_str()).collect();
-    assert_eq!(names, ["pan", "tilt", "joystick", "pan mechanism", "tilt mechanism"]);
+    let names: Vec<_> = loops
+        .iter()
+        .filter_map(|report| report["name"].as_str())
+        .collect();
+    assert_eq!(
+        names,
+        ["pan", "tilt", "joystick", "pan mechanism", "tilt mechanism"]
+    );
     loops.iter().for_each(check_loop);
     for control in &loops[..2] {
         assert_eq!(control["period_ns"], 1_000_000);
@@ -54,7 +78,10 @@ fn demo_prints_json() {
     for (axis, name) in ["pan", "tilt"].iter().enumerate() {
         let axis = &demo["axes"][axis];
         assert_eq!(axis["name"], *name);
-        assert!(axis["tracking_error_deg"]["rms"].is_f64() && axis["final_state"]["angle_deg"].is_f64(), "{axis}");
+        assert!(
+            axis["tracking_error_deg"]["rms"].is_f64() && axis["final_state"]["angle_deg"].is_f64(),
+            "{axis}"
+        );
         assert_eq!(axis["sanity"]["not_finite"], 0);
     }
 }
@@ -64,9 +91,15 @@ fn demo_prints_text() {
     let output = luna(&["--seconds", "0.2", "--rate", "500", "--policy", "other"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let out = text(&output.stdout);
-    for part in
-        ["500 Hz", "policy other", "pan mechanism", "tracking error", "wake-up latency of pan", "#", "allocations"]
-    {
+    for part in [
+        "500 Hz",
+        "policy other",
+        "pan mechanism",
+        "tracking error",
+        "wake-up latency of pan",
+        "#",
+        "allocations",
+    ] {
         assert!(out.contains(part), "{part} in:\n{out}");
     }
 }
@@ -75,10 +108,19 @@ fn demo_prints_text() {
 fn demo_takes_a_recording() {
     let path = file("recording.csv");
     std::fs::write(&path, "time,pan,tilt\n0,0.5,-0.5\n1,0.5,-0.5\n").expect("a file is written");
-    let demo = json(&["demo", "--seconds", "1.5", "--json", "--joystick", path.to_str().expect("a path")]);
+    let demo = json(&[
+        "demo",
+        "--seconds",
+        "1.5",
+        "--json",
+        "--joystick",
+        path.to_str().expect("a path"),
+    ]);
     // Half of the ranges, 1.2 and 0.5 rad; whatever the machine's jitter, they are about there by then.
     for (axis, expected) in [(0, 34.4), (1, -14.3)] {
-        let angle = demo["axes"][axis]["final_state"]["angle_deg"].as_f64().expect("an angle");
+        let angle = demo["axes"][axis]["final_state"]["angle_deg"]
+            .as_f64()
+            .expect("an angle");
         assert!((angle - expected).abs() < 5.0, "{angle}");
     }
 }
@@ -96,7 +138,9 @@ fn interrupted_demo_still_reports() {
     // Its handler is there before its executors are.
     let tasks = format!("/proc/{}/task", child.id());
     let has_executor = || {
-        let tasks = std::fs::read_dir(&tasks).expect("the program runs").flatten();
+        let tasks = std::fs::read_dir(&tasks)
+            .expect("the program runs")
+            .flatten();
         tasks
             .map(|task| std::fs::read_to_string(task.path().join("comm")).unwrap_or_default())
             .any(|name| name == "mechanism\n")
@@ -104,11 +148,15 @@ fn interrupted_demo_still_reports() {
     while !has_executor() {
         std::thread::yield_now();
     }
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    let killed = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .expect("kill runs");
     assert!(killed.success());
     let output = child.wait_with_output().expect("the program ends");
     assert_eq!(output.status.code(), Some(1));
-    let demo: Value = serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else");
+    let demo: Value =
+        serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else");
     assert_eq!(demo["complete"], false);
 }
 
@@ -116,18 +164,36 @@ fn interrupted_demo_still_reports() {
 fn jitter_prints_json_and_writes_its_histogram() {
     let path = file("histogram.csv");
     let name = path.to_str().expect("a path");
-    let jitter = json(&["jitter", "--loops", "200", "--interval", "500", "--json", "--histogram", name]);
-    assert_eq!((&jitter["allocations"], &jitter["frees"]), (&0.into(), &0.into()));
+    let jitter = json(&[
+        "jitter",
+        "--loops",
+        "200",
+        "--interval",
+        "500",
+        "--json",
+        "--histogram",
+        name,
+    ]);
+    assert_eq!(
+        (&jitter["allocations"], &jitter["frees"]),
+        (&0.into(), &0.into())
+    );
     let report = &jitter["loops"][0];
     check_loop(report);
-    assert_eq!((report["name"].as_str(), report["slots_kept"].as_u64()), (Some("jitter"), Some(200)));
+    assert_eq!(
+        (report["name"].as_str(), report["slots_kept"].as_u64()),
+        (Some("jitter"), Some(200))
+    );
     assert_eq!(report["period_ns"], 500_000);
 
     let histogram = std::fs::read_to_string(&path).expect("the histogram");
     let mut lines = histogram.lines();
     assert_eq!(lines.next(), Some("latency_ns,count"));
-    let counts =
-        lines.map(|line| line.split_once(',').and_then(|(_, count)| count.parse::<u64>().ok()).expect("a count"));
+    let counts = lines.map(|line| {
+        line.split_once(',')
+            .and_then(|(_, count)| count.parse::<u64>().ok())
+            .expect("a count")
+    });
     assert_eq!(counts.sum::<u64>(), 200);
 }
 
@@ -136,7 +202,12 @@ fn jitter_prints_text() {
     let output = luna(&["jitter", "--loops", "50", "--policy", "other"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let out = text(&output.stdout);
-    for part in ["50 wake-ups", "policy other", "wake-up latency of jitter", "#"] {
+    for part in [
+        "50 wake-ups",
+        "policy other",
+        "wake-up latency of jitter",
+        "#",
+    ] {
         assert!(out.contains(part), "{part} in:\n{out}");
     }
 }
@@ -151,10 +222,25 @@ fn bad_values_end_with_2_and_say_why() {
         (&["demo", "--seconds", "-1"], "--seconds"),
         (&["demo", "--policy", "fifo:98"], "--policy"),
         (&["demo", "--core", "70000"], "70000"),
-        (&["demo", "--joystick", bad], "line 3: \"left\" in column `pan` is not a number"),
-        (&["demo", "--joystick", "/no/such/file.csv"], "/no/such/file.csv"),
+        (
+            &["demo", "--joystick", bad],
+            "line 3: \"left\" in column `pan` is not a number",
+        ),
+        (
+            &["demo", "--joystick", "/no/such/file.csv"],
+            "/no/such/file.csv",
+        ),
         (&["jitter", "--interval", "0"], "--interval"),
-        (&["jitter", "--loops", "1", "--histogram", "/no/such/folder/h.csv"], "/no/such/folder/h.csv"),
+        (
+            &[
+                "jitter",
+                "--loops",
+                "1",
+                "--histogram",
+                "/no/such/folder/h.csv",
+            ],
+            "/no/such/folder/h.csv",
+        ),
         (&["jitter", "--core", "70000"], "70000"),
         (&["dance"], "dance"),
     ] {
@@ -162,6 +248,10 @@ fn bad_values_end_with_2_and_say_why() {
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
         assert!(error.contains(part), "{arguments:?}: {error}");
-        assert!(output.stdout.is_empty(), "{arguments:?}: {}", text(&output.stdout));
+        assert!(
+            output.stdout.is_empty(),
+            "{arguments:?}: {}",
+            text(&output.stdout)
+        );
     }
 }

@@ -51,7 +51,11 @@ pub struct NoBuddy(Box<dyn std::error::Error + Send + Sync>);
 
 impl fmt::Display for NoBuddy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "no thread for blocking calls could be started: {}", self.0)
+        write!(
+            f,
+            "no thread for blocking calls could be started: {}",
+            self.0
+        )
     }
 }
 
@@ -76,7 +80,11 @@ pub fn prepare_blocking() -> Result<(), NoBuddy> {
 /// Starts a buddy that is counted already.
 fn start_buddy() -> Result<(), NoBuddy> {
     // Without a real-time policy and on any core: a blocking call must not disturb those that it was taken from.
-    let started = thread::spawn(Attributes::new("luna-buddy"), |_| Ok::<(), Infallible>(()), |()| work());
+    let started = thread::spawn(
+        Attributes::new("luna-buddy"),
+        |_| Ok::<(), Infallible>(()),
+        |()| work(),
+    );
     match started {
         // It lives as long as the program: nobody joins it.
         Ok(_) => Ok(()),
@@ -98,9 +106,17 @@ fn work() {
                 state.buddies += 1;
             }
             drop(state);
-            // If no other buddy can be had, calls wait for this one.
-            if alone && start_buddy().is_err() {}
-            job();
+            if alone {
+                // If no other buddy can be had, calls wait for this one.
+                let _ = start_buddy();
+            }
+            // The call's own panic goes to who awaits it. That of a result which nobody awaits any more must not end the buddy; nor must one
+            // that the panic's own value makes as it is dropped, which is then left alone.
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(job))
+                && let Err(another) = catch_unwind(AssertUnwindSafe(|| drop(panic)))
+            {
+                std::mem::forget(another);
+            }
         } else {
             state.idle += 1;
             drop(state);
@@ -191,7 +207,10 @@ where
         let mut state = running.state.lock();
         match &mut *state {
             CallState::Running(wakeup) => {
-                *wakeup = Some(Wakeup::of(cx));
+                let former = wakeup.replace(Wakeup::of(cx));
+                drop(state);
+                // Dropping a waker is the user's code, which may drop this very call.
+                drop(former);
                 Poll::Pending
             }
             _ => {
@@ -201,7 +220,9 @@ where
                 match done {
                     CallState::Done(Ok(value)) => Poll::Ready(value),
                     CallState::Done(Err(payload)) => resume_unwind(payload),
-                    CallState::Running(_) | CallState::Taken => unreachable!("only the future takes the result"),
+                    CallState::Running(_) | CallState::Taken => {
+                        unreachable!("only the future takes the result")
+                    }
                 }
             }
         }
@@ -214,8 +235,7 @@ impl<T> Call<T> {
         let ready = {
             let mut state = self.state.lock();
             match std::mem::replace(&mut *state, CallState::Done(result)) {
-                // SAFETY: the future clears the wakeup under this lock before it goes, so it is pending.
-                CallState::Running(Some(wakeup)) => unsafe { wakeup.take() },
+                CallState::Running(Some(wakeup)) => wakeup.take(),
                 _ => Ready::NOBODY,
             }
         };
@@ -225,16 +245,21 @@ impl<T> Call<T> {
 
 impl<F, T> Drop for Blocking<F, T> {
     fn drop(&mut self) {
-        if let Some(running) = &self.running
-            && let CallState::Running(wakeup) = &mut *running.state.lock()
-        {
-            *wakeup = None;
+        if let Some(running) = &self.running {
+            let former = match &mut *running.state.lock() {
+                CallState::Running(wakeup) => wakeup.take(),
+                _ => None,
+            };
+            // After the lock: dropping a waker is the user's code.
+            drop(former);
         }
     }
 }
 
 impl<F, T> fmt::Debug for Blocking<F, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Blocking").field("started", &self.running.is_some()).finish_non_exhaustive()
+        f.debug_struct("Blocking")
+            .field("started", &self.running.is_some())
+            .finish_non_exhaustive()
     }
 }

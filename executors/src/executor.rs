@@ -1,11 +1,13 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Each round it looks, in this order, at what others ask of it (one load), at its timers (a clock read, if any is armed), and at the
-//! highest level of its run queue, whose first process it polls. With nothing to do it sleeps until the next deadline.
+//! Each round it looks, in this order, at what others ask of it (one load), at its timers (a clock read, if any is armed), at its files
+//! (if any was ever waited for, every so many rounds), and at the highest level of its run queue, whose first process it polls. With
+//! nothing to do it sleeps until the next deadline.
 
 use crate::inbound::Inbound;
 use crate::process::{Living, ProcessHandle, ProcessSpec, Record};
 use crate::task::{self, with_queue};
+use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home};
 use luna_platform::futex::Futex;
@@ -54,7 +56,21 @@ struct Arrivals {
 /// A process to be built on its executor's thread.
 struct Arrival {
     record: Arc<Record>,
-    build: Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>,
+    build: Build,
+}
+
+/// Builds a process and queues it.
+type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
+
+impl Arrival {
+    /// Ends a process that is not built any more. What its builder holds is the user's: dropping it may panic.
+    fn refuse(self) {
+        let Arrival { record, build } = self;
+        match catch_unwind(AssertUnwindSafe(|| drop(build))) {
+            Ok(()) => record.end_unstarted(),
+            Err(payload) => record.end_panicked(payload),
+        }
+    }
 }
 
 impl Shared {
@@ -105,9 +121,8 @@ impl Shared {
             arrivals.closed = true;
             std::mem::take(&mut arrivals.waiting)
         };
-        for Arrival { record, build } in refused {
-            drop(build);
-            record.end_unstarted();
+        for arrival in refused {
+            arrival.refuse();
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
         self.settled.wake_all();
@@ -144,7 +159,10 @@ impl Executor {
     /// # Errors
     ///
     /// As for `start`.
-    pub fn start_counted(attributes: Attributes, living: Arc<Living>) -> Result<Executor, SpawnError<Infallible>> {
+    pub fn start_counted(
+        attributes: Attributes,
+        living: Arc<Living>,
+    ) -> Result<Executor, SpawnError<Infallible>> {
         let shared = Arc::new(Shared {
             home: Home::new(),
             thread_priority: AtomicU8::new(0),
@@ -162,7 +180,8 @@ impl Executor {
         let thread = thread::spawn(
             attributes,
             move |obtained: &Obtained| {
-                own.thread_priority.store(obtained.policy.priority(), Ordering::Relaxed);
+                own.thread_priority
+                    .store(obtained.policy.priority(), Ordering::Relaxed);
                 Ok(own)
             },
             run,
@@ -257,14 +276,15 @@ impl ExecutorHandle {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
+        // Processes that come and go for ever do not fill the memory.
+        reclaim::collect();
         let record = Record::new(spec, self.shared.living.clone());
         let handle = ProcessHandle(record.clone());
-        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| task::start(shared, record, build()));
+        let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| {
+            task::start(shared, record, build())
+        });
         // The list's node is allocated before the lock is taken.
-        let mut arrival = LinkedList::from([Arrival {
-            record: record.clone(),
-            build,
-        }]);
+        let mut arrival = LinkedList::from([Arrival { record, build }]);
         {
             let mut arrivals = self.shared.arrivals.lock();
             if !arrivals.closed {
@@ -272,11 +292,9 @@ impl ExecutorHandle {
                 arrivals.waiting.append(&mut arrival);
             }
         }
-        if arrival.is_empty() {
-            self.shared.inbound.ask_attention();
-        } else {
-            drop(arrival);
-            record.end_unstarted();
+        match arrival.pop_front() {
+            None => self.shared.inbound.ask_attention(),
+            Some(refused) => refused.refuse(),
         }
         handle
     }
@@ -286,6 +304,7 @@ impl ExecutorHandle {
 fn run(shared: Arc<Shared>) {
     let timers = Arc::new(TimerQueue::new());
     let _home = current::enter_home(shared.home, timers.clone(), false);
+    let _files = watch::enter(shared.inbound.bell());
     let mut members = Vec::new();
     loop {
         shared.inbound.take_attention();
@@ -342,6 +361,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
             timers.expire(now);
         }
     }
+    shared.inbound.bell().glance();
     match with_queue(|queue| queue.pop()) {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(link) => unsafe { (link.as_ref().run())(link) },
@@ -359,6 +379,8 @@ impl fmt::Debug for Executor {
 
 impl fmt::Debug for ExecutorHandle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ExecutorHandle").field("home", &self.shared.home).finish_non_exhaustive()
+        f.debug_struct("ExecutorHandle")
+            .field("home", &self.shared.home)
+            .finish_non_exhaustive()
     }
 }

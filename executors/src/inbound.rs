@@ -12,12 +12,13 @@
 //! ```
 //!
 //! All of 2, b and d are read-modify-write operations on the one word, so they have one order: either 2 comes before b, which then
-//! fails, or the pusher sees `ASLEEP`, and the first one who does rings. While the owner is awake nobody makes a system call.
+//! fails, or the pusher sees `ASLEEP`, and the first one who does rings. While the owner is awake nobody makes a system call. It is
+//! the protocol of the [`Bell`], which says what the bell is.
 
 use crate::link::Link;
+use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
 use luna_platform::current::LEVELS;
-use luna_platform::futex::Futex;
 use luna_platform::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
 use std::ptr::{self, NonNull};
 
@@ -60,7 +61,7 @@ impl Signals {
 pub(crate) struct Inbound {
     signals: AtomicU64,
     stacks: [AtomicPtr<Link>; LEVELS as usize],
-    bell: Futex,
+    bell: Bell,
 }
 
 impl Inbound {
@@ -68,7 +69,7 @@ impl Inbound {
         Self {
             signals: AtomicU64::new(0),
             stacks: std::array::from_fn(|_| AtomicPtr::new(ptr::null_mut())),
-            bell: Futex::new(0),
+            bell: Bell::new(),
         }
     }
 
@@ -84,7 +85,12 @@ impl Inbound {
             // SAFETY: the node is the caller's until the exchange succeeds.
             unsafe { node.as_ref() }.set_next(NonNull::new(top));
             // Release: whoever takes the stack sees the node's link and all that happened before the wake.
-            match stack.compare_exchange_weak(top, node.as_ptr(), Ordering::Release, Ordering::Relaxed) {
+            match stack.compare_exchange_weak(
+                top,
+                node.as_ptr(),
+                Ordering::Release,
+                Ordering::Relaxed,
+            ) {
                 Ok(_) => break,
                 Err(now) => top = now,
             }
@@ -99,13 +105,14 @@ impl Inbound {
 
     fn signal(&self, bit: u64) {
         if self.signals.fetch_or(bit, Ordering::AcqRel) == ASLEEP {
-            self.ring();
+            self.bell.ring();
         }
     }
 
-    fn ring(&self) {
-        self.bell.word().store(1, Ordering::Release);
-        self.bell.wake_one();
+    /// What the owner sleeps in.
+    #[inline]
+    pub(crate) fn bell(&self) -> &Bell {
+        &self.bell
     }
 
     /// What waits outside. One load; owner only.
@@ -129,7 +136,10 @@ impl Inbound {
         while let Some(node) = NonNull::new(from) {
             // SAFETY: the swap made the chain ours, and its nodes live.
             unsafe {
-                from = node.as_ref().next().map_or(ptr::null_mut(), NonNull::as_ptr);
+                from = node
+                    .as_ref()
+                    .next()
+                    .map_or(ptr::null_mut(), NonNull::as_ptr);
                 node.as_ref().set_next(turned);
             }
             turned = Some(node);
@@ -139,14 +149,14 @@ impl Inbound {
 
     /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.
     pub(crate) fn sleep(&self, deadline: Instant) {
-        // A ring that belongs to an earlier sleep can at worst end this one early.
-        self.bell.word().store(0, Ordering::Relaxed);
+        self.bell.quiet();
         if self
             .signals
             .compare_exchange(0, ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
             .is_ok()
         {
-            self.bell.wait(0, deadline);
+            // Whatever ended it, the owner looks again.
+            self.bell.wait(deadline);
             self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
         }
     }

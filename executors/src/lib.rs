@@ -2,7 +2,7 @@
 //!
 //! An [`Executor`] is one OS thread that runs many prioritized processes, each an async block; an [`OsThread`] runs one process alone,
 //! which may make blocking calls; [`block_on`] runs one on the calling thread. A blocking call from a process of an executor goes to
-//! a buddy thread: [`blocking`]. Processes are seen from outside through a [`ProcessHandle`].
+//! a buddy thread: [`blocking`]; one that waits for files and sockets awaits [`readable`] and [`writable`]. Processes are seen from outside through a [`ProcessHandle`].
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -21,22 +21,35 @@
 //! # Ok(()) }
 //! ```
 
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod link;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod run_queue;
 
 #[cfg(not(loom))]
 mod blocking;
 #[cfg(not(loom))]
 mod executor;
+#[cfg(all(unix, not(loom)))]
+mod files;
 #[cfg(not(loom))]
 mod os_thread;
 #[cfg(not(loom))]
 mod process;
 #[cfg(not(loom))]
 mod task;
+#[cfg(all(unix, not(loom)))]
+mod watch;
 #[cfg(not(loom))]
 mod yield_now;
+
+/// Where files have no descriptors nobody waits for them.
+#[cfg(all(not(unix), not(loom)))]
+mod watch {
+    pub(crate) fn enter(_: &luna_platform::bell::Bell) {}
+}
 
 #[cfg(all(test, loom))]
 mod loom_tests;
@@ -46,6 +59,11 @@ pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
     executor::{Executor, ExecutorHandle},
     os_thread::{Nested, OsThread, block_on},
-    process::{Exit, Join, panic_message, Living, ProcessHandle, ProcessSpec, ProcessState},
+    process::{Exit, Join, Living, ProcessHandle, ProcessSpec, ProcessState, panic_message},
     yield_now::{YieldNow, yield_now},
+};
+#[cfg(all(unix, not(loom)))]
+pub use {
+    files::{FileReady, readable, writable},
+    watch::{FileError, prepare_files},
 };

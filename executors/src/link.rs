@@ -15,7 +15,10 @@ pub(crate) struct Link {
 impl Link {
     /// A link that is in no queue. `run` is called with it when it has been taken from the run queue.
     pub(crate) fn new(run: unsafe fn(NonNull<Link>)) -> Self {
-        Self { next: AtomicPtr::new(ptr::null_mut()), run }
+        Self {
+            next: AtomicPtr::new(ptr::null_mut()),
+            run,
+        }
     }
 
     /// What to do when its turn comes.
@@ -32,7 +35,9 @@ impl Link {
 
     #[inline]
     pub(crate) fn set_next(&self, next: Option<NonNull<Link>>) {
-        self.next
-            .store(next.map_or(ptr::null_mut(), NonNull::as_ptr), Ordering::Relaxed);
+        self.next.store(
+            next.map_or(ptr::null_mut(), NonNull::as_ptr),
+            Ordering::Relaxed,
+        );
     }
 }

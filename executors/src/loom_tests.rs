@@ -23,7 +23,11 @@ unsafe fn nothing(_: NonNull<Link>) {}
 impl Node {
     /// On the heap for as long as the program: loom's threads have no scope.
     fn leak(level: u8) -> &'static Node {
-        Box::leak(Box::new(Node { link: Link::new(nothing), is_scheduled: AtomicBool::new(false), level }))
+        Box::leak(Box::new(Node {
+            link: Link::new(nothing),
+            is_scheduled: AtomicBool::new(false),
+            level,
+        }))
     }
 
     /// A waker's work: schedules the process unless it is scheduled.
@@ -50,9 +54,15 @@ fn run_until(inbound: &Inbound, nodes: &[&'static Node], expected: usize) -> Vec
         }
         match queue.pop() {
             Some(link) => {
-                let node = nodes.iter().find(|node| NonNull::from(&node.link) == link).unwrap();
+                let node = nodes
+                    .iter()
+                    .find(|node| NonNull::from(&node.link) == link)
+                    .unwrap();
                 // A run clears the flag before it polls, so that a wake during the poll schedules again.
-                assert!(node.is_scheduled.swap(false, Ordering::AcqRel), "ran without being scheduled");
+                assert!(
+                    node.is_scheduled.swap(false, Ordering::AcqRel),
+                    "ran without being scheduled"
+                );
                 runs.push(node.level);
             }
             None => inbound.sleep(Instant::NEVER),
@@ -92,7 +102,9 @@ fn two_wakers_of_two_processes_at_one_level() {
             thread::spawn(move || node.wake(&inbound))
         });
         assert_eq!(run_until(&inbound, &nodes, 2), [3, 3]);
-        wakers.map(|waker| waker.join().unwrap());
+        for waker in wakers {
+            waker.join().unwrap();
+        }
     });
 }
 
@@ -108,7 +120,9 @@ fn two_wakers_at_two_levels() {
         let mut runs = run_until(&inbound, &nodes, 2);
         runs.sort_unstable();
         assert_eq!(runs, [0, 31]);
-        wakers.map(|waker| waker.join().unwrap());
+        for waker in wakers {
+            waker.join().unwrap();
+        }
     });
 }
 
@@ -124,7 +138,11 @@ fn a_process_woken_twice_runs_once_or_twice_and_ends_unscheduled() {
         });
         let runs = run_until(&inbound, &[node], 1).len();
         waker.join().unwrap();
-        let rest = if inbound.signals().highest_level().is_some() { inbound.take(7).count() } else { 0 };
+        let rest = if inbound.signals().highest_level().is_some() {
+            inbound.take(7).count()
+        } else {
+            0
+        };
         assert!(runs + rest <= 2);
         assert_eq!(node.is_scheduled.load(Ordering::Acquire), rest == 1);
     });
@@ -136,7 +154,7 @@ fn pushes_of_one_thread_stay_in_order() {
         let inbound = Arc::new(Inbound::new());
         let nodes = [Node::leak(5), Node::leak(5)];
         let other = inbound.clone();
-        let waker = thread::spawn(move || nodes.map(|node| node.wake(&other)));
+        let waker = thread::spawn(move || nodes.iter().for_each(|node| node.wake(&other)));
         let mut seen = Vec::new();
         while seen.len() < 2 {
             if inbound.signals().highest_level().is_some() {

@@ -2,8 +2,9 @@
 
 use crate::executor::Phase;
 use crate::process::{Body, Living, ProcessHandle, ProcessSpec, Record};
+use crate::watch;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Home, Place, ProcessId};
+use luna_platform::current::{self, Home, ProcessId};
 use luna_platform::park::Parker;
 use luna_platform::reclaim;
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
@@ -48,32 +49,52 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     let parker = Arc::new(Parker::new());
     let priority = thread::current_policy().priority();
     let future = pin!(future);
-    Ok(run(future, &parker, ProcessId::new(), priority, ProcessSpec::DEFAULT_LEVEL))
+    Ok(run(
+        future,
+        &parker,
+        ProcessId::new(),
+        priority,
+        ProcessSpec::DEFAULT_LEVEL,
+        false,
+    ))
 }
 
-/// The one process of a thread is readied by letting its next park return at once.
-unsafe fn ready_here(parker: *const (), _: Place) {
-    // SAFETY: `run` gave its parker, which outlives the process.
-    unsafe { &*parker.cast::<Parker>() }.unpark();
-}
-
-/// Polls until done, asleep in between.
-fn run<F: Future>(mut future: Pin<&mut F>, parker: &Arc<Parker>, id: ProcessId, thread_priority: u8, level: u8) -> F::Output {
+/// Polls until done, asleep in between: `on_path`, once all that it needs for this is there.
+fn run<F: Future>(
+    mut future: Pin<&mut F>,
+    parker: &Arc<Parker>,
+    id: ProcessId,
+    thread_priority: u8,
+    level: u8,
+    on_path: bool,
+) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
     let home = Home::new();
     let _home = current::enter_home(home, timers.clone(), true);
-    // SAFETY: the owner is the parker, which outlives the process.
-    let process = unsafe { current::Process::new(id, home, thread_priority, level, ready_here) };
+    let _files = watch::enter(parker.bell());
+    // Alone on its thread it needs no way around its waker.
+    let process = current::Process::new(id, home, thread_priority, level);
     let waker = Waker::from(parker.clone());
     // SAFETY: nobody else has seen the process yet.
-    unsafe { process.set_waker(waker.clone(), Arc::as_ptr(parker).cast()) };
+    unsafe { process.set_waker(waker.clone()) };
     let mut cx = Context::from_waker(&waker);
+    current::set_on_path(on_path);
     loop {
-        if let Poll::Ready(output) = current::with_process(&process, || future.as_mut().poll(&mut cx)) {
+        // SAFETY: this thread is the home, and the process ends with this function.
+        let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
+        if let Poll::Ready(output) = polled {
+            current::set_on_path(false);
             return output;
         }
-        if !parker.park(timers.next_deadline()) {
-            timers.expire(Instant::now());
+        loop {
+            // Before each park, also one that returns at once: a process that always readies itself again has deadlines and files too.
+            if timers.next_deadline() != Instant::NEVER {
+                timers.expire(Instant::now());
+            }
+            parker.bell().glance();
+            if parker.park(timers.next_deadline()) {
+                break;
+            }
         }
     }
 }
@@ -111,7 +132,11 @@ impl OsThread {
     /// # Errors
     ///
     /// What the system refused, if the attributes are strict or cannot be had in any way.
-    pub fn start<B, F>(attributes: Attributes, spec: ProcessSpec, build: B) -> Result<OsThread, SpawnError<Infallible>>
+    pub fn start<B, F>(
+        attributes: Attributes,
+        spec: ProcessSpec,
+        build: B,
+    ) -> Result<OsThread, SpawnError<Infallible>>
     where
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
@@ -142,18 +167,20 @@ impl OsThread {
         let record = Record::new(spec, living);
         record.set_waker(Waker::from(shared.parker.clone()));
         let process = ProcessHandle(record.clone());
-        let (own, of_body) = (shared.clone(), record.clone());
+        let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
         let started = thread::spawn(
             attributes,
             move |obtained: &Obtained| {
-                own.thread_priority.store(obtained.policy.priority(), Ordering::Relaxed);
-                // Boxed, so that it does not move from here to the body; once for the process' life.
-                let future = catch_unwind(AssertUnwindSafe(build)).map(Box::pin);
-                Ok((own, future))
+                own.thread_priority
+                    .store(obtained.policy.priority(), Ordering::Relaxed);
+                // Boxed, so that it does not move from here on; once for the process' life, and freed off the real-time path.
+                let body = catch_unwind(AssertUnwindSafe(build))
+                    .map(|future| Box::pin(Body::new(future, of_body)));
+                Ok((own, body))
             },
-            move |(shared, future)| match future {
-                Ok(future) => shared.run(of_body, future),
-                Err(payload) => of_body.end_panicked(payload),
+            move |(shared, body)| match body {
+                Ok(body) => shared.run(of_thread, body),
+                Err(payload) => of_thread.end_panicked(payload),
             },
         );
         match started {
@@ -207,15 +234,23 @@ impl OsThread {
 }
 
 impl Held {
-    fn run<F: Future<Output = ()>>(&self, record: Arc<Record>, future: Pin<Box<F>>) {
-        while self.phase.load(Ordering::Acquire) == Phase::HELD {
+    fn run<F: Future<Output = ()>>(&self, record: Arc<Record>, mut body: Pin<Box<Body<F>>>) {
+        // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
+        loop {
             self.parker.park(Instant::NEVER);
+            if self.phase.load(Ordering::Acquire) != Phase::HELD {
+                break;
+            }
         }
         let (id, level) = (record.id(), record.level());
-        let body = pin!(Body::new(future, record.clone()));
-        current::set_on_path(true);
-        run(body, &self.parker, id, self.thread_priority.load(Ordering::Relaxed), level);
-        current::set_on_path(false);
+        run(
+            body.as_mut(),
+            &self.parker,
+            id,
+            self.thread_priority.load(Ordering::Relaxed),
+            level,
+            true,
+        );
         record.drop_waker();
         reclaim::collect();
     }
@@ -233,6 +268,8 @@ impl Drop for OsThread {
 
 impl fmt::Debug for OsThread {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("OsThread").field("process", &self.process).finish_non_exhaustive()
+        f.debug_struct("OsThread")
+            .field("process", &self.process)
+            .finish_non_exhaustive()
     }
 }

@@ -125,7 +125,10 @@ pub struct Living {
 
 impl Living {
     /// Nobody lives yet.
-    #[expect(clippy::new_without_default, reason = "shared on purpose, not by default")]
+    #[expect(
+        clippy::new_without_default,
+        reason = "shared on purpose, not by default"
+    )]
     pub fn new() -> Self {
         Self {
             count: AtomicUsize::new(0),
@@ -347,7 +350,8 @@ impl ProcessHandle {
 
     /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.
     pub fn longest_poll(&self) -> Option<Duration> {
-        (self.0.timed && self.polls() > 0).then(|| Duration::from_nanos(self.0.longest_poll.load(Ordering::Relaxed)))
+        (self.0.timed && self.polls() > 0)
+            .then(|| Duration::from_nanos(self.0.longest_poll.load(Ordering::Relaxed)))
     }
 
     /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.
@@ -441,14 +445,19 @@ impl Future for Join<'_> {
         }
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
-        unsafe {
+        let former = unsafe {
             if (*node.as_ptr()).listed {
-                *(*node.as_ptr()).wait.wakeup_mut() = Some(Wakeup::of(cx));
+                (*node.as_ptr()).wait.wakeup_mut().replace(Wakeup::of(cx))
             } else {
-                end.joining.insert(node.cast(), current::priority(), Wakeup::of(cx));
+                end.joining
+                    .insert(node.cast(), current::priority(), Wakeup::of(cx));
                 (*node.as_ptr()).listed = true;
+                None
             }
-        }
+        };
+        drop(end);
+        // Dropping a waker is the user's code, which may drop a join.
+        drop(former);
         Poll::Pending
     }
 }
@@ -468,7 +477,9 @@ impl Drop for Join<'_> {
 
 impl fmt::Debug for Join<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Join").field("process", &self.record.name).finish()
+        f.debug_struct("Join")
+            .field("process", &self.record.name)
+            .finish()
     }
 }
 
@@ -501,7 +512,9 @@ impl<F: Future<Output = ()>> Future for Body<F> {
                 return Poll::Ready(());
             };
             record.set_state(ProcessState::Running);
-            record.polls.store(record.polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+            record
+                .polls
+                .store(record.polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
             let started = record.timed.then(Instant::now);
             // SAFETY: see above.
             let future = unsafe { Pin::new_unchecked(future) };

@@ -109,7 +109,12 @@ mod tests {
         }
         assert_eq!(queue.highest_level(), Some(31));
         let order: Vec<usize> = std::iter::from_fn(|| queue.pop())
-            .map(|node| links.iter().position(|link| NonNull::from(link) == node).unwrap())
+            .map(|node| {
+                links
+                    .iter()
+                    .position(|link| NonNull::from(link) == node)
+                    .unwrap()
+            })
             .collect();
         assert_eq!(order, [1, 4, 2, 3, 0, 5]);
         assert_eq!(current::ready_levels(), 0);

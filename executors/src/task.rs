@@ -22,7 +22,7 @@ use crate::link::Link;
 use crate::process::{Body, ProcessState, Record};
 use crate::run_queue::RunQueue;
 use async_task::{Builder, Runnable, ScheduleInfo, WithInfo};
-use luna_platform::current::{self, Place};
+use luna_platform::current::{self, Methods, Place};
 use luna_platform::reclaim::{self, Retired};
 use std::cell::Cell;
 use std::future::Future;
@@ -44,6 +44,8 @@ thread_local! {
 pub(crate) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
     QUEUE.with(f)
 }
+
+static METHODS: Methods = Methods { ready_here, free };
 
 /// Polls the body at the pointer; `true` if it has ended.
 type PollInPlace = unsafe fn(NonNull<()>, &mut Context<'_>) -> bool;
@@ -93,10 +95,12 @@ pub(crate) fn start<F>(shared: &Arc<Shared>, record: Arc<Record>, future: F)
 where
     F: Future<Output = ()> + 'static,
 {
-    // SAFETY: `ready_here` is called with the process inside its task, which lives until the process has ended.
-    let process = unsafe {
-        current::Process::new(record.id(), shared.home(), shared.thread_priority(), record.level(), ready_here)
-    };
+    let process = current::Process::new(
+        record.id(),
+        shared.home(),
+        shared.thread_priority(),
+        record.level(),
+    );
     let task = Task {
         scheduled: Link::new(run_scheduled),
         direct: Link::new(run_direct),
@@ -105,7 +109,7 @@ where
         body: Cell::new(None),
         raw: AtomicPtr::new(ptr::null_mut()),
         process,
-        retired: Retired::new(free),
+        retired: Retired::new(free_retired),
         shared: shared.clone(),
         record: record.clone(),
     };
@@ -115,13 +119,25 @@ where
     // SAFETY: the future need not be `Send`: a task is polled on its executor's thread alone, and dropped there too, since its body ends
     // (completed, cancelled or panicked) before the executor does. All of it is 'static, and the schedule function can be called
     // on any thread. The task's metadata stays where it is as long as the future, so the future may keep a pointer to it.
-    let (runnable, join) =
-        unsafe { Builder::new().metadata(task).spawn_unchecked(|task: &Task| Placed { task: task.into(), body }, schedule) };
+    let (runnable, join) = unsafe {
+        Builder::new().metadata(task).spawn_unchecked(
+            |task: &Task| Placed {
+                task: task.into(),
+                body,
+            },
+            schedule,
+        )
+    };
     join.detach();
     let waker = runnable.waker();
     record.set_waker(waker.clone());
-    // SAFETY: the task has not been polled, and nobody else knows it yet but for the record's waker, which does not look here.
-    unsafe { runnable.metadata().process.set_waker(waker, ptr::from_ref(runnable.metadata()).cast()) };
+    let owner = NonNull::from(runnable.metadata());
+    // SAFETY: the task has not been polled, and nobody else knows it yet but for the record's waker, which does not look here. It
+    // stays where it is until its wakers are dropped by `free_retired`, and `retire` ends the process once.
+    unsafe {
+        owner.as_ref().process.set_waker(waker);
+        owner.as_ref().process.set_owner(owner.cast(), &METHODS);
+    }
     TASKS.set(TASKS.get() + 1);
     runnable.schedule();
 }
@@ -145,7 +161,10 @@ impl<F: Future<Output = ()>> Future for Placed<F> {
         unsafe {
             let this = self.get_unchecked_mut();
             let place = NonNull::from(&mut this.body);
-            this.task.as_ref().body.set(Some((place.cast(), poll_in_place::<F>)));
+            this.task
+                .as_ref()
+                .body
+                .set(Some((place.cast(), poll_in_place::<F>)));
             Pin::new_unchecked(&mut *place.as_ptr()).poll(cx)
         }
     }
@@ -156,7 +175,9 @@ impl<F: Future<Output = ()>> Future for Placed<F> {
 /// `body` leads to a pinned `Body<F>` that nobody else accesses.
 unsafe fn poll_in_place<F: Future<Output = ()>>(body: NonNull<()>, cx: &mut Context<'_>) -> bool {
     // SAFETY: the contract.
-    unsafe { Pin::new_unchecked(body.cast::<Body<F>>().as_mut()) }.poll(cx).is_ready()
+    unsafe { Pin::new_unchecked(body.cast::<Body<F>>().as_mut()) }
+        .poll(cx)
+        .is_ready()
 }
 
 /// Called by async-task, from any thread, when a waiting task is woken, or one that was woken while it ran has been polled.
@@ -169,7 +190,11 @@ fn schedule(runnable: Runnable<Task>, _: ScheduleInfo) {
         let task = task.as_ref();
         task.raw.store(raw.as_ptr(), Ordering::Relaxed);
         task.record.set_state(ProcessState::Ready);
-        (task.process.level(), current::home() == Some(task.shared.home()), field_of!(scheduled, task_at))
+        (
+            task.process.level(),
+            current::home() == Some(task.shared.home()),
+            field_of!(scheduled, task_at),
+        )
     };
     if here {
         // SAFETY: the task is live, and async-task schedules it once at a time, so the link is in no queue.
@@ -214,21 +239,31 @@ unsafe fn run_scheduled(link: NonNull<Link>) {
 /// The task is completed, neither of its links is queued, and it was not retired before.
 unsafe fn retire(task: NonNull<Task>) {
     TASKS.set(TASKS.get() - 1);
-    // SAFETY: nobody else has a way to the task but wakers, which keep it alive themselves.
-    unsafe { reclaim::retire(field_of!(retired, task)) };
+    // SAFETY: the process is not polled again, and this is its home's thread. Wakers keep the task alive themselves.
+    unsafe { current::Process::end(field_of!(process, task)) };
+}
+
+/// Frees a task whose process has ended and that nobody refers to, off the real-time path.
+///
+/// # Safety
+///
+/// As `Methods::free` says; `owner` is the task.
+unsafe fn free(owner: NonNull<()>) {
+    // SAFETY: the contract.
+    unsafe { reclaim::retire(field_of!(retired, owner.cast::<Task>())) };
 }
 
 /// Puts a process of this thread's executor into the run queue, if it is not there: no atomics.
 ///
 /// # Safety
 ///
-/// As `current::Process::new` says: `owner` is the task of a process that has not ended, and this is its home's thread.
-unsafe fn ready_here(owner: *const (), place: Place) {
+/// As `Methods::ready_here` says: `owner` is a task that is still referred to, and this is its home's thread.
+unsafe fn ready_here(owner: NonNull<()>, place: Place) {
     // SAFETY: the contract; a task that is not ready is not queued by its direct link.
     unsafe {
-        let task = NonNull::new_unchecked(owner.cast::<Task>().cast_mut());
+        let task = owner.cast::<Task>();
         let this = task.as_ref();
-        if this.is_ready.replace(true) {
+        if this.record.has_ended() || this.is_ready.replace(true) {
             return;
         }
         this.record.set_state(ProcessState::Ready);
@@ -277,7 +312,7 @@ unsafe fn run_direct(link: NonNull<Link>) {
 /// # Safety
 ///
 /// `head` is the field `retired` of a task that async-task has completed.
-unsafe fn free(head: NonNull<Retired>) {
+unsafe fn free_retired(head: NonNull<Retired>) {
     // SAFETY: the task lives until its last waker is dropped below, after which it is not used.
     unsafe {
         let task = task_of!(retired, head);

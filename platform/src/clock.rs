@@ -89,7 +89,12 @@ impl Sub<Duration> for Instant {
 
 impl fmt::Debug for Instant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Instant({}.{:09} s)", self.0 / 1_000_000_000, self.0 % 1_000_000_000)
+        write!(
+            f,
+            "Instant({}.{:09} s)",
+            self.0 / 1_000_000_000,
+            self.0 % 1_000_000_000
+        )
     }
 }
 
@@ -107,8 +112,14 @@ mod tests {
     fn arithmetic_saturates() {
         let huge = Instant::from_nanos(u64::MAX - 1) + Duration::MAX;
         assert_eq!(huge, Instant::NEVER);
-        assert_eq!(Instant::from_nanos(5) - Instant::from_nanos(7), Duration::ZERO);
-        assert_eq!(Instant::from_nanos(5) - Duration::from_nanos(7), Instant::from_nanos(0));
+        assert_eq!(
+            Instant::from_nanos(5) - Instant::from_nanos(7),
+            Duration::ZERO
+        );
+        assert_eq!(
+            Instant::from_nanos(5) - Duration::from_nanos(7),
+            Instant::from_nanos(0)
+        );
     }
 
     #[test]

@@ -12,7 +12,7 @@
 //! What it offers of the system:
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
+//! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
 //! - [`signals`]: requests to end, as events.
 //!
@@ -21,6 +21,7 @@
 //!
 //! A system call is made on the real-time path only where a function's documentation says so.
 
+pub mod bell;
 pub mod clock;
 pub mod current;
 #[cfg(not(loom))]
@@ -29,7 +30,6 @@ pub mod facts;
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
-#[cfg(not(loom))]
 pub mod park;
 #[cfg(not(loom))]
 pub mod reactor;

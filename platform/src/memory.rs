@@ -75,7 +75,9 @@ impl Drop for MemoryLock {
 pub fn prefault_heap(bytes: usize) -> Result<(), HeapError> {
     backend::keep_heap();
     let mut pages: Vec<u8> = Vec::new();
-    pages.try_reserve_exact(bytes).map_err(|_| HeapError { bytes })?;
+    pages
+        .try_reserve_exact(bytes)
+        .map_err(|_| HeapError { bytes })?;
     // One write to each page; 4 KiB is the smallest page there is.
     for page in pages.spare_capacity_mut().chunks_mut(4096) {
         if let Some(first) = page.first_mut() {
@@ -112,7 +114,10 @@ mod tests {
     #[test]
     fn more_heap_than_there_is() {
         let error = prefault_heap(usize::MAX / 4).unwrap_err();
-        assert!(error.to_string().contains(&(usize::MAX / 4).to_string()), "{error}");
+        assert!(
+            error.to_string().contains(&(usize::MAX / 4).to_string()),
+            "{error}"
+        );
         prefault_heap(0).unwrap();
     }
 }

@@ -1,13 +1,19 @@
 //! Blocking a thread until it is woken, and until a future is done.
 
+use crate::bell::Bell;
 use crate::clock::Instant;
+#[cfg(not(loom))]
 use crate::current;
-use crate::futex::{Futex, Waited};
-use std::future::Future;
-use std::pin::{Pin, pin};
+use crate::futex::Waited;
+use crate::sync::atomic::{AtomicU32, Ordering};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::task::{Context, Poll, Wake, Waker};
+use std::task::Wake;
+#[cfg(not(loom))]
+use std::{
+    future::Future,
+    pin::{Pin, pin},
+    task::{Context, Poll, Waker},
+};
 
 const EMPTY: u32 = 0;
 const PARKED: u32 = 1;
@@ -27,32 +33,47 @@ const NOTIFIED: u32 = 2;
 /// ```
 #[derive(Debug)]
 pub struct Parker {
-    state: Futex,
+    /// The word of the [`Bell`]'s protocol.
+    state: AtomicU32,
+    bell: Bell,
 }
 
 impl Parker {
     /// A parker that nobody has woken.
-    #[expect(clippy::new_without_default, reason = "belongs to one thread: made on purpose, not by default")]
+    #[expect(
+        clippy::new_without_default,
+        reason = "belongs to one thread: made on purpose, not by default"
+    )]
     pub fn new() -> Self {
-        Self { state: Futex::new(EMPTY) }
+        Self {
+            state: AtomicU32::new(EMPTY),
+            bell: Bell::new(),
+        }
+    }
+
+    /// What the thread sleeps in: to hang a watch beside it.
+    pub fn bell(&self) -> &Bell {
+        &self.bell
     }
 
     /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone.
     pub fn park(&self, deadline: Instant) -> bool {
-        let word = self.state.word();
-        if word.compare_exchange(EMPTY, PARKED, Ordering::Acquire, Ordering::Acquire).is_err() {
-            // Notified before.
-            word.store(EMPTY, Ordering::Relaxed);
-            std::sync::atomic::fence(Ordering::Acquire);
-            return true;
-        }
         loop {
-            let waited = self.state.wait(PARKED, deadline);
-            if word.compare_exchange(NOTIFIED, EMPTY, Ordering::Acquire, Ordering::Relaxed).is_ok() {
+            self.bell.quiet();
+            let mut waited = Waited::Woken;
+            if self
+                .state
+                .compare_exchange(EMPTY, PARKED, Ordering::AcqRel, Ordering::Relaxed)
+                .is_ok()
+            {
+                waited = self.bell.wait(deadline);
+            }
+            // Acquire: who is woken sees what happened before the wake.
+            if self.state.swap(EMPTY, Ordering::Acquire) == NOTIFIED {
                 return true;
             }
             if waited == Waited::TimedOut {
-                return word.swap(EMPTY, Ordering::Acquire) == NOTIFIED;
+                return false;
             }
         }
     }
@@ -60,8 +81,8 @@ impl Parker {
     /// Wakes the thread, or lets its next `park` return at once. From any thread.
     #[inline]
     pub fn unpark(&self) {
-        if self.state.word().swap(NOTIFIED, Ordering::Release) == PARKED {
-            self.state.wake_one();
+        if self.state.swap(NOTIFIED, Ordering::AcqRel) == PARKED {
+            self.bell.ring();
         }
     }
 }
@@ -85,6 +106,7 @@ impl Wake for Parker {
 /// ```
 /// assert_eq!(luna_platform::park::block_on(async { 1 + 1 }), 2);
 /// ```
+#[cfg(not(loom))]
 #[track_caller]
 pub fn block_on<F: Future>(future: F) -> F::Output {
     match block_on_until(pin!(future), Instant::NEVER) {
@@ -95,6 +117,7 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
 
 /// Blocks this thread until `future` is done or `deadline` has come. At the deadline the future is polled once more, so that
 /// what it says is exact. Panics as [`block_on`] does.
+#[cfg(not(loom))]
 #[track_caller]
 pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> Option<F::Output> {
     assert!(
@@ -124,7 +147,7 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
     output
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
 
@@ -139,7 +162,83 @@ mod tests {
 
     #[test]
     fn block_on_until_gives_up_at_the_deadline() {
-        assert_eq!(block_on_until(pin!(std::future::pending::<()>()), Instant::now()), None);
-        assert_eq!(block_on_until(pin!(std::future::ready(7)), Instant::now()), Some(7));
+        assert_eq!(
+            block_on_until(pin!(std::future::pending::<()>()), Instant::now()),
+            None
+        );
+        assert_eq!(
+            block_on_until(pin!(std::future::ready(7)), Instant::now()),
+            Some(7)
+        );
+    }
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests {
+    //! On every interleaving: no wake is slept through, and who is woken sees what came before.
+
+    use super::*;
+    use crate::sync::UnsafeCell;
+    use loom::thread;
+
+    struct Shared {
+        parker: Parker,
+        value: UnsafeCell<u32>,
+    }
+
+    // SAFETY: the tests access the cell before an unpark, or after the park that it ended; loom checks that they do.
+    unsafe impl Sync for Shared {}
+
+    #[test]
+    fn a_wake_is_never_slept_through() {
+        loom::model(|| {
+            let shared = Arc::new(Shared {
+                parker: Parker::new(),
+                value: UnsafeCell::new(0),
+            });
+            let other = shared.clone();
+            let waker = thread::spawn(move || {
+                // SAFETY: the other thread reads it after its park alone.
+                other.value.with_mut(|value| unsafe { *value = 7 });
+                other.parker.unpark();
+            });
+            assert!(shared.parker.park(Instant::NEVER));
+            // SAFETY: the park has seen the unpark, which came after the write.
+            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
+            waker.join().unwrap();
+        });
+    }
+
+    #[test]
+    fn two_wakes_end_one_park_or_two() {
+        loom::model(|| {
+            let parker = Arc::new(Parker::new());
+            let wakers = [parker.clone(), parker.clone()]
+                .map(|parker| thread::spawn(move || parker.unpark()));
+            assert!(parker.park(Instant::NEVER));
+            for waker in wakers {
+                waker.join().unwrap();
+            }
+            // The second wake was taken together with the first, or it is kept.
+            if parker.state.load(Ordering::Relaxed) == NOTIFIED {
+                assert!(parker.park(Instant::NEVER));
+            }
+            assert_eq!(parker.state.load(Ordering::Relaxed), EMPTY);
+        });
+    }
+
+    #[test]
+    fn a_late_ring_of_one_park_does_not_hide_that_of_the_next() {
+        loom::model(|| {
+            let parker = Arc::new(Parker::new());
+            let (one, two) = (parker.clone(), parker.clone());
+            let first = thread::spawn(move || one.unpark());
+            assert!(parker.park(Instant::NEVER));
+            // The first may have changed the word and still be about to ring.
+            let second = thread::spawn(move || two.unpark());
+            assert!(parker.park(Instant::NEVER));
+            first.join().unwrap();
+            second.join().unwrap();
+        });
     }
 }

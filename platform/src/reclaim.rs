@@ -17,7 +17,10 @@ pub struct Retired {
 impl Retired {
     /// A head whose allocation `free` frees.
     pub const fn new(free: unsafe fn(NonNull<Retired>)) -> Self {
-        Self { next: AtomicPtr::new(ptr::null_mut()), free }
+        Self {
+            next: AtomicPtr::new(ptr::null_mut()),
+            free,
+        }
     }
 }
 
@@ -40,8 +43,15 @@ pub unsafe fn retire(head: NonNull<Retired>) {
     let mut first = RETIRED.load(Ordering::Relaxed);
     loop {
         // SAFETY: the allocation is ours alone until it is on the list.
-        unsafe { head.as_ref() }.next.store(first, Ordering::Relaxed);
-        match RETIRED.compare_exchange_weak(first, head.as_ptr(), Ordering::Release, Ordering::Relaxed) {
+        unsafe { head.as_ref() }
+            .next
+            .store(first, Ordering::Relaxed);
+        match RETIRED.compare_exchange_weak(
+            first,
+            head.as_ptr(),
+            Ordering::Release,
+            Ordering::Relaxed,
+        ) {
             Ok(_) => return,
             Err(now) => first = now,
         }
@@ -78,7 +88,10 @@ mod tests {
     }
 
     fn retired(token: &Arc<()>) -> NonNull<Retired> {
-        let counted = Box::new(Counted { head: Retired::new(free), token: token.clone() });
+        let counted = Box::new(Counted {
+            head: Retired::new(free),
+            token: token.clone(),
+        });
         assert_eq!(Arc::strong_count(&counted.token), Arc::strong_count(token));
         NonNull::from(Box::leak(counted)).cast()
     }

@@ -184,10 +184,14 @@ impl PolicyRefusal {
     fn text(&self, asked: Policy) -> String {
         match self {
             Self::NotPermitted { limit: Some(limit) } => {
-                format!("CAP_SYS_NICE is missing and the limit on real-time priorities (RLIMIT_RTPRIO) is {limit}")
+                format!(
+                    "CAP_SYS_NICE is missing and the limit on real-time priorities (RLIMIT_RTPRIO) is {limit}"
+                )
             }
             Self::NotPermitted { limit: None } => "CAP_SYS_NICE is missing".to_owned(),
-            Self::NoGroupBudget { file } => format!("the process' control group has no real-time budget ({file} is 0)"),
+            Self::NoGroupBudget { file } => {
+                format!("the process' control group has no real-time budget ({file} is 0)")
+            }
             Self::GroupWithoutBudget { group } => format!(
                 "the process may, but the kernel refused, probably since it is in the control group `{group}` (version 2) and the \
                  kernel has CONFIG_RT_GROUP_SCHED"
@@ -231,7 +235,9 @@ impl CoreRefusal {
         match self {
             Self::NoSuchCore { cores } => format!("the machine has no such core, but {cores}"),
             Self::Offline => "it is switched off".to_owned(),
-            Self::NotAllowed { allowed } => format!("the process' control group does not allow it, but {allowed}"),
+            Self::NotAllowed { allowed } => {
+                format!("the process' control group does not allow it, but {allowed}")
+            }
             Self::NotKept => "it was set, but the thread may still run elsewhere".to_owned(),
             Self::Kernel { message } => format!("the kernel said: {message}"),
             Self::Unsupported => "the portable backend cannot pin threads".to_owned(),
@@ -258,7 +264,9 @@ impl MemoryRefusal {
     fn text(&self) -> String {
         match self {
             Self::Limited { limit: Some(limit) } => {
-                format!("CAP_IPC_LOCK is missing and the limit on locked memory (RLIMIT_MEMLOCK) is {limit} bytes")
+                format!(
+                    "CAP_IPC_LOCK is missing and the limit on locked memory (RLIMIT_MEMLOCK) is {limit} bytes"
+                )
             }
             Self::Limited { limit: None } => "CAP_IPC_LOCK is missing".to_owned(),
             Self::Kernel { message } => format!("the kernel said: {message}"),
@@ -309,14 +317,33 @@ mod tests {
     #[test]
     fn a_refusal_says_what_why_and_how() {
         let why = PolicyRefusal::NotPermitted { limit: Some(0) };
-        let text = Shortfall::Policy { asked: Policy::fifo(80), why }.to_string();
-        for part in ["fifo:80", "CAP_SYS_NICE", "RLIMIT_RTPRIO", "is 0", "limits.d", "setcap"] {
+        let text = Shortfall::Policy {
+            asked: Policy::fifo(80),
+            why,
+        }
+        .to_string();
+        for part in [
+            "fifo:80",
+            "CAP_SYS_NICE",
+            "RLIMIT_RTPRIO",
+            "is 0",
+            "limits.d",
+            "setcap",
+        ] {
             assert!(text.contains(part), "{part} in: {text}");
         }
-        let why = CoreRefusal::NoSuchCore { cores: "0-1".to_owned() };
+        let why = CoreRefusal::NoSuchCore {
+            cores: "0-1".to_owned(),
+        };
         let text = Shortfall::Core { asked: 77, why }.to_string();
         assert!(text.contains("core 77") && text.contains("0-1"), "{text}");
-        let text = Shortfall::MemoryLock(MemoryRefusal::Limited { limit: Some(8 << 20) }).to_string();
-        assert!(text.contains("8388608") && text.contains("memlock unlimited"), "{text}");
+        let text = Shortfall::MemoryLock(MemoryRefusal::Limited {
+            limit: Some(8 << 20),
+        })
+        .to_string();
+        assert!(
+            text.contains("8388608") && text.contains("memlock unlimited"),
+            "{text}"
+        );
     }
 }

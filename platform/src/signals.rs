@@ -81,7 +81,10 @@ struct Installed {
     before: Vec<backend::Before>,
 }
 
-static INSTALLED: Mutex<Installed> = Mutex::new(Installed { watches: 0, before: Vec::new() });
+static INSTALLED: Mutex<Installed> = Mutex::new(Installed {
+    watches: 0,
+    before: Vec::new(),
+});
 
 /// While it lives, signals are events instead of the program's end.
 ///
@@ -115,7 +118,11 @@ impl SignalWatch {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         let already = installed.before.len();
         for &signal in signals {
-            if installed.before.iter().any(|before| before.signal() == signal) {
+            if installed
+                .before
+                .iter()
+                .any(|before| before.signal() == signal)
+            {
                 continue;
             }
             match backend::install(signal) {
@@ -163,7 +170,10 @@ pub(crate) enum Noted {
 pub(crate) fn note(number: i32) -> Noted {
     let now = Instant::now();
     // Acquire and release: who sees the number sees what came before the signal's sender, as far as there is an order.
-    if RECEIVED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire).is_ok() {
+    if RECEIVED
+        .compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire)
+        .is_ok()
+    {
         RECEIVED_AT.store(now.as_nanos(), Ordering::Relaxed);
         announce_event();
         return Noted::Event;
@@ -237,7 +247,11 @@ mod tests {
     fn an_event_is_seen_by_all_who_wait() {
         let seen = event_count();
         let waiting: Vec<_> = (0..4)
-            .map(|_| std::thread::spawn(move || wait_for_event(seen, Instant::now() + Duration::from_secs(60))))
+            .map(|_| {
+                std::thread::spawn(move || {
+                    wait_for_event(seen, Instant::now() + Duration::from_secs(60))
+                })
+            })
             .collect();
         announce_event();
         for thread in waiting {

@@ -18,7 +18,15 @@ pub struct WaitNode {
 impl WaitNode {
     /// A node that is in no list.
     pub const fn new() -> Self {
-        Self { before: None, after: None, priority: Priority { thread: 0, level: 0 }, wakeup: None }
+        Self {
+            before: None,
+            after: None,
+            priority: Priority {
+                thread: 0,
+                level: 0,
+            },
+            wakeup: None,
+        }
     }
 
     /// Whom to wake; to be changed only under the list's lock.
@@ -50,7 +58,10 @@ unsafe impl Send for WaitList {}
 impl WaitList {
     /// An empty list.
     pub const fn new() -> Self {
-        Self { first: None, last: None }
+        Self {
+            first: None,
+            last: None,
+        }
     }
 
     /// Whether nobody waits.
@@ -63,6 +74,17 @@ impl WaitList {
     #[inline]
     pub fn first(&self) -> Option<NonNull<WaitNode>> {
         self.first
+    }
+
+    /// Who is served after `node`.
+    ///
+    /// # Safety
+    ///
+    /// `node` is in this list.
+    #[inline]
+    pub unsafe fn after(&self, node: NonNull<WaitNode>) -> Option<NonNull<WaitNode>> {
+        // SAFETY: by the contract the node is in this list, so by the invariant it is live.
+        unsafe { node.as_ref() }.after
     }
 
     /// Puts `node` behind all of its priority or higher. O(1) if none of lower priority waits, else O(those of lower priority).
@@ -147,21 +169,35 @@ mod tests {
 
     fn order(list: &mut WaitList, nodes: &[Box<WaitNode>]) -> Vec<usize> {
         std::iter::from_fn(|| list.pop())
-            .map(|node| nodes.iter().position(|n| NonNull::from(&**n) == node).unwrap())
+            .map(|node| {
+                nodes
+                    .iter()
+                    .position(|n| NonNull::from(&**n) == node)
+                    .unwrap()
+            })
             .collect()
     }
 
     fn insert(list: &mut WaitList, node: &mut Box<WaitNode>, thread: u8, level: u8) {
         let wakeup = Wakeup::of(&Context::from_waker(Waker::noop()));
         // SAFETY: the boxes outlive the list and are in it once.
-        unsafe { list.insert(NonNull::from(&mut **node), Priority { thread, level }, wakeup) };
+        unsafe {
+            list.insert(
+                NonNull::from(&mut **node),
+                Priority { thread, level },
+                wakeup,
+            )
+        };
     }
 
     #[test]
     fn urgent_first_then_by_arrival() {
         let mut nodes: Vec<Box<WaitNode>> = (0..6).map(|_| Box::default()).collect();
         let mut list = WaitList::new();
-        for (index, (thread, level)) in [(0, 3), (0, 3), (80, 0), (0, 9), (80, 0), (0, 0)].into_iter().enumerate() {
+        for (index, (thread, level)) in [(0, 3), (0, 3), (80, 0), (0, 9), (80, 0), (0, 0)]
+            .into_iter()
+            .enumerate()
+        {
             insert(&mut list, &mut nodes[index], thread, level);
         }
         assert_eq!(order(&mut list, &nodes), [2, 4, 3, 0, 1, 5]);

@@ -11,7 +11,9 @@ fn a_latency_is_held_or_a_shortfall() {
     match DmaLatency::hold() {
         // A second one beside it is no conflict.
         Ok(_held) => assert!(DmaLatency::hold().is_ok()),
-        Err(shortfall @ Shortfall::DmaLatency(_)) => println!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}"),
+        Err(shortfall @ Shortfall::DmaLatency(_)) => {
+            println!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}")
+        }
         Err(other) => panic!("{other:?}"),
     }
 }
@@ -35,7 +37,10 @@ mod linux {
     /// The bytes that the kernel counts as locked for this process.
     fn locked() -> u64 {
         let status = fs::read_to_string("/proc/self/status").unwrap();
-        let line = status.lines().find_map(|line| line.strip_prefix("VmLck:")).unwrap();
+        let line = status
+            .lines()
+            .find_map(|line| line.strip_prefix("VmLck:"))
+            .unwrap();
         line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
     }
 
@@ -61,13 +66,19 @@ mod linux {
             .map(|_| {
                 let (go, may_go) = std::sync::mpsc::channel::<()>();
                 let body = move |()| may_go.recv();
-                (go, spawn(Attributes::new("locked"), |_| Ok::<_, Infallible>(()), body).unwrap())
+                (
+                    go,
+                    spawn(Attributes::new("locked"), |_| Ok::<_, Infallible>(()), body).unwrap(),
+                )
             })
             .collect();
         assert!(locked() >= before + (8 << 20), "{} to {}", before, locked());
         for (go, thread) in threads {
             drop(go);
-            assert!(thread.join().unwrap().is_err(), "it waited until the sender was dropped");
+            assert!(
+                thread.join().unwrap().is_err(),
+                "it waited until the sender was dropped"
+            );
         }
         drop(second);
         assert_eq!(locked(), 0);
@@ -78,10 +89,18 @@ mod linux {
         // In a thread of its own the heap would be another arena; the test's thread may be one already, which is as good.
         const BYTES: usize = 32 << 20;
         prefault_heap(BYTES).unwrap();
-        let before = getrusage(UsageWho::RUSAGE_THREAD).unwrap().minor_page_faults();
+        let before = getrusage(UsageWho::RUSAGE_THREAD)
+            .unwrap()
+            .minor_page_faults();
         let blocks: Vec<Vec<u8>> = (0..16).map(|_| vec![1; 1 << 20]).collect();
-        let faults = getrusage(UsageWho::RUSAGE_THREAD).unwrap().minor_page_faults() - before;
-        assert_eq!(blocks.iter().map(|block| block.len()).sum::<usize>(), 16 << 20);
+        let faults = getrusage(UsageWho::RUSAGE_THREAD)
+            .unwrap()
+            .minor_page_faults()
+            - before;
+        assert_eq!(
+            blocks.iter().map(|block| block.len()).sum::<usize>(),
+            16 << 20
+        );
         if cfg!(target_env = "gnu") {
             // Fetched only now, they would be 4096.
             assert!(faults < 400, "{faults} page faults");

@@ -102,7 +102,9 @@ mod linux {
 
     /// Whether this process gets SCHED_FIFO; says why a test is skipped where it does not.
     fn real_time(test: &str) -> bool {
-        let attributes = Attributes::new("probe").policy(Policy::fifo(80)).mode(Mode::Strict);
+        let attributes = Attributes::new("probe")
+            .policy(Policy::fifo(80))
+            .mode(Mode::Strict);
         match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
             Ok(thread) => thread.join().is_ok(),
             Err(error) => {
@@ -113,9 +115,14 @@ mod linux {
     }
 
     /// Runs `body` on a thread of its own, on the first allowed core.
-    fn on_one_core<T: Send + 'static>(policy: Policy, body: impl FnOnce() -> T + Send + 'static) -> mpsc::Receiver<T> {
-        let attributes =
-            Attributes::new(format!("{policy}")).core(available_cores()[0]).policy(policy).mode(Mode::Strict);
+    fn on_one_core<T: Send + 'static>(
+        policy: Policy,
+        body: impl FnOnce() -> T + Send + 'static,
+    ) -> mpsc::Receiver<T> {
+        let attributes = Attributes::new(format!("{policy}"))
+            .core(available_cores()[0])
+            .policy(policy)
+            .mode(Mode::Strict);
         let (sender, receiver) = mpsc::channel();
         let body = move |()| drop(sender.send(body()));
         drop(spawn(attributes, |_| Ok::<_, Infallible>(()), body).unwrap());
@@ -127,7 +134,14 @@ mod linux {
     fn kernel_priority(thread: i32) -> i64 {
         let stat = fs::read_to_string(format!("/proc/self/task/{thread}/stat")).unwrap();
         // Counted after the name, which may hold spaces.
-        stat.rsplit_once(')').unwrap().1.split_whitespace().nth(15).unwrap().parse().unwrap()
+        stat.rsplit_once(')')
+            .unwrap()
+            .1
+            .split_whitespace()
+            .nth(15)
+            .unwrap()
+            .parse()
+            .unwrap()
     }
 
     fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -143,7 +157,12 @@ mod linux {
         let lock = PiLock::new(());
         let held = lock.lock();
         let panic = catch_unwind(AssertUnwindSafe(|| drop(lock.lock()))).unwrap_err();
-        assert!(panic.downcast_ref::<&str>().unwrap().contains("holds already"));
+        assert!(
+            panic
+                .downcast_ref::<&str>()
+                .unwrap()
+                .contains("holds already")
+        );
         drop(held);
         assert!(lock.try_lock().is_some(), "and the lock goes on working");
     }
@@ -152,7 +171,9 @@ mod linux {
     fn a_lock_whose_owner_has_died_panics() {
         let lock = Arc::new(PiLock::new(()));
         let dying = lock.clone();
-        std::thread::spawn(move || std::mem::forget(dying.lock())).join().unwrap();
+        std::thread::spawn(move || std::mem::forget(dying.lock()))
+            .join()
+            .unwrap();
         let panic = catch_unwind(AssertUnwindSafe(|| drop(lock.lock()))).unwrap_err();
         assert!(panic.downcast_ref::<&str>().unwrap().contains("died"));
     }
@@ -199,7 +220,9 @@ mod linux {
         let outcome = high.recv_timeout(WATCHDOG);
         ended.store(true, Ordering::Relaxed);
         outcome.expect("the real-time thread ends");
-        let rounds = low.recv_timeout(WATCHDOG).expect("the ordinary thread ends");
+        let rounds = low
+            .recv_timeout(WATCHDOG)
+            .expect("the ordinary thread ends");
         assert_eq!(*lock.lock(), (ROUNDS + rounds, ROUNDS + rounds));
     }
 
@@ -233,7 +256,9 @@ mod linux {
             let _guard = high_lock.lock();
             high_acquired.store(true, Ordering::Release);
         });
-        wait_until("the kernel boosts the owner to 80", || kernel_priority(low_thread) == -1 - 80);
+        wait_until("the kernel boosts the owner to 80", || {
+            kernel_priority(low_thread) == -1 - 80
+        });
 
         let middle = on_one_core(Policy::fifo(50), move || {
             go.send(()).unwrap();
@@ -243,9 +268,16 @@ mod linux {
             }
             acquired.load(Ordering::Acquire)
         });
-        assert!(middle.recv_timeout(WATCHDOG).unwrap(), "high got the lock while middle had the core");
+        assert!(
+            middle.recv_timeout(WATCHDOG).unwrap(),
+            "high got the lock while middle had the core"
+        );
         high.recv_timeout(WATCHDOG).unwrap();
-        assert_eq!(low.recv_timeout(WATCHDOG).unwrap(), ordinary, "the boost ends with the lock");
+        assert_eq!(
+            low.recv_timeout(WATCHDOG).unwrap(),
+            ordinary,
+            "the boost ends with the lock"
+        );
     }
 
     /// The kernel hands the lock over in order of priority, whoever came first.
@@ -263,7 +295,9 @@ mod linux {
                 let lock = lock.clone();
                 let done = on_one_core(Policy::fifo(priority), move || lock.lock().push(priority));
                 // It waits as soon as the owner, this thread, has its priority.
-                wait_until("the kernel boosts the owner", || kernel_priority(me) == -1 - i64::from(priority));
+                wait_until("the kernel boosts the owner", || {
+                    kernel_priority(me) == -1 - i64::from(priority)
+                });
                 done
             })
             .collect();

@@ -3,7 +3,9 @@
 #![cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 
 use luna_platform::clock::Instant;
-use luna_platform::reactor::{Ended, FIRST_RESERVED_TOKEN, Interest, Reactor, ReactorError, Readiness};
+use luna_platform::reactor::{
+    Ended, FIRST_RESERVED_TOKEN, Interest, Reactor, ReactorError, Readiness,
+};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::AsFd;
@@ -14,7 +16,11 @@ use std::time::Duration;
 /// One wait, and the files that it reported.
 fn wait(reactor: &Reactor, deadline: Instant) -> (Ended, Vec<(u64, Readiness)>) {
     let mut ready = Vec::new();
-    let ended = reactor.wait(deadline, &mut |token, readiness| ready.push((token, readiness))).unwrap();
+    let ended = reactor
+        .wait(deadline, &mut |token, readiness| {
+            ready.push((token, readiness))
+        })
+        .unwrap();
     assert_eq!(ended.files, ready.len());
     (ended, ready)
 }
@@ -34,33 +40,67 @@ const WATCHDOG: u64 = 60_000;
 fn smoke() {
     let reactor = Reactor::new().unwrap();
     let (mut writer, reader) = UnixStream::pair().unwrap();
-    reactor.register(reader.as_fd(), 7, Interest::Readable).unwrap();
+    reactor
+        .register(reader.as_fd(), 7, Interest::Readable)
+        .unwrap();
     assert_eq!(look(&reactor), []);
     writer.write_all(b"x").unwrap();
     let (ended, ready) = wait(&reactor, in_millis(WATCHDOG));
     assert!(!ended.woken && !ended.timed_out);
-    assert!(matches!(ready[..], [(7, Readiness { readable: true, closed: false, .. })]), "{ready:?}");
+    assert!(
+        matches!(
+            ready[..],
+            [(
+                7,
+                Readiness {
+                    readable: true,
+                    closed: false,
+                    ..
+                }
+            )]
+        ),
+        "{ready:?}"
+    );
 }
 
 #[test]
 fn reported_once_until_rearmed() {
     let reactor = Reactor::new().unwrap();
     let (mut writer, mut reader) = UnixStream::pair().unwrap();
-    reactor.register(reader.as_fd(), 1, Interest::Readable).unwrap();
+    reactor
+        .register(reader.as_fd(), 1, Interest::Readable)
+        .unwrap();
     writer.write_all(b"ab").unwrap();
     assert_eq!(look(&reactor).len(), 1);
     assert_eq!(look(&reactor), [], "not a second time");
     writer.write_all(b"c").unwrap();
     assert_eq!(look(&reactor), [], "nor for more of the same");
     // Still readable, so it is reported at once, with the token given now.
-    reactor.rearm(reader.as_fd(), 2, Interest::Readable).unwrap();
+    reactor
+        .rearm(reader.as_fd(), 2, Interest::Readable)
+        .unwrap();
     assert_eq!(look(&reactor).first().map(|ready| ready.0), Some(2));
     reader.read_exact(&mut [0; 3]).unwrap();
-    reactor.rearm(reader.as_fd(), 3, Interest::Readable).unwrap();
+    reactor
+        .rearm(reader.as_fd(), 3, Interest::Readable)
+        .unwrap();
     assert_eq!(look(&reactor), []);
     reactor.rearm(reader.as_fd(), 4, Interest::Both).unwrap();
     let ready = look(&reactor);
-    assert!(matches!(ready[..], [(4, Readiness { readable: false, writable: true, .. })]), "{ready:?}");
+    assert!(
+        matches!(
+            ready[..],
+            [(
+                4,
+                Readiness {
+                    readable: false,
+                    writable: true,
+                    ..
+                }
+            )]
+        ),
+        "{ready:?}"
+    );
     reactor.deregister(reader.as_fd()).unwrap();
     writer.write_all(b"d").unwrap();
     assert_eq!(look(&reactor), []);
@@ -70,10 +110,25 @@ fn reported_once_until_rearmed() {
 fn a_file_whose_other_side_has_gone_is_ready() {
     let reactor = Reactor::new().unwrap();
     let (writer, reader) = UnixStream::pair().unwrap();
-    reactor.register(reader.as_fd(), 1, Interest::Readable).unwrap();
+    reactor
+        .register(reader.as_fd(), 1, Interest::Readable)
+        .unwrap();
     drop(writer);
     let ready = wait(&reactor, in_millis(WATCHDOG)).1;
-    assert!(matches!(ready[..], [(1, Readiness { readable: true, closed: true, .. })]), "{ready:?}");
+    assert!(
+        matches!(
+            ready[..],
+            [(
+                1,
+                Readiness {
+                    readable: true,
+                    closed: true,
+                    ..
+                }
+            )]
+        ),
+        "{ready:?}"
+    );
 }
 
 #[test]
@@ -128,7 +183,10 @@ fn one_deadline_waited_for_twice() {
     reactor.wake();
     assert!(wait(&reactor, deadline).0.woken);
     assert!(wait(&reactor, deadline).0.timed_out, "still armed");
-    assert!(wait(&reactor, deadline).0.timed_out, "it has passed, so this does not wait");
+    assert!(
+        wait(&reactor, deadline).0.timed_out,
+        "it has passed, so this does not wait"
+    );
 }
 
 #[test]
@@ -148,10 +206,16 @@ fn no_wake_is_lost() {
     waking.join().unwrap();
     seen += usize::from(wait(&reactor, Instant::from_nanos(0)).0.woken);
     assert!((1..=10_000).contains(&seen));
-    assert!(!wait(&reactor, Instant::from_nanos(0)).0.woken, "all are taken");
+    assert!(
+        !wait(&reactor, Instant::from_nanos(0)).0.woken,
+        "all are taken"
+    );
     for _ in 0..3 {
         reactor.wake();
-        assert!(wait(&reactor, in_millis(WATCHDOG)).0.woken, "an eventfd that was never read is woken by each write");
+        assert!(
+            wait(&reactor, in_millis(WATCHDOG)).0.woken,
+            "an eventfd that was never read is woken by each write"
+        );
     }
 }
 
@@ -160,7 +224,9 @@ fn more_files_than_one_wait_reports() {
     let reactor = Reactor::new().unwrap();
     let pairs: Vec<_> = (0..100).map(|_| UnixStream::pair().unwrap()).collect();
     for (token, (_, reader)) in pairs.iter().enumerate() {
-        reactor.register(reader.as_fd(), token as u64, Interest::Writable).unwrap();
+        reactor
+            .register(reader.as_fd(), token as u64, Interest::Writable)
+            .unwrap();
     }
     let mut tokens: Vec<u64> = Vec::new();
     while let ready @ [_, ..] = &look(&reactor)[..] {
@@ -175,13 +241,34 @@ fn mistakes_are_named() {
     let reactor = Reactor::new().unwrap();
     let (one, _two) = UnixStream::pair().unwrap();
     let token = FIRST_RESERVED_TOKEN;
-    assert_eq!(reactor.register(one.as_fd(), token, Interest::Both), Err(ReactorError::ReservedToken { token }));
-    assert!(matches!(reactor.rearm(one.as_fd(), 0, Interest::Both), Err(ReactorError::NotRegistered { .. })));
-    assert!(matches!(reactor.deregister(one.as_fd()), Err(ReactorError::NotRegistered { .. })));
-    reactor.register(one.as_fd(), 0, Interest::Readable).unwrap();
-    let error = reactor.register(one.as_fd(), 0, Interest::Readable).unwrap_err();
-    assert!(matches!(error, ReactorError::AlreadyRegistered { .. }), "{error}");
+    assert_eq!(
+        reactor.register(one.as_fd(), token, Interest::Both),
+        Err(ReactorError::ReservedToken { token })
+    );
+    assert!(matches!(
+        reactor.rearm(one.as_fd(), 0, Interest::Both),
+        Err(ReactorError::NotRegistered { .. })
+    ));
+    assert!(matches!(
+        reactor.deregister(one.as_fd()),
+        Err(ReactorError::NotRegistered { .. })
+    ));
+    reactor
+        .register(one.as_fd(), 0, Interest::Readable)
+        .unwrap();
+    let error = reactor
+        .register(one.as_fd(), 0, Interest::Readable)
+        .unwrap_err();
+    assert!(
+        matches!(error, ReactorError::AlreadyRegistered { .. }),
+        "{error}"
+    );
     let file = File::open(std::env::current_exe().unwrap()).unwrap();
-    let error = reactor.register(file.as_fd(), 1, Interest::Readable).unwrap_err();
-    assert!(matches!(error, ReactorError::AlwaysReady { .. }) && error.to_string().contains("blocking"), "{error}");
+    let error = reactor
+        .register(file.as_fd(), 1, Interest::Readable)
+        .unwrap_err();
+    assert!(
+        matches!(error, ReactorError::AlwaysReady { .. }) && error.to_string().contains("blocking"),
+        "{error}"
+    );
 }

@@ -41,7 +41,10 @@ mod linux {
             .spawn()
             .unwrap();
         let mut lines = BufReader::new(child.stdout.as_mut().unwrap()).lines();
-        assert!(lines.any(|line| line.is_ok_and(|line| line.contains("ready"))), "{part} did not get ready");
+        assert!(
+            lines.any(|line| line.is_ok_and(|line| line.contains("ready"))),
+            "{part} did not get ready"
+        );
         child
     }
 
@@ -56,7 +59,9 @@ mod linux {
     /// What the child processes run; nothing when the test binary runs it as a test.
     #[test]
     fn part() {
-        let Ok(part) = std::env::var(PART) else { return };
+        let Ok(part) = std::env::var(PART) else {
+            return;
+        };
         match part.as_str() {
             // Two signals within the time of one request are one; the handlers are restored in the end.
             "one" => {

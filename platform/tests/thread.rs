@@ -3,20 +3,25 @@
 #![cfg(not(loom))]
 
 use luna_platform::shortfall::{CoreRefusal, Shortfall};
-use luna_platform::thread::{Attributes, Mode, Policy, SpawnError, apply_to_current, current_policy, spawn};
+use luna_platform::thread::{
+    Attributes, Mode, Policy, SpawnError, apply_to_current, current_policy, spawn,
+};
 use std::convert::Infallible;
 use std::rc::Rc;
 use std::sync::mpsc;
 
 /// Runs `look` as the body of a thread with `attributes`.
 fn on<T: Send + 'static>(attributes: Attributes, look: impl FnOnce() -> T + Send + 'static) -> T {
-    let thread = spawn(attributes, |_| Ok::<_, Infallible>(()), |()| look()).expect("best effort makes the thread");
+    let thread = spawn(attributes, |_| Ok::<_, Infallible>(()), |()| look())
+        .expect("best effort makes the thread");
     thread.join().expect("the body does not panic")
 }
 
 /// Whether this process gets SCHED_FIFO; says why a test is skipped where it does not.
 fn real_time(test: &str) -> bool {
-    let attributes = Attributes::new("probe").policy(Policy::fifo(80)).mode(Mode::Strict);
+    let attributes = Attributes::new("probe")
+        .policy(Policy::fifo(80))
+        .mode(Mode::Strict);
     match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
         Ok(thread) => thread.join().is_ok(),
         Err(error) => {
@@ -29,7 +34,12 @@ fn real_time(test: &str) -> bool {
 #[test]
 fn smoke() {
     let attributes = Attributes::new("smoke");
-    let thread = spawn(attributes, |_| Ok::<_, Infallible>(Rc::new(1)), |one| *one + 1).unwrap();
+    let thread = spawn(
+        attributes,
+        |_| Ok::<_, Infallible>(Rc::new(1)),
+        |one| *one + 1,
+    )
+    .unwrap();
     assert_eq!(thread.name(), "smoke");
     assert_eq!(thread.obtained().policy, Policy::Other);
     assert!(thread.obtained().shortfalls.is_empty());
@@ -57,9 +67,18 @@ fn returns_only_after_the_set_up() {
 fn a_failing_set_up_is_the_error_and_the_body_does_not_run() {
     let token = std::sync::Arc::new(());
     let in_body = token.clone();
-    let error = spawn(Attributes::new("fails"), |_| Err::<(), _>("no sensor"), move |()| drop(in_body)).unwrap_err();
+    let error = spawn(
+        Attributes::new("fails"),
+        |_| Err::<(), _>("no sensor"),
+        move |()| drop(in_body),
+    )
+    .unwrap_err();
     assert!(matches!(error, SpawnError::SetUp("no sensor")));
-    assert_eq!(std::sync::Arc::strong_count(&token), 1, "the body was dropped");
+    assert_eq!(
+        std::sync::Arc::strong_count(&token),
+        1,
+        "the body was dropped"
+    );
 }
 
 #[test]
@@ -67,7 +86,10 @@ fn a_panicking_set_up_is_an_error() {
     let setup = |_: &_| -> Result<(), Infallible> { panic!("as the test wants") };
     match spawn(Attributes::new("panics"), setup, |()| ()).unwrap_err() {
         SpawnError::SetUpPanicked { name, message } => {
-            assert_eq!((name.as_str(), message.as_str()), ("panics", "as the test wants"));
+            assert_eq!(
+                (name.as_str(), message.as_str()),
+                ("panics", "as the test wants")
+            );
         }
         other => panic!("{other}"),
     }
@@ -75,8 +97,12 @@ fn a_panicking_set_up_is_an_error() {
 
 #[test]
 fn a_panicking_body_is_what_join_gives() {
-    let thread =
-        spawn(Attributes::new("panics"), |_| Ok::<_, Infallible>(()), |()| panic!("as the test wants")).unwrap();
+    let thread = spawn(
+        Attributes::new("panics"),
+        |_| Ok::<_, Infallible>(()),
+        |()| panic!("as the test wants"),
+    )
+    .unwrap();
     assert!(thread.join().is_err());
 }
 
@@ -84,14 +110,31 @@ fn a_panicking_body_is_what_join_gives() {
 fn a_core_that_does_not_exist() {
     let strict = Attributes::new("nowhere").core(70_000).mode(Mode::Strict);
     let error = spawn(strict, |_| Ok::<_, Infallible>(()), |()| ()).unwrap_err();
-    assert!(matches!(error, SpawnError::Refused(Shortfall::Core { asked: 70_000, .. })), "{error}");
+    assert!(
+        matches!(
+            error,
+            SpawnError::Refused(Shortfall::Core { asked: 70_000, .. })
+        ),
+        "{error}"
+    );
     assert!(error.to_string().contains("core 70000"), "{error}");
 
-    let thread = spawn(Attributes::new("nowhere").core(900), |_| Ok::<_, Infallible>(()), |()| ()).unwrap();
+    let thread = spawn(
+        Attributes::new("nowhere").core(900),
+        |_| Ok::<_, Infallible>(()),
+        |()| (),
+    )
+    .unwrap();
     assert_eq!(thread.obtained().core, None);
     match thread.obtained().shortfalls.as_slice() {
         [Shortfall::Core { asked: 900, why }] => {
-            assert!(matches!(why, CoreRefusal::NoSuchCore { .. } | CoreRefusal::Unsupported), "{why:?}");
+            assert!(
+                matches!(
+                    why,
+                    CoreRefusal::NoSuchCore { .. } | CoreRefusal::Unsupported
+                ),
+                "{why:?}"
+            );
         }
         other => panic!("{other:?}"),
     }
@@ -102,8 +145,12 @@ fn a_core_that_does_not_exist() {
 fn a_policy_is_read_back_or_a_shortfall() {
     for policy in [Policy::fifo(1), Policy::fifo(80), Policy::round_robin(97)] {
         let (obtained, seen) = {
-            let thread =
-                spawn(Attributes::new("p").policy(policy), |_| Ok::<_, Infallible>(()), |()| current_policy()).unwrap();
+            let thread = spawn(
+                Attributes::new("p").policy(policy),
+                |_| Ok::<_, Infallible>(()),
+                |()| current_policy(),
+            )
+            .unwrap();
             (thread.obtained().clone(), thread.join().unwrap())
         };
         assert_eq!(obtained.policy, seen);
@@ -124,7 +171,8 @@ fn the_framework_gets_98_and_99() {
         return;
     }
     for priority in [98, 99] {
-        let attributes = Attributes::framework("framework", Policy::fifo(priority)).mode(Mode::Strict);
+        let attributes =
+            Attributes::framework("framework", Policy::fifo(priority)).mode(Mode::Strict);
         assert_eq!(on(attributes, current_policy), Policy::fifo(priority));
     }
 }
@@ -133,7 +181,8 @@ fn the_framework_gets_98_and_99() {
 fn the_calling_thread_can_have_attributes_too() {
     std::thread::spawn(|| {
         let before = current_policy();
-        let obtained = apply_to_current(&Attributes::new("applied").policy(Policy::fifo(20))).unwrap();
+        let obtained =
+            apply_to_current(&Attributes::new("applied").policy(Policy::fifo(20))).unwrap();
         assert_eq!(obtained.policy, current_policy());
         let obtained = apply_to_current(&Attributes::new("applied")).unwrap();
         assert_eq!((obtained.policy, current_policy()), (before, before));
@@ -154,22 +203,33 @@ mod linux {
     /// A line of the calling thread's `/proc` status.
     fn status(key: &str) -> String {
         let status = fs::read_to_string("/proc/thread-self/status").unwrap();
-        let line = status.lines().find_map(|line| line.strip_prefix(key)).unwrap();
+        let line = status
+            .lines()
+            .find_map(|line| line.strip_prefix(key))
+            .unwrap();
         line.trim_start_matches(':').trim().to_owned()
     }
 
     fn minor_faults() -> u64 {
         let stat = fs::read_to_string("/proc/thread-self/stat").unwrap();
         // Field 10, counted after the name, which may hold spaces.
-        stat.rsplit_once(')').unwrap().1.split_whitespace().nth(7).unwrap().parse().unwrap()
+        stat.rsplit_once(')')
+            .unwrap()
+            .1
+            .split_whitespace()
+            .nth(7)
+            .unwrap()
+            .parse()
+            .unwrap()
     }
 
     #[test]
     fn pinned_to_each_allowed_core() {
         for core in available_cores() {
-            let seen = on(Attributes::new("pinned").core(core).mode(Mode::Strict), || {
-                (current_core(), status("Cpus_allowed_list"))
-            });
+            let seen = on(
+                Attributes::new("pinned").core(core).mode(Mode::Strict),
+                || (current_core(), status("Cpus_allowed_list")),
+            );
             assert_eq!(seen, (Some(core), core.to_string()));
         }
     }
@@ -179,10 +239,14 @@ mod linux {
         let mask = on(Attributes::new("unpinned"), || status("Cpus_allowed_list"));
         let real_time = real_time("nothing_is_inherited, the part about policies");
         let core = available_cores()[0];
-        let parent = Attributes::new("parent").core(core).policy(Policy::fifo(50));
+        let parent = Attributes::new("parent")
+            .core(core)
+            .policy(Policy::fifo(50));
         let (here, plain, ours) = on(parent, move || {
             let plain = std::thread::spawn(current_policy).join().unwrap();
-            let ours = on(Attributes::new("child"), || (current_policy(), status("Cpus_allowed_list")));
+            let ours = on(Attributes::new("child"), || {
+                (current_policy(), status("Cpus_allowed_list"))
+            });
             (current_policy(), plain, ours)
         });
         assert_eq!(here.is_real_time(), real_time);
@@ -199,16 +263,25 @@ mod linux {
             // As `chrt -f 30 program` would: without SCHED_RESET_ON_FORK.
             let pid = fs::read_link("/proc/thread-self").unwrap();
             let tid = pid.file_name().unwrap().to_str().unwrap().to_owned();
-            match std::process::Command::new("chrt").args(["-f", "-p", "30", &tid]).status() {
+            match std::process::Command::new("chrt")
+                .args(["-f", "-p", "30", &tid])
+                .status()
+            {
                 Ok(status) if status.success() => {}
                 _ => return None,
             }
-            assert_eq!(std::thread::spawn(current_policy).join().unwrap(), Policy::fifo(30), "it does inherit");
+            assert_eq!(
+                std::thread::spawn(current_policy).join().unwrap(),
+                Policy::fifo(30),
+                "it does inherit"
+            );
             Some(on(Attributes::new("child"), current_policy))
         });
         match child.join().unwrap() {
             Some(policy) => assert_eq!(policy, Policy::Other),
-            None => println!("skipped: a_child_of_a_thread_without_the_reset_is_ordinary_too: no chrt here"),
+            None => println!(
+                "skipped: a_child_of_a_thread_without_the_reset_is_ordinary_too: no chrt here"
+            ),
         }
     }
 
@@ -224,7 +297,12 @@ mod linux {
             let thread = spawn(
                 Attributes::new(name),
                 |_| Ok::<_, Infallible>(()),
-                |()| fs::read_to_string("/proc/thread-self/comm").unwrap().trim_end().to_owned(),
+                |()| {
+                    fs::read_to_string("/proc/thread-self/comm")
+                        .unwrap()
+                        .trim_end()
+                        .to_owned()
+                },
             )
             .unwrap();
             assert_eq!(thread.name(), name);
@@ -237,7 +315,11 @@ mod linux {
         #[inline(never)]
         fn use_stack(left: usize) -> usize {
             let buffer = std::hint::black_box([left as u8; 16 << 10]);
-            if left == 0 { buffer[0].into() } else { use_stack(left - 1) + usize::from(buffer[1] & 1) }
+            if left == 0 {
+                buffer[0].into()
+            } else {
+                use_stack(left - 1) + usize::from(buffer[1] & 1)
+            }
         }
         let thread = spawn(
             Attributes::new("deep").stack_size(2 << 20),
@@ -257,13 +339,17 @@ mod linux {
 
     #[test]
     fn sleeps_are_precise() {
-        let slack = on(Attributes::new("precise"), || nix::sys::prctl::get_timerslack().unwrap());
+        let slack = on(Attributes::new("precise"), || {
+            nix::sys::prctl::get_timerslack().unwrap()
+        });
         assert_eq!(slack, 1);
     }
 
     #[test]
     fn signals_that_end_the_program_go_elsewhere() {
-        let blocked = on(Attributes::new("quiet"), || u64::from_str_radix(&status("SigBlk"), 16).unwrap());
+        let blocked = on(Attributes::new("quiet"), || {
+            u64::from_str_radix(&status("SigBlk"), 16).unwrap()
+        });
         for signal in [1, 2, 3, 15] {
             assert_ne!(blocked & (1 << (signal - 1)), 0, "signal {signal}");
         }

@@ -63,13 +63,18 @@ pub struct Join<T> {
 
 impl<T> fmt::Debug for Join<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Join").field("failed", &self.failed).finish_non_exhaustive()
+        f.debug_struct("Join")
+            .field("failed", &self.failed)
+            .finish_non_exhaustive()
     }
 }
 
 /// Used by the macro.
 pub fn join<T: Branches>(branches: T) -> Join<T::Slots> {
-    Join { branches: branches.into_slots(), failed: false }
+    Join {
+        branches: branches.into_slots(),
+        failed: false,
+    }
 }
 
 /// A tuple of branches.
@@ -126,7 +131,9 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         // SAFETY: an outcome is not pinned.
         match std::mem::replace(unsafe { &mut self.get_unchecked_mut().0 }, State::Taken) {
             State::Done(outcome) => outcome,
-            State::Running(_) | State::Taken => panic!("a parallel construct was polled after it had ended"),
+            State::Running(_) | State::Taken => {
+                panic!("a parallel construct was polled after it had ended")
+            }
         }
     }
 }

@@ -11,6 +11,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomData;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -96,7 +97,10 @@ pub trait IntoProcess<M> {
 
 impl<F: Future<Output = Result<()>> + Send + 'static> IntoProcess<ViaFuture> for F {
     fn prepare(self) -> Prepared {
-        Prepared { resident: None, starter: Box::new(move || self) }
+        Prepared {
+            resident: None,
+            starter: Box::new(move || self),
+        }
     }
 }
 
@@ -106,7 +110,10 @@ where
     F: Future<Output = Result<()>> + 'static,
 {
     fn prepare(self) -> Prepared {
-        Prepared { resident: None, starter: Box::new(self) }
+        Prepared {
+            resident: None,
+            starter: Box::new(self),
+        }
     }
 }
 
@@ -146,6 +153,16 @@ pub(crate) trait Phases: Send {
     fn post_run(&mut self);
 }
 
+/// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic hook tells, must not keep the other processes
+/// from being cleaned up.
+pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) {
+    let Some(mut resident) = resident else { return };
+    let _ = catch_unwind(AssertUnwindSafe(move || {
+        resident.post_run();
+        drop(resident);
+    }));
+}
+
 /// A process at a fixed place, which its body borrows.
 ///
 /// # Invariants
@@ -161,7 +178,10 @@ unsafe impl<P: Send> Send for Resident<P> {}
 
 impl<P> Resident<P> {
     fn new(process: P) -> Self {
-        Self { place: Box::into_raw(Box::new(process)), _owned: PhantomData }
+        Self {
+            place: Box::into_raw(Box::new(process)),
+            _owned: PhantomData,
+        }
     }
 }
 
@@ -191,7 +211,12 @@ unsafe impl<P: Send> Send for Place<P> {}
 
 /// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
-    fn on_executor(self: Box<Self>, executor: &ExecutorHandle, spec: ProcessSpec, frame: Frame) -> ProcessHandle;
+    fn on_executor(
+        self: Box<Self>,
+        executor: &ExecutorHandle,
+        spec: ProcessSpec,
+        frame: Frame,
+    ) -> ProcessHandle;
 
     fn on_thread(
         self: Box<Self>,
@@ -207,8 +232,13 @@ where
     B: FnOnce() -> F + Send + 'static,
     F: Future<Output = Result<()>> + 'static,
 {
-    fn on_executor(self: Box<Self>, executor: &ExecutorHandle, spec: ProcessSpec, frame: Frame) -> ProcessHandle {
-        executor.spawn(spec, move || Supervised::new(self(), frame))
+    fn on_executor(
+        self: Box<Self>,
+        executor: &ExecutorHandle,
+        spec: ProcessSpec,
+        frame: Frame,
+    ) -> ProcessHandle {
+        executor.spawn(spec, move || Supervised::make(self, frame))
     }
 
     fn on_thread(
@@ -218,7 +248,12 @@ where
         living: Arc<Living>,
         frame: Frame,
     ) -> Result<OsThread, SpawnError<Infallible>> {
-        OsThread::start_counted(attributes, spec, move || Supervised::new(self(), frame), living)
+        OsThread::start_counted(
+            attributes,
+            spec,
+            move || Supervised::make(self, frame),
+            living,
+        )
     }
 }
 
@@ -279,9 +314,12 @@ pub(crate) struct Supervised<F> {
 }
 
 impl<F> Supervised<F> {
-    /// Called on the thread that the body is to run on.
-    fn new(body: F, frame: Frame) -> Self {
+    /// Makes the body, on the thread that it is to run on.
+    fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.scope.enter_thread();
+        let alarm = Alarm(&frame.emergency);
+        let body = make();
+        std::mem::forget(alarm);
         Self { body, frame }
     }
 }
@@ -319,13 +357,15 @@ impl Drop for Alarm<'_> {
 }
 
 #[inline]
-fn poll_until_failure<F: Future>(body: Pin<&mut F>, cx: &mut Context<'_>) -> Poll<Result<F::Output, Failure>> {
-    match body.poll(cx) {
-        Poll::Ready(output) => Poll::Ready(Ok(output)),
-        Poll::Pending => match FAILURE.take() {
-            Some(failure) => Poll::Ready(Err(failure)),
-            None => Poll::Pending,
-        },
+fn poll_until_failure<F: Future>(
+    body: Pin<&mut F>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<F::Output, Failure>> {
+    let polled = body.poll(cx);
+    // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
+    match FAILURE.take() {
+        Some(failure) => Poll::Ready(Err(failure)),
+        None => polled.map(Ok),
     }
 }
 
@@ -346,5 +386,8 @@ fn poll_until_failure<F: Future>(body: Pin<&mut F>, cx: &mut Context<'_>) -> Pol
 pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
     let _scope = Scope::free_standing().enter_until_dropped();
     let mut body = std::pin::pin!(body);
-    luna_executors::block_on(std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx)))?.map_err(Error::from)?
+    luna_executors::block_on(std::future::poll_fn(|cx| {
+        poll_until_failure(body.as_mut(), cx)
+    }))?
+    .map_err(Error::from)?
 }

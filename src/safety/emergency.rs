@@ -19,7 +19,7 @@ pub(crate) enum Cause {
 }
 
 const NORMAL: u8 = 0;
-/// Triggered by a process.
+/// Triggered by a process, or a signal was seen: the functions run.
 const TRIGGERED: u8 = 1;
 /// The functions have run.
 const SAFE: u8 = 2;
@@ -35,7 +35,9 @@ pub(crate) struct Emergency {
 
 impl Emergency {
     pub(crate) fn new() -> Arc<Self> {
-        Arc::new(Self { phase: AtomicU8::new(NORMAL) })
+        Arc::new(Self {
+            phase: AtomicU8::new(NORMAL),
+        })
     }
 
     /// Wakes the thread; the first trigger counts. From any thread, on the real-time path too: O(1), one system call.
@@ -46,6 +48,11 @@ impl Emergency {
             }
         }
         signals::announce_event();
+    }
+
+    /// Whether there is an emergency: the functions have run, or will.
+    pub(crate) fn has_begun(&self) -> bool {
+        matches!(self.phase.load(Ordering::Acquire), TRIGGERED | SAFE)
     }
 
     /// Whether the functions have run.
@@ -81,7 +88,11 @@ impl EmergencyThread {
     ) -> Result<Self> {
         // A platform without signals has the functions all the same, for panics.
         let watch = SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]).ok();
-        let policy = if real_time { Policy::fifo(EMERGENCY_PRIORITY) } else { Policy::Other };
+        let policy = if real_time {
+            Policy::fifo(EMERGENCY_PRIORITY)
+        } else {
+            Policy::Other
+        };
         let own = emergency.clone();
         let thread = thread::spawn(
             Attributes::framework("luna-emergency", policy),
@@ -89,12 +100,17 @@ impl EmergencyThread {
             move |()| watch_over(&own, functions, watch, &living),
         )
         .map_err(|error| Error::not_started("the emergency manager", error))?;
-        Ok(Self { emergency, thread: Some(thread) })
+        Ok(Self {
+            emergency,
+            thread: Some(thread),
+        })
     }
 
     /// What the thread was refused.
     pub(crate) fn shortfalls(&self) -> &[Shortfall] {
-        self.thread.as_ref().map_or(&[], |thread| &thread.obtained().shortfalls)
+        self.thread
+            .as_ref()
+            .map_or(&[], |thread| &thread.obtained().shortfalls)
     }
 
     /// Ends the thread; gives the signal that made the emergency, if one did.
@@ -105,7 +121,10 @@ impl EmergencyThread {
     fn join(&mut self) -> Option<i32> {
         self.emergency.end();
         // A panic in an emergency function is caught; the thread's own would have been reported by the panic hook.
-        self.thread.take().and_then(|thread| thread.join().ok()).flatten()
+        self.thread
+            .take()
+            .and_then(|thread| thread.join().ok())
+            .flatten()
     }
 }
 
@@ -133,6 +152,7 @@ fn watch_over(
         }
         seen = signals::wait_for_event(seen, Instant::NEVER);
     }
+    emergency.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
     let signal = received();
     for Function { name, run } in &mut functions {
         // The others must run whatever this one does.

@@ -14,11 +14,18 @@ use std::sync::Arc;
 fn check_core(of: &str, core: Option<usize>) -> Result<()> {
     let Some(core) = core else { return Ok(()) };
     // Where the machine does not tell its cores, the start will.
-    let Some(available) = SystemFacts::gather().online_cores else { return Ok(()) };
+    let Some(available) = SystemFacts::gather().online_cores else {
+        return Ok(());
+    };
     if available.contains(&core) {
         return Ok(());
     }
-    Err(SetupError::NoSuchCore { of: of.to_owned(), core, available }.into())
+    Err(SetupError::NoSuchCore {
+        of: of.to_owned(),
+        core,
+        available,
+    }
+    .into())
 }
 
 macro_rules! place_methods {
@@ -55,7 +62,12 @@ pub struct ExecutorBuilder {
 
 impl ExecutorBuilder {
     pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
-        Self { plan, name: name.to_owned(), core: None, attributes: Attributes::new(name) }
+        Self {
+            plan,
+            name: name.to_owned(),
+            core: None,
+            attributes: Attributes::new(name),
+        }
     }
 
     place_methods!();
@@ -78,8 +90,14 @@ impl ExecutorBuilder {
     pub fn build(self) -> Result<Executor> {
         self.attributes.validate()?;
         check_core(&self.name, self.core)?;
-        let number = self.plan.add_executor(ExecutorPlan { name: self.name, attributes: self.attributes })?;
-        Ok(Executor { plan: self.plan, number })
+        let number = self.plan.add_executor(ExecutorPlan {
+            name: self.name,
+            attributes: self.attributes,
+        })?;
+        Ok(Executor {
+            plan: self.plan,
+            number,
+        })
     }
 }
 
@@ -114,7 +132,12 @@ pub struct Thread {
 
 impl Thread {
     pub(crate) fn new(plan: Arc<Plan>, name: &str) -> Self {
-        Self { plan, name: name.to_owned(), core: None, attributes: Attributes::new(name) }
+        Self {
+            plan,
+            name: name.to_owned(),
+            core: None,
+            attributes: Attributes::new(name),
+        }
     }
 
     place_methods!();
@@ -127,7 +150,10 @@ impl Thread {
             .map_err(Into::into)
             .and_then(|()| check_core(&self.name, self.core))
             .and_then(|()| self.plan.take_thread_name(&self.name))
-            .map(|()| Place::Thread(self.attributes));
+            .map(|()| Place::Thread {
+                name: self.name,
+                attributes: self.attributes,
+            });
         ProcessBuilder::new(self.plan, name, place)
     }
 }
@@ -144,7 +170,13 @@ pub struct ProcessBuilder {
 
 impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
-        Self { plan, name: name.to_owned(), place, level: ProcessSpec::DEFAULT_LEVEL, timed: false }
+        Self {
+            plan,
+            name: name.to_owned(),
+            place,
+            level: ProcessSpec::DEFAULT_LEVEL,
+            timed: false,
+        }
     }
 
     /// At `priority`, 0 (lowest) to 31, among the processes of the same executor; 16 if not stated.
@@ -171,11 +203,23 @@ impl ProcessBuilder {
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let place = self.place?;
         if self.level >= LEVELS {
-            return Err(SetupError::Level { process: self.name, level: self.level }.into());
+            return Err(SetupError::Level {
+                process: self.name,
+                level: self.level,
+            }
+            .into());
         }
-        let spec = ProcessSpec::new(self.name.clone()).level(self.level).timed(self.timed);
+        let spec = ProcessSpec::new(self.name.clone())
+            .level(self.level)
+            .timed(self.timed);
         let id = spec.id();
-        self.plan.add_process(ProcessPlan { name: self.name, id, place, spec, prepared: process.prepare() })
+        self.plan.add_process(ProcessPlan {
+            name: self.name,
+            id,
+            place,
+            spec,
+            prepared: process.prepare(),
+        })
     }
 }
 
@@ -192,6 +236,8 @@ debug_by_name!(ExecutorBuilder, Thread, ProcessBuilder);
 
 impl fmt::Debug for Executor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Executor").field("number", &self.number).finish_non_exhaustive()
+        f.debug_struct("Executor")
+            .field("number", &self.number)
+            .finish_non_exhaustive()
     }
 }

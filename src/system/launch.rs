@@ -1,6 +1,7 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
-use super::plan::{Members, Phase, Plan, ProcessPlan, Running};
+use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running};
+use crate::csp::process::clean_up;
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
 use crate::time::Scope;
@@ -11,7 +12,7 @@ use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Mode, Policy};
 use std::sync::Arc;
 
-use super::plan::{Place, Settings};
+use super::plan::{ExecutorPlan, Place, Settings};
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
@@ -31,24 +32,60 @@ pub(super) struct Launched {
 
 /// Takes the plan and starts it. On an error all that was started is ended again.
 pub(super) fn launch(plan: &Plan) -> Result<Launched> {
-    let mut settings = std::mem::take(&mut *plan.settings());
-    let (executor_plans, mut waiting) = {
+    let (executors, waiting) = {
         let mut members = plan.members();
         if members.phase != Phase::Described {
-            return Err(SetupError::AlreadyRun { system: plan.name().to_owned() }.into());
+            return Err(SetupError::AlreadyRun {
+                system: plan.name().to_owned(),
+            }
+            .into());
         }
         members.phase = Phase::Running;
-        (std::mem::take(&mut members.executors), std::mem::take(&mut members.waiting))
+        (
+            std::mem::take(&mut members.executors),
+            std::mem::take(&mut members.waiting),
+        )
     };
-    let mode = if settings.strict { Mode::Strict } else { Mode::BestEffort };
-    let real_time = executor_plans.iter().any(|executor| executor.attributes.asked_policy().is_real_time())
-        || waiting.iter().any(|process| policy_of(process).is_real_time());
+    let settings = std::mem::take(&mut *plan.settings());
+    launch_described(plan, settings, executors, waiting).inspect_err(|_| {
+        let mut members = plan.members();
+        members.phase = Phase::Ended;
+        let never_prepared = std::mem::take(&mut members.waiting);
+        // The user's code drops them.
+        drop(members);
+        drop(never_prepared);
+    })
+}
+
+fn launch_described(
+    plan: &Plan,
+    mut settings: Settings,
+    executor_plans: Vec<ExecutorPlan>,
+    mut waiting: Vec<ProcessPlan>,
+) -> Result<Launched> {
+    let mode = if settings.strict {
+        Mode::Strict
+    } else {
+        Mode::BestEffort
+    };
+    let real_time = executor_plans
+        .iter()
+        .any(|executor| executor.attributes.asked_policy().is_real_time())
+        || waiting
+            .iter()
+            .any(|process| policy_of(process).is_real_time());
 
     let mut shortfalls = Vec::new();
     let memory = lock_memory(&settings, &mut shortfalls)?;
     // Asked for by nobody, so its lack is no reason not to start.
-    let latency = if real_time { obtained(DmaLatency::hold(), &mut shortfalls) } else { None };
-    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread { message: error.to_string() })?;
+    let latency = if real_time {
+        obtained(DmaLatency::hold(), &mut shortfalls)
+    } else {
+        None
+    };
+    luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
+        message: error.to_string(),
+    })?;
 
     let living = Arc::new(Living::new());
     let emergency = Emergency::new();
@@ -56,7 +93,9 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
     let guard = EmergencyThread::start(emergency.clone(), functions, living.clone(), real_time)?;
     shortfalls.extend_from_slice(guard.shortfalls());
 
-    let loops = settings.max_loops.unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
+    let loops = settings
+        .max_loops
+        .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
     let scope = Scope::with_room_for(loops);
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
@@ -64,38 +103,55 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
             .map_err(|error| Error::not_started(&executor.name, error))?;
         executors.push((executor.name, started));
     }
-    let handles = executors.iter().map(|(_, executor)| executor.handle().clone()).collect();
-    let running = Running { executors: handles, living, scope, emergency };
+    let handles = executors
+        .iter()
+        .map(|(_, executor)| executor.handle().clone())
+        .collect();
+    let running = Running {
+        executors: handles,
+        living,
+        scope,
+        emergency,
+        mode,
+    };
 
-    pre_run_all(&mut waiting)?;
-    let mut members = plan.members();
-    for mut process in waiting {
-        if let Place::Thread(attributes) = process.place {
-            process.place = Place::Thread(attributes.mode(mode));
+    let mut held = Held::default();
+    loop {
+        // Without the plan's lock: what runs here is the user's, and may spawn.
+        if let Err(error) =
+            pre_run_all(&mut waiting).and_then(|()| held.start_all(&running, waiting))
+        {
+            // Their bodies end with the executors and threads.
+            drop(executors);
+            held.undo();
+            return Err(error);
         }
-        let name = process.name.clone();
-        match running.start(process) {
-            Ok((member, thread)) => {
-                members.started.push(member);
-                members.threads.extend(thread.map(|thread| (name, thread)));
-            }
-            Err(error) => {
-                drop(executors);
-                undo(&mut members);
-                return Err(error);
-            }
+        for (_, executor) in &executors {
+            executor.settle();
+        }
+        let mut members = plan.members();
+        // Processes that these have spawned already start with the others.
+        waiting = std::mem::take(&mut members.waiting);
+        if waiting.is_empty() {
+            members.started = held.members;
+            members.threads = held.threads;
+            members.running = Some(running.clone());
+            break;
         }
     }
-    drop(members);
-    for (_, executor) in &executors {
-        executor.settle();
-    }
-    Ok(Launched { executors, running, emergency: guard, shortfalls, _memory: memory, _latency: latency })
+    Ok(Launched {
+        executors,
+        running,
+        emergency: guard,
+        shortfalls,
+        _memory: memory,
+        _latency: latency,
+    })
 }
 
 fn policy_of(process: &ProcessPlan) -> Policy {
     match &process.place {
-        Place::Thread(attributes) => attributes.asked_policy(),
+        Place::Thread { attributes, .. } => attributes.asked_policy(),
         Place::Executor(_) => Policy::Other,
     }
 }
@@ -107,7 +163,13 @@ fn lock_memory(settings: &Settings, shortfalls: &mut Vec<Shortfall>) -> Result<O
     memory::prefault_heap(HEAP_IN_ADVANCE)?;
     let locked = memory::lock_memory();
     if settings.strict {
-        return locked.map(Some).map_err(|shortfall| SetupError::Refused { of: "system".to_owned(), shortfall }.into());
+        return locked.map(Some).map_err(|shortfall| {
+            SetupError::Refused {
+                of: "system".to_owned(),
+                shortfall,
+            }
+            .into()
+        });
     }
     Ok(obtained(locked, shortfalls))
 }
@@ -120,15 +182,18 @@ fn obtained<T>(asked: Result<T, Shortfall>, shortfalls: &mut Vec<Shortfall>) -> 
 fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
     for index in 0..processes.len() {
         let process = &mut processes[index];
-        let Some(resident) = &mut process.prepared.resident else { continue };
-        let prepared = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| resident.pre_run()));
-        let outcome = prepared.unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))));
+        let Some(resident) = &mut process.prepared.resident else {
+            continue;
+        };
+        let prepared =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| resident.pre_run()));
+        let outcome = prepared.unwrap_or_else(|payload| {
+            Err(Error::Panicked(luna_executors::panic_message(&*payload)))
+        });
         if let Err(error) = outcome {
             let error = error.in_process(&process.name);
             for earlier in processes[..index].iter_mut().rev() {
-                if let Some(resident) = &mut earlier.prepared.resident {
-                    resident.post_run();
-                }
+                clean_up(earlier.prepared.resident.take());
             }
             return Err(error);
         }
@@ -136,12 +201,41 @@ fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
     Ok(())
 }
 
-/// Ends what was started of a system that does not start. Its executors are gone already, and with them their bodies.
-fn undo(members: &mut Members) {
-    members.threads.clear();
-    for member in members.started.drain(..).rev() {
-        if let Some(mut resident) = member.resident {
-            resident.post_run();
+/// Processes that are started and held.
+#[derive(Default)]
+struct Held {
+    members: Vec<Member>,
+    threads: Vec<NamedThread>,
+}
+
+impl Held {
+    /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up, last first.
+    fn start_all(&mut self, running: &Running, prepared: Vec<ProcessPlan>) -> Result<()> {
+        let mut prepared = prepared.into_iter();
+        while let Some(process) = prepared.next() {
+            match running.start(process) {
+                Ok((member, thread)) => {
+                    self.members.push(member);
+                    self.threads.extend(thread);
+                }
+                Err(NotStarted { error, resident }) => {
+                    prepared
+                        .rev()
+                        .for_each(|process| clean_up(process.prepared.resident));
+                    clean_up(resident);
+                    return Err(error);
+                }
+            }
         }
+        Ok(())
+    }
+
+    /// Ends what was started of a system that does not start. Its executors are gone already, and with them their bodies.
+    fn undo(mut self) {
+        self.threads.clear();
+        self.members
+            .into_iter()
+            .rev()
+            .for_each(|member| clean_up(member.resident));
     }
 }

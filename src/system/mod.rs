@@ -43,7 +43,9 @@ pub struct System {
 impl System {
     /// An empty system called `name`.
     pub fn new(name: &str) -> System {
-        System { plan: Arc::new(Plan::new(name)) }
+        System {
+            plan: Arc::new(Plan::new(name)),
+        }
     }
 
     /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory.
@@ -80,8 +82,18 @@ impl System {
     ///
     /// In an emergency (SIGINT, SIGTERM, a panic in a process) they run once, first to last registered, on a thread of the highest
     /// priority; then the system ends. One that panics does not keep the next from running.
-    pub fn on_emergency(&mut self, name: &str, function: impl FnMut() + Send + 'static) -> &mut Self {
-        self.plan.settings().functions.push(crate::safety::Function { name: name.to_owned(), run: Box::new(function) });
+    pub fn on_emergency(
+        &mut self,
+        name: &str,
+        function: impl FnMut() + Send + 'static,
+    ) -> &mut Self {
+        self.plan
+            .settings()
+            .functions
+            .push(crate::safety::Function {
+                name: name.to_owned(),
+                run: Box::new(function),
+            });
         self
     }
 
@@ -110,6 +122,8 @@ impl System {
 
 impl fmt::Debug for System {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("System").field("name", &self.plan.name()).finish_non_exhaustive()
+        f.debug_struct("System")
+            .field("name", &self.plan.name())
+            .finish_non_exhaustive()
     }
 }

@@ -1,12 +1,12 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
-use crate::csp::process::{Frame, Phases, Prepared, Verdict};
+use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, Function};
 use crate::time::Scope;
 use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::current::ProcessId;
-use luna_platform::thread::Attributes;
+use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -30,7 +30,10 @@ pub(crate) enum Place {
     /// The executor with this number.
     Executor(usize),
     /// A thread of its own.
-    Thread(Attributes),
+    Thread {
+        name: String,
+        attributes: Attributes,
+    },
 }
 
 /// An executor to be.
@@ -66,36 +69,83 @@ pub(crate) struct Running {
     pub(crate) living: Arc<Living>,
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
+    pub(crate) mode: Mode,
+}
+
+/// An OS thread with its name.
+pub(crate) type NamedThread = (String, OsThread);
+
+/// A process that could not be started, and what is left of it to clean up.
+pub(crate) struct NotStarted {
+    pub(crate) error: Error,
+    pub(crate) resident: Option<Box<dyn Phases>>,
 }
 
 impl Running {
+    /// Whether there is nothing more to wait for: all processes have ended, and an emergency, if there is one, is over.
+    pub(crate) fn is_over(&self) -> bool {
+        self.emergency.is_safe() || self.living.count() == 0 && !self.emergency.has_begun()
+    }
+
     pub(crate) fn frame(&self) -> Frame {
-        Frame { verdict: Verdict::new(), scope: self.scope.clone(), emergency: self.emergency.clone() }
+        Frame {
+            verdict: Verdict::new(),
+            scope: self.scope.clone(),
+            emergency: self.emergency.clone(),
+        }
     }
 
     /// Starts a prepared process. On an executor that is held it does not run yet; a thread is held too.
-    pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Option<OsThread>)> {
-        let ProcessPlan { name, id, place, spec, prepared: Prepared { resident, starter } } = plan;
+    pub(crate) fn start(
+        &self,
+        plan: ProcessPlan,
+    ) -> Result<(Member, Option<NamedThread>), NotStarted> {
+        let ProcessPlan {
+            name,
+            id,
+            place,
+            spec,
+            prepared: Prepared { resident, starter },
+        } = plan;
         let frame = self.frame();
         let verdict = frame.verdict.clone();
         let (handle, thread) = match place {
-            Place::Executor(number) => (starter.on_executor(&self.executors[number], spec, frame), None),
-            Place::Thread(attributes) => {
-                let thread = starter
-                    .on_thread(attributes, spec, self.living.clone(), frame)
-                    .map_err(|error| Error::not_started(&name, error));
-                match thread {
-                    Ok(thread) => (thread.process().clone(), Some(thread)),
+            Place::Executor(number) => (
+                starter.on_executor(&self.executors[number], spec, frame),
+                None,
+            ),
+            Place::Thread {
+                name: thread_name,
+                attributes,
+            } => {
+                match starter.on_thread(
+                    attributes.mode(self.mode),
+                    spec,
+                    self.living.clone(),
+                    frame,
+                ) {
+                    Ok(thread) => (thread.process().clone(), Some((thread_name, thread))),
                     Err(error) => {
-                        if let Some(mut resident) = resident {
-                            resident.post_run();
-                        }
-                        return Err(error);
+                        return Err(NotStarted {
+                            error: Error::not_started(&name, error),
+                            resident,
+                        });
                     }
                 }
             }
         };
-        Ok((Member { name, id, handle, verdict, resident, error: None, buried: false }, thread))
+        Ok((
+            Member {
+                name,
+                id,
+                handle,
+                verdict,
+                resident,
+                error: None,
+                buried: false,
+            },
+            thread,
+        ))
     }
 }
 
@@ -105,7 +155,7 @@ pub(crate) struct Members {
     pub(crate) executors: Vec<ExecutorPlan>,
     pub(crate) waiting: Vec<ProcessPlan>,
     pub(crate) started: Vec<Member>,
-    pub(crate) threads: Vec<(String, OsThread)>,
+    pub(crate) threads: Vec<NamedThread>,
     pub(crate) running: Option<Running>,
     names: HashSet<(&'static str, String)>,
 }
@@ -122,7 +172,11 @@ impl Members {
     /// Takes a name of its kind.
     fn take_name(&mut self, kind: &'static str, name: &str) -> Result<()> {
         if !self.names.insert((kind, name.to_owned())) {
-            return Err(SetupError::DuplicateName { kind, name: name.to_owned() }.into());
+            return Err(SetupError::DuplicateName {
+                kind,
+                name: name.to_owned(),
+            }
+            .into());
         }
         Ok(())
     }
@@ -130,7 +184,11 @@ impl Members {
 
 impl Plan {
     pub(crate) fn new(name: &str) -> Self {
-        Self { name: name.to_owned(), settings: Mutex::default(), members: Mutex::default() }
+        Self {
+            name: name.to_owned(),
+            settings: Mutex::default(),
+            members: Mutex::default(),
+        }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -149,7 +207,10 @@ impl Plan {
     pub(crate) fn add_executor(&self, executor: ExecutorPlan) -> Result<usize> {
         let mut members = self.members();
         if members.phase != Phase::Described {
-            return Err(SetupError::AlreadyRun { system: self.name.clone() }.into());
+            return Err(SetupError::AlreadyRun {
+                system: self.name.clone(),
+            }
+            .into());
         }
         members.take_name("executor", &executor.name)?;
         members.executors.push(executor);
@@ -162,12 +223,12 @@ impl Plan {
     }
 
     /// Adds a process: to be started with the others, or at once if they run.
-    pub(crate) fn add_process(&self, mut plan: ProcessPlan) -> Result<ProcessId> {
+    pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id;
         let running = {
             let mut members = self.members();
             if members.phase == Phase::Ended {
-                return Err(SetupError::Ended { system: self.name.clone(), process: plan.name }.into());
+                return Err(self.ended(plan.name));
             }
             members.take_name("process", &plan.name)?;
             match &members.running {
@@ -178,22 +239,77 @@ impl Plan {
                 Some(running) => running.clone(),
             }
         };
-        // Without the lock: it may take long, and spawn.
-        if let Some(resident) = &mut plan.prepared.resident {
-            resident.pre_run().map_err(|error| error.in_process(&plan.name))?;
-        }
         let name = plan.name.clone();
-        let (member, thread) = running.start(plan)?;
-        let mut members = self.members();
-        members.started.push(member);
-        if let Some(thread) = thread {
-            thread.release();
-            members.threads.push((name, thread));
-        }
+        self.start_late(&running, plan).inspect_err(|_| {
+            // It never was, so it may be tried again.
+            self.members().names.remove(&("process", name));
+        })?;
         Ok(id)
     }
 
+    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
+    fn start_late(&self, running: &Running, mut plan: ProcessPlan) -> Result<()> {
+        let name = plan.name.clone();
+        if let Some(resident) = &mut plan.prepared.resident {
+            resident
+                .pre_run()
+                .map_err(|error| error.in_process(&name))?;
+        }
+        let started = match plan.place {
+            // Nothing of the user's runs here, so the lock is kept from the look at the phase to the start: the end cannot come in between.
+            Place::Executor(_) => {
+                let mut members = self.members();
+                if members.phase == Phase::Ended {
+                    drop(members);
+                    Err(NotStarted {
+                        error: self.ended(name),
+                        resident: plan.prepared.resident,
+                    })
+                } else {
+                    running
+                        .start(plan)
+                        .map(|(member, _)| members.started.push(member))
+                }
+            }
+            // The thread is held until the system is known to run still.
+            Place::Thread { .. } => running.start(plan).and_then(|(member, thread)| {
+                let mut members = self.members();
+                if members.phase == Phase::Ended {
+                    drop(members);
+                    // Its body ends before it began.
+                    drop(thread);
+                    return Err(NotStarted {
+                        error: self.ended(name),
+                        resident: member.resident,
+                    });
+                }
+                members.started.push(member);
+                if let Some((_, thread)) = &thread {
+                    thread.release();
+                }
+                members.threads.extend(thread);
+                Ok(())
+            }),
+        };
+        started.map_err(|NotStarted { error, resident }| {
+            clean_up(resident);
+            error
+        })
+    }
+
+    fn ended(&self, process: String) -> Error {
+        SetupError::Ended {
+            system: self.name.clone(),
+            process,
+        }
+        .into()
+    }
+
     pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members().started.iter().find(|member| member.id == id).map(|member| member.handle.clone())
+        self.members()
+            .started
+            .iter()
+            .find(|member| member.id == id)
+            .map(|member| member.handle.clone())
     }
 }

@@ -1,11 +1,11 @@
 //! The run: from the release of the bodies to the report.
 
 use super::launch::{Launched, launch};
-use super::plan::{Member, Phase, Plan};
-use crate::csp::process::Ended;
+use super::plan::{Member, NamedThread, Phase, Plan};
+use crate::csp::process::{Ended, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, ProcessReport, Report, ThreadReport};
-use luna_executors::{Executor, Exit, OsThread};
+use luna_executors::{Executor, Exit, ProcessState};
 use luna_platform::clock::Instant;
 use luna_platform::thread::{Obtained, Policy};
 use luna_platform::{current, reclaim};
@@ -19,33 +19,45 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if current::home().is_some() {
         return Err(SetupError::Nested.into());
     }
-    let launched = launch(plan).inspect_err(|_| plan.members().phase = Phase::Ended)?;
+    let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
     let started = Instant::now();
-    plan.members().running = Some(launched.running.clone());
-    for (_, executor) in &launched.executors {
-        executor.release();
-    }
-    for (_, thread) in &plan.members().threads {
-        thread.release();
+    // What an emergency has brought to safety before the start is not set in motion.
+    if !launched.running.emergency.has_begun() {
+        for (_, executor) in &launched.executors {
+            executor.release();
+        }
+        for (_, thread) in &plan.members().threads {
+            thread.release();
+        }
     }
 
-    watch(plan, &launched);
+    let threads = watch(plan, &launched);
     let emergency = launched.running.emergency.is_safe();
     let elapsed = Instant::now() - started;
-    let threads = {
-        let mut members = plan.members();
-        members.phase = Phase::Ended;
-        members.running = None;
-        std::mem::take(&mut members.threads)
-    };
-    let Launched { executors, running, emergency: guard, shortfalls, .. } = launched;
+    let Launched {
+        executors,
+        running,
+        emergency: guard,
+        shortfalls,
+        ..
+    } = launched;
     let threads = end_threads(executors, threads);
     bury(plan, false);
     let signal = guard.stop();
 
     let mut members = plan.members();
+    for left_behind in members.started.iter_mut().filter(|member| !member.buried) {
+        if left_behind.handle.state() == ProcessState::Running {
+            eprintln!(
+                "luna: process `{}` computes or blocks without an await, so it could not be ended",
+                left_behind.name
+            );
+        }
+        // Its body still lives, on the thread that was left to itself, and borrows it.
+        std::mem::forget(left_behind.resident.take());
+    }
     let processes = members.started.iter().map(process_report).collect();
     let report = Report {
         system: plan.name().to_owned(),
@@ -69,14 +81,31 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
 /// Says once what is done without.
 fn announce_shortfalls(plan: &Plan, launched: &Launched) {
     let members = plan.members();
-    let of_executors = launched.executors.iter().map(|(name, executor)| (name.as_str(), executor.obtained()));
-    let of_threads = members.threads.iter().map(|(name, thread)| (name.as_str(), thread.obtained()));
-    let of_all = of_executors
-        .chain(of_threads)
-        .flat_map(|(name, obtained)| obtained.into_iter().flat_map(|got| &got.shortfalls).map(move |one| (name, one)));
-    let all: Vec<_> = launched.shortfalls.iter().map(|one| ("system", one)).chain(of_all).collect();
+    let of_executors = launched
+        .executors
+        .iter()
+        .map(|(name, executor)| (name.as_str(), executor.obtained()));
+    let of_threads = members
+        .threads
+        .iter()
+        .map(|(name, thread)| (name.as_str(), thread.obtained()));
+    let of_all = of_executors.chain(of_threads).flat_map(|(name, obtained)| {
+        obtained
+            .into_iter()
+            .flat_map(|got| &got.shortfalls)
+            .map(move |one| (name, one))
+    });
+    let all: Vec<_> = launched
+        .shortfalls
+        .iter()
+        .map(|one| ("system", one))
+        .chain(of_all)
+        .collect();
     if let Some((_, first)) = all.first() {
-        let what: Vec<String> = all.iter().map(|(name, one)| format!("{name}: no {}", one.what())).collect();
+        let what: Vec<String> = all
+            .iter()
+            .map(|(name, one)| format!("{name}: no {}", one.what()))
+            .collect();
         eprintln!(
             "luna: system `{}` runs with best effort, without {} of what it asked for ({}): {}; {}",
             plan.name(),
@@ -88,14 +117,20 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
     }
 }
 
-/// Sleeps until all processes have ended or an emergency is over; buries those that end on the way.
-fn watch(plan: &Plan, launched: &Launched) {
+/// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
+/// the OS threads.
+fn watch(plan: &Plan, launched: &Launched) -> Vec<NamedThread> {
     let running = &launched.running;
     loop {
         let seen = running.living.changes();
         bury(plan, true);
-        if running.living.count() == 0 || running.emergency.is_safe() {
-            return;
+        {
+            let mut members = plan.members();
+            if running.is_over() {
+                members.phase = Phase::Ended;
+                members.running = None;
+                return std::mem::take(&mut members.threads);
+            }
         }
         running.living.wait(seen, Instant::NEVER);
     }
@@ -107,8 +142,11 @@ fn bury(plan: &Plan, tell: bool) {
         // One at a time and without the lock, since `post_run` may take long, and spawn.
         let next = {
             let mut members = plan.members();
-            let found = members.started.iter_mut().enumerate().find(|(_, one)| !one.buried && one.handle.exit().is_some());
-            found.map(|(index, member)| {
+            let found = members
+                .started
+                .iter_mut()
+                .find(|one| !one.buried && one.handle.exit().is_some());
+            found.map(|member| {
                 member.buried = true;
                 member.error = error_of(member);
                 if let Some(error) = &member.error
@@ -116,18 +154,11 @@ fn bury(plan: &Plan, tell: bool) {
                 {
                     eprintln!("luna: {error}");
                 }
-                (index, member.resident.take())
+                member.resident.take()
             })
         };
         match next {
-            Some((_, Some(mut resident))) => {
-                // The user's code: its panic must not keep the others from being cleaned up.
-                let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-                    resident.post_run();
-                    drop(resident);
-                }));
-            }
-            Some((_, None)) => {}
+            Some(resident) => clean_up(resident),
             None => break,
         }
     }
@@ -146,7 +177,7 @@ fn error_of(member: &Member) -> Option<Error> {
 }
 
 /// Asks all threads to end, waits for them a bounded time, and leaves behind who does not.
-fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<(String, OsThread)>) -> Vec<ThreadReport> {
+fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<NamedThread>) -> Vec<ThreadReport> {
     for (_, executor) in &executors {
         executor.request_stop();
     }
@@ -174,7 +205,10 @@ fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<(String, OsThrea
         }
     }
     for report in reports.iter().filter(|report| report.abandoned) {
-        eprintln!("luna: `{}` did not end within {GRACE:?} and is left to itself", report.name);
+        eprintln!(
+            "luna: `{}` did not end within {GRACE:?} and is left to itself",
+            report.name
+        );
     }
     reports
 }
@@ -197,7 +231,9 @@ fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> 
         name,
         policy: obtained.map_or(Policy::Other, |got| got.policy),
         core: obtained.and_then(|got| got.core),
-        shortfalls: obtained.map(|got| got.shortfalls.clone()).unwrap_or_default(),
+        shortfalls: obtained
+            .map(|got| got.shortfalls.clone())
+            .unwrap_or_default(),
         abandoned,
     }
 }
@@ -220,5 +256,9 @@ fn first_error(members: &mut [Member], end: End) -> Option<Error> {
         End::Panic => is_panic(error),
         End::Completed => true,
     };
-    members.iter().filter_map(|member| member.error.as_ref()).find(wanted).cloned()
+    members
+        .iter()
+        .filter_map(|member| member.error.as_ref())
+        .find(wanted)
+        .cloned()
 }

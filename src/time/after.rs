@@ -41,8 +41,21 @@ pub fn after(delay: Duration) -> After {
 /// # Panics
 ///
 /// When awaited outside of any process of LUNA: there are no timers.
+///
+/// ```
+/// use std::time::Duration;
+/// luna::run(async {
+///     let deadline = luna::now() + Duration::from_millis(1);
+///     luna::at(deadline).await;
+///     assert!(luna::now() >= deadline);
+///     Ok(())
+/// })?;
+/// # Ok::<(), luna::Error>(())
+/// ```
 pub fn at(deadline: Instant) -> After {
-    After { sleep: Sleep::until(deadline) }
+    After {
+        sleep: Sleep::until(deadline),
+    }
 }
 
 /// A delay: see [`after`] and [`at`].

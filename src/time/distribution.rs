@@ -9,6 +9,28 @@ const LONGEST: u64 = 1 << 37;
 /// Times in nanoseconds: their number, exact minimum, maximum, mean and standard deviation, and percentiles within 0.8 %.
 ///
 /// Recording is O(1) and allocates nothing; the histogram (`hdrhistogram`, 2 significant digits, 1 ns to 137 s) is made before the start.
+/// Reading it is for after the run.
+///
+/// ```
+/// use luna::prelude::*;
+/// use std::time::Duration;
+///
+/// let mut system = System::new("ten cycles");
+/// let executor = system.executor("main").build()?;
+/// executor.process("loop").spawn(async {
+///     let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+///     for _ in 0..10 {
+///         tick.next().await;
+///     }
+///     Ok(())
+/// })?;
+/// let report = system.run()?;
+/// let latency = &report.loops["loop"].wake_latency;
+/// assert_eq!(latency.count(), 10);
+/// assert!(latency.min() <= latency.percentile(50.0) && latency.percentile(50.0) <= latency.max());
+/// assert_eq!(latency.bins().map(|(_, count)| count).sum::<u64>(), 10);
+/// # Ok::<(), luna::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Distribution {
     histogram: Histogram<u32>,
@@ -23,8 +45,16 @@ pub struct Distribution {
 impl Distribution {
     /// Allocates the histogram.
     pub(crate) fn new() -> Self {
-        let histogram = Histogram::new_with_bounds(1, LONGEST, 2).expect("the bounds are constants that the crate accepts");
-        Self { histogram, count: 0, minimum: u64::MAX, maximum: 0, mean: 0.0, squares: 0.0 }
+        let histogram = Histogram::new_with_bounds(1, LONGEST, 2)
+            .expect("the bounds are constants that the crate accepts");
+        Self {
+            histogram,
+            count: 0,
+            minimum: u64::MAX,
+            maximum: 0,
+            mean: 0.0,
+            squares: 0.0,
+        }
     }
 
     /// Counts one time. O(1).
@@ -61,7 +91,11 @@ impl Distribution {
 
     /// The standard deviation, in nanoseconds.
     pub fn stddev_nanos(&self) -> f64 {
-        if self.count < 2 { 0.0 } else { (self.squares / (self.count - 1) as f64).sqrt() }
+        if self.count < 2 {
+            0.0
+        } else {
+            (self.squares / (self.count - 1) as f64).sqrt()
+        }
     }
 
     /// The time that `percent` per cent of all do not exceed: 50 for the median. Within 0.8 %, and never beyond the exact extremes.
@@ -75,7 +109,9 @@ impl Distribution {
 
     /// The recorded times as pairs of (greatest nanoseconds of a bin, count), rising, without empty bins.
     pub fn bins(&self) -> impl Iterator<Item = (u64, u64)> + '_ {
-        self.histogram.iter_recorded().map(|bin| (bin.value_iterated_to(), bin.count_since_last_iteration()))
+        self.histogram
+            .iter_recorded()
+            .map(|bin| (bin.value_iterated_to(), bin.count_since_last_iteration()))
     }
 }
 
@@ -89,7 +125,14 @@ mod tests {
         for nanos in 1..=10_000 {
             times.record(nanos);
         }
-        assert_eq!((times.count(), times.min().as_nanos(), times.max().as_nanos()), (10_000, 1, 10_000));
+        assert_eq!(
+            (
+                times.count(),
+                times.min().as_nanos(),
+                times.max().as_nanos()
+            ),
+            (10_000, 1, 10_000)
+        );
         assert!((times.mean_nanos() - 5000.5).abs() < 1e-6);
         assert!((times.stddev_nanos() - 2_886.895_68).abs() < 1e-3);
         let median = times.percentile(50.0).as_nanos() as f64;
@@ -100,7 +143,10 @@ mod tests {
     #[test]
     fn extremes_beyond_the_histogram_are_kept() {
         let mut times = Distribution::new();
-        assert_eq!((times.min(), times.percentile(99.0)), (Duration::ZERO, Duration::ZERO));
+        assert_eq!(
+            (times.min(), times.percentile(99.0)),
+            (Duration::ZERO, Duration::ZERO)
+        );
         times.record(0);
         times.record(u64::MAX);
         assert_eq!(times.max(), Duration::from_nanos(u64::MAX));

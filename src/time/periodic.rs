@@ -10,7 +10,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a loop does about slots that came while it was still busy.
+/// What a loop does about slots that came while it was still busy. Set by [`Periodic::overrun`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Overrun {
@@ -25,7 +25,7 @@ pub enum Overrun {
     Rephase,
 }
 
-/// One cycle of a periodic loop.
+/// One cycle of a periodic loop: what [`Periodic::next`] gives. Its example is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Cycle {
@@ -91,7 +91,11 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         return Err(SetupError::ZeroPeriod { name: named() }.into());
     }
     if length > i64::MAX as u64 {
-        return Err(SetupError::PeriodTooLong { name: named(), period }.into());
+        return Err(SetupError::PeriodTooLong {
+            name: named(),
+            period,
+        }
+        .into());
     }
     let statistics = scope.enroll(name, period)?;
     Ok(Periodic {
@@ -126,6 +130,21 @@ impl Periodic {
 
     /// Ends the process with [`Error::Overrun`](crate::Error::Overrun) when `cycles` cycles in a row were late, that is when the loop
     /// came back after the next slot had begun. A cycle in time begins the count anew. 0 counts as 1.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// let outcome = luna::run(async {
+    ///     let mut tick = luna::periodic("hog", Duration::from_micros(100))?.limit(3);
+    ///     loop {
+    ///         tick.next().await;
+    ///         let busy = luna::now() + Duration::from_micros(150);
+    ///         while luna::now() < busy {}
+    ///     }
+    ///     #[allow(unreachable_code, reason = "says the type")]
+    ///     Ok(())
+    /// });
+    /// assert!(matches!(outcome, Err(luna::Error::Overrun { consecutive: 3, .. })));
+    /// ```
     #[must_use]
     pub fn limit(mut self, cycles: u32) -> Self {
         self.limit = Some(cycles.max(1));
@@ -141,9 +160,24 @@ impl Periodic {
     ///
     /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: a wait that is dropped leaves the
     /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the process ends.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// luna::run(async {
+    ///     let mut tick = luna::periodic("count", Duration::from_millis(1))?;
+    ///     let first = tick.next().await;
+    ///     let second = tick.next().await;
+    ///     assert_eq!(second.number, first.number + second.missed + 1);
+    ///     assert!(second.lateness < tick.period());
+    ///     Ok(())
+    /// })?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
     pub async fn next(&mut self) -> Cycle {
         let asked = Instant::now();
-        let mut target = self.origin.plus_nanos(self.period.saturating_mul(self.number.saturating_add(1)));
+        let mut target = self
+            .origin
+            .plus_nanos(self.period.saturating_mul(self.number.saturating_add(1)));
         if let Some(began) = self.began
             && std::mem::take(&mut self.in_cycle)
         {
@@ -154,7 +188,11 @@ impl Periodic {
                 self.consecutive += 1;
                 if self.limit.is_some_and(|limit| self.consecutive >= limit) {
                     let name = self.name();
-                    fail_current(Failure::Overrun { name, consecutive: self.consecutive }).await;
+                    fail_current(Failure::Overrun {
+                        name,
+                        consecutive: self.consecutive,
+                    })
+                    .await;
                 }
                 if self.overrun == Overrun::Rephase {
                     self.leave_grid(asked);
@@ -177,7 +215,9 @@ impl Periodic {
             Overrun::SkipToGrid | Overrun::Rephase => due.max(before + 1),
         };
         let missed = self.number - before - 1;
-        let deadline = self.origin.plus_nanos(self.period.saturating_mul(self.number));
+        let deadline = self
+            .origin
+            .plus_nanos(self.period.saturating_mul(self.number));
         let previous = self.began.replace(now);
         self.in_cycle = true;
         let number = self.number;
@@ -188,7 +228,12 @@ impl Periodic {
         if let Some(previous) = previous {
             statistics.cycle_time.record(now.nanos_since(previous));
         }
-        Cycle { number, deadline, lateness: now - deadline, missed }
+        Cycle {
+            number,
+            deadline,
+            lateness: now - deadline,
+            missed,
+        }
     }
 
     /// Closes the present grid and begins one on which slot 1 is due at `now`.
@@ -208,11 +253,16 @@ impl Periodic {
     }
 
     fn statistics(&mut self) -> &mut Statistics {
-        self.statistics.as_mut().expect("the statistics are there until the drop")
+        self.statistics
+            .as_mut()
+            .expect("the statistics are there until the drop")
     }
 
     fn name(&self) -> LoopName {
-        self.statistics.as_ref().map(|statistics| statistics.name).unwrap_or_default()
+        self.statistics
+            .as_ref()
+            .map(|statistics| statistics.name)
+            .unwrap_or_default()
     }
 }
 

@@ -22,8 +22,13 @@ impl LoopName {
 
     fn new(name: &str) -> Option<Self> {
         let mut bytes = [0; Self::MOST];
-        bytes.get_mut(..name.len())?.copy_from_slice(name.as_bytes());
-        Some(Self { bytes, length: name.len() as u8 })
+        bytes
+            .get_mut(..name.len())?
+            .copy_from_slice(name.as_bytes());
+        Some(Self {
+            bytes,
+            length: name.len() as u8,
+        })
     }
 
     pub(crate) fn as_str(&self) -> &str {
@@ -34,7 +39,10 @@ impl LoopName {
 
 impl Default for LoopName {
     fn default() -> Self {
-        Self { bytes: [0; Self::MOST], length: 0 }
+        Self {
+            bytes: [0; Self::MOST],
+            length: 0,
+        }
     }
 }
 
@@ -52,7 +60,10 @@ pub(crate) struct Scope {
     most: usize,
 }
 
-#[expect(clippy::vec_box, reason = "a loop takes its statistics along: a pointer, not a kilobyte of them")]
+#[expect(
+    clippy::vec_box,
+    reason = "a loop takes its statistics along: a pointer, not a kilobyte of them"
+)]
 struct Loops {
     /// Room that nobody uses yet.
     free: Vec<Box<Statistics>>,
@@ -83,7 +94,11 @@ impl Scope {
     /// Makes room when it is asked for.
     pub(crate) fn free_standing() -> Arc<Self> {
         Arc::new(Self {
-            loops: PiLock::new(Loops { free: Vec::new(), ended: Vec::new(), names: Vec::new() }),
+            loops: PiLock::new(Loops {
+                free: Vec::new(),
+                ended: Vec::new(),
+                names: Vec::new(),
+            }),
             grows: true,
             most: 0,
         })
@@ -101,7 +116,9 @@ impl Scope {
 
     /// Makes this the scope of the calling thread until the guard is dropped.
     pub(crate) fn enter_until_dropped(self: Arc<Self>) -> Entered {
-        Entered { before: SCOPE.with(|scope| scope.borrow_mut().replace(self)) }
+        Entered {
+            before: SCOPE.with(|scope| scope.borrow_mut().replace(self)),
+        }
     }
 
     /// The scope of this thread.
@@ -110,19 +127,32 @@ impl Scope {
     }
 
     /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names.
-    pub(crate) fn enroll(self: &Arc<Self>, name: &str, period: Duration) -> Result<Box<Statistics>, SetupError> {
+    pub(crate) fn enroll(
+        self: &Arc<Self>,
+        name: &str,
+        period: Duration,
+    ) -> Result<Box<Statistics>, SetupError> {
         let Some(short) = LoopName::new(name) else {
-            return Err(SetupError::NameTooLong { name: name.to_owned(), most: LoopName::MOST });
+            return Err(SetupError::NameTooLong {
+                name: name.to_owned(),
+                most: LoopName::MOST,
+            });
         };
         let made = self.grows.then(Statistics::new);
         let mut loops = self.loops.lock();
         if loops.names.contains(&short) {
             drop(loops);
-            return Err(SetupError::DuplicateName { kind: "loop", name: name.to_owned() });
+            return Err(SetupError::DuplicateName {
+                kind: "loop",
+                name: name.to_owned(),
+            });
         }
         let Some(mut statistics) = made.or_else(|| loops.free.pop()) else {
             drop(loops);
-            return Err(SetupError::TooManyLoops { name: name.to_owned(), most: self.most });
+            return Err(SetupError::TooManyLoops {
+                name: name.to_owned(),
+                most: self.most,
+            });
         };
         loops.names.push(short);
         statistics.name = short;
@@ -138,7 +168,10 @@ impl Scope {
     /// The reports of the loops that have ended, by their names. Not for the real-time path.
     pub(crate) fn take_reports(&self) -> BTreeMap<String, LoopReport> {
         let ended = std::mem::take(&mut self.loops.lock().ended);
-        ended.into_iter().map(|loops| (loops.name.as_str().to_owned(), LoopReport::from(*loops))).collect()
+        ended
+            .into_iter()
+            .map(|loops| (loops.name.as_str().to_owned(), LoopReport::from(*loops)))
+            .collect()
     }
 }
 

@@ -39,6 +39,26 @@ impl Statistics {
 ///
 /// Of every grid of slots that the loop ran on, `kept + missed` is the time that elapsed on it divided by the period, whole
 /// periods counted; so is it of their sums, with [`slots_elapsed`](Self::slots_elapsed).
+///
+/// ```
+/// use luna::prelude::*;
+/// use std::time::Duration;
+///
+/// let mut system = System::new("servo");
+/// let executor = system.executor("main").build()?;
+/// executor.process("loop").spawn(async {
+///     let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+///     for _ in 0..5 {
+///         tick.next().await;
+///     }
+///     Ok(())
+/// })?;
+/// let report = system.run()?;
+/// let servo = &report.loops["loop"];
+/// assert_eq!(servo.cycles, 5);
+/// assert_eq!(servo.cycles + servo.missed, servo.slots_elapsed);
+/// # Ok::<(), luna::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct LoopReport {

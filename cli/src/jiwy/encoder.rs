@@ -15,7 +15,10 @@ pub(crate) struct Encoder {
 impl Encoder {
     /// Behind a gear of `gear_ratio`, on a counter that reads `at_zero` at angle 0.
     pub(crate) fn new(gear_ratio: f64, at_zero: i32) -> Self {
-        Self { counts_per_rad: counts_per_rad(gear_ratio), at_zero }
+        Self {
+            counts_per_rad: counts_per_rad(gear_ratio),
+            at_zero,
+        }
     }
 
     /// What the counter reads with the joint at `angle` (rad).
@@ -39,7 +42,11 @@ pub(crate) struct Decoder {
 impl Decoder {
     /// For an encoder behind a gear of `gear_ratio`; `at_zero` is what calibration read at angle 0.
     pub(crate) fn new(gear_ratio: f64, at_zero: i32) -> Self {
-        Self { rad_per_count: 1.0 / counts_per_rad(gear_ratio), last: at_zero, position: 0 }
+        Self {
+            rad_per_count: 1.0 / counts_per_rad(gear_ratio),
+            last: at_zero,
+            position: 0,
+        }
     }
 
     /// The angle (rad) when the counter reads `count`: the middle of the count. O(1).

@@ -43,8 +43,15 @@ pub(crate) static AXES: [Axis; 2] = [
         plant: plant::PAN,
         // Close to the counter's end, so that every run of the demo passes its wrap.
         count_at_zero: i32::MAX - 1000,
-        tuning: pid::Tuning { bandwidth: 80.0, limit: 0.6 },
-        limits: sanity::Limits { duty: 0.7, slew: 200.0, guard: 1.37 },
+        tuning: pid::Tuning {
+            bandwidth: 80.0,
+            limit: 0.6,
+        },
+        limits: sanity::Limits {
+            duty: 0.7,
+            slew: 200.0,
+            guard: 1.37,
+        },
         range: 1.2,
         max_speed: 2.0,
     },
@@ -53,8 +60,15 @@ pub(crate) static AXES: [Axis; 2] = [
         stick: |deflection| deflection.tilt,
         plant: plant::TILT,
         count_at_zero: 0,
-        tuning: pid::Tuning { bandwidth: 80.0, limit: 0.6 },
-        limits: sanity::Limits { duty: 0.7, slew: 200.0, guard: 0.57 },
+        tuning: pid::Tuning {
+            bandwidth: 80.0,
+            limit: 0.6,
+        },
+        limits: sanity::Limits {
+            duty: 0.7,
+            slew: 200.0,
+            guard: 0.57,
+        },
         range: 0.5,
         max_speed: 1.5,
     },

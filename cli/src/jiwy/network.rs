@@ -81,7 +81,11 @@ pub(crate) fn build(
     cycles: u64,
     joystick: Playback,
 ) -> luna::Result<[Arc<Findings>; 2]> {
-    let Executors { control, mechanism, operator } = executors;
+    let Executors {
+        control,
+        mechanism,
+        operator,
+    } = executors;
     let findings: [Arc<Findings>; 2] = Default::default();
     let (commands, checked) = luna::channel();
 
@@ -100,34 +104,43 @@ pub(crate) fn build(
         let (angle, angles) = luna::channel();
         let (duty, duties) = luna::channel();
 
-        mechanism.process(&name("mechanism")).priority(level).spawn(Mechanism {
-            name: name("mechanism"),
-            period,
-            plant: Plant::new(axis.plant),
-            encoder: Encoder::new(axis.plant.gear_ratio, axis.count_at_zero),
-            enabled: Arc::clone(&enabled),
-            bridge,
-            count,
-            findings: Arc::clone(&findings[index]),
-        })?;
+        mechanism
+            .process(&name("mechanism"))
+            .priority(level)
+            .spawn(Mechanism {
+                name: name("mechanism"),
+                period,
+                plant: Plant::new(axis.plant),
+                encoder: Encoder::new(axis.plant.gear_ratio, axis.count_at_zero),
+                enabled: Arc::clone(&enabled),
+                bridge,
+                count,
+                findings: Arc::clone(&findings[index]),
+            })?;
         control
             .process(&name("encoder reader"))
             .priority(level::ENCODER_READER)
             .spawn(read_encoder(axis, counts, requests, angle))?;
-        control.process(axis.name).priority(level).spawn(Controller {
-            axis: index,
-            period,
-            cycles,
-            set_point: SetPoint::new(axis.range, axis.max_speed),
-            pid: Pid::new(Gains::place(&axis.plant, axis.tuning, period.as_secs_f64())),
-            tracking: Tracking::default(),
-            set_points,
-            request,
-            angles,
-            commands: commands.clone(),
-            findings: Arc::clone(&findings[index]),
-        })?;
-        control.process(&name("motor writer")).priority(level::MOTOR_WRITER).spawn(write_motor(duties, pwm))?;
+        control
+            .process(axis.name)
+            .priority(level)
+            .spawn(Controller {
+                axis: index,
+                period,
+                cycles,
+                set_point: SetPoint::new(axis.range, axis.max_speed),
+                pid: Pid::new(Gains::place(&axis.plant, axis.tuning, period.as_secs_f64())),
+                tracking: Tracking::default(),
+                set_points,
+                request,
+                angles,
+                commands: commands.clone(),
+                findings: Arc::clone(&findings[index]),
+            })?;
+        control
+            .process(&name("motor writer"))
+            .priority(level::MOTOR_WRITER)
+            .spawn(write_motor(duties, pwm))?;
         Ok((stick, duty))
     };
     let (pan_stick, pan_duty) = add_axis(0, level::PAN)?;
@@ -135,12 +148,18 @@ pub(crate) fn build(
     // The last sender must be a controller's.
     drop(commands);
 
-    control.process("sanity check").priority(level::SANITY_CHECK).spawn(Sanity {
-        checks: [0, 1].map(|axis| SanityCheck::new(AXES[axis].limits)),
-        commands: checked,
-        duties: [pan_duty, tilt_duty],
-        findings: findings.clone(),
+    control
+        .process("sanity check")
+        .priority(level::SANITY_CHECK)
+        .spawn(Sanity {
+            checks: [0, 1].map(|axis| SanityCheck::new(AXES[axis].limits)),
+            commands: checked,
+            duties: [pan_duty, tilt_duty],
+            findings: findings.clone(),
+        })?;
+    operator.process("joystick").spawn(Joystick {
+        playback: joystick,
+        sticks: [pan_stick, tilt_stick],
     })?;
-    operator.process("joystick").spawn(Joystick { playback: joystick, sticks: [pan_stick, tilt_stick] })?;
     Ok(findings)
 }

@@ -72,7 +72,12 @@ pub(crate) struct Pid {
 impl Pid {
     /// A controller at rest.
     pub(crate) fn new(gains: Gains) -> Self {
-        Self { gains, integral: 0.0, speed: 0.0, last: None }
+        Self {
+            gains,
+            integral: 0.0,
+            speed: 0.0,
+            last: None,
+        }
     }
 
     /// The duty for a measurement taken `sample_time` seconds after the one before. O(1); allocates nothing.
@@ -129,10 +134,13 @@ mod tests {
         }
 
         fn cycle(&mut self, set_point: f64) -> f64 {
-            let measured = self.decoder.angle(self.encoder.count(self.plant.state().angle));
+            let measured = self
+                .decoder
+                .angle(self.encoder.count(self.plant.state().angle));
             let next = self.pid.update(set_point, measured, self.sample_time);
             // The duty of this sample reaches the motor one sample later.
-            self.plant.step(std::mem::replace(&mut self.duty, next), self.sample_time);
+            self.plant
+                .step(std::mem::replace(&mut self.duty, next), self.sample_time);
             self.plant.state().angle
         }
     }
@@ -145,13 +153,26 @@ mod tests {
             for rate in RATES {
                 for target in [0.05, 0.3, -0.3] {
                     let mut control = Loop::new(axis, rate);
-                    let path: Vec<f64> = (0..(2.0 * rate) as usize).map(|_| control.cycle(target)).collect();
+                    let path: Vec<f64> = (0..(2.0 * rate) as usize)
+                        .map(|_| control.cycle(target))
+                        .collect();
                     let peak = path.iter().map(|angle| angle / target).fold(0.0, f64::max);
-                    let late = path[path.len() / 2..].iter().map(|angle| (angle - target).abs()).fold(0.0, f64::max);
-                    assert!(peak < 1.10, "{} at {rate} Hz: overshoot to {peak}", axis.name);
+                    let late = path[path.len() / 2..]
+                        .iter()
+                        .map(|angle| (angle - target).abs())
+                        .fold(0.0, f64::max);
+                    assert!(
+                        peak < 1.10,
+                        "{} at {rate} Hz: overshoot to {peak}",
+                        axis.name
+                    );
                     // In the second second. The slow loop at 100 Hz still integrates friction away by then.
                     let allowed = if rate > 100.0 { 0.25 } else { 1.25 };
-                    assert!(late.to_degrees() < allowed, "{} at {rate} Hz: {late} rad off", axis.name);
+                    assert!(
+                        late.to_degrees() < allowed,
+                        "{} at {rate} Hz: {late} rad off",
+                        axis.name
+                    );
                 }
             }
         }
@@ -171,7 +192,11 @@ mod tests {
                 control.cycle(back);
             }
             let error = control.plant.state().angle - back;
-            assert!(error.abs() < 0.01, "{}: {error} rad off half a second later", axis.name);
+            assert!(
+                error.abs() < 0.01,
+                "{}: {error} rad off half a second later",
+                axis.name
+            );
         }
     }
 
@@ -187,7 +212,13 @@ mod tests {
 
     #[test]
     fn set_point_step_gives_no_derivative_kick() {
-        let gains = Gains { proportional: 1.0, integral: 0.0, derivative: 1.0, filter: 1e-3, limit: 10.0 };
+        let gains = Gains {
+            proportional: 1.0,
+            integral: 0.0,
+            derivative: 1.0,
+            filter: 1e-3,
+            limit: 10.0,
+        };
         let mut pid = Pid::new(gains);
         pid.update(0.0, 0.0, 1e-3);
         assert_eq!(pid.update(1.0, 0.0, 1e-3), 1.0);
@@ -195,23 +226,40 @@ mod tests {
 
     #[test]
     fn derivative_is_that_of_the_measurement() {
-        let gains = Gains { proportional: 0.0, integral: 0.0, derivative: 0.5, filter: 2e-3, limit: 10.0 };
+        let gains = Gains {
+            proportional: 0.0,
+            integral: 0.0,
+            derivative: 0.5,
+            filter: 2e-3,
+            limit: 10.0,
+        };
         for sample_time in [2.5e-4, 1e-3, 1e-2] {
             let mut pid = Pid::new(gains);
             // A ramp of 3 rad/s, for fifty time constants of the filter.
             let samples = (0.1 / sample_time) as i32 + 50;
-            let duty =
-                (0..samples).map(|n| pid.update(0.0, 3.0 * f64::from(n) * sample_time, sample_time)).last().unwrap();
+            let duty = (0..samples)
+                .map(|n| pid.update(0.0, 3.0 * f64::from(n) * sample_time, sample_time))
+                .last()
+                .unwrap();
             assert!((duty + 1.5).abs() < 1e-6, "{duty} at {sample_time} s");
         }
     }
 
     #[test]
     fn integral_does_not_depend_on_the_sample_time() {
-        let gains = Gains { proportional: 0.0, integral: 2.0, derivative: 0.0, filter: 1e-3, limit: 10.0 };
+        let gains = Gains {
+            proportional: 0.0,
+            integral: 2.0,
+            derivative: 0.0,
+            filter: 1e-3,
+            limit: 10.0,
+        };
         for samples in [100, 1000, 4000] {
             let mut pid = Pid::new(gains);
-            let duty = (0..samples).map(|_| pid.update(1.0, 0.0, 1.0 / f64::from(samples))).last().unwrap();
+            let duty = (0..samples)
+                .map(|_| pid.update(1.0, 0.0, 1.0 / f64::from(samples)))
+                .last()
+                .unwrap();
             assert!((duty - 2.0).abs() < 1e-9);
         }
     }

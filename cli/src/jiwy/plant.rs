@@ -128,7 +128,10 @@ pub(crate) struct Plant {
 impl Plant {
     /// An axis at rest at angle 0.
     pub(crate) fn new(parameters: Parameters) -> Self {
-        Self { parameters, state: State::default() }
+        Self {
+            parameters,
+            state: State::default(),
+        }
     }
 
     /// Where it is now.
@@ -144,7 +147,11 @@ impl Plant {
     }
 
     fn step_by(&mut self, duty: f64, time: f64, max_sub_step: f64) {
-        let duty = if duty.is_nan() { 0.0 } else { duty.clamp(-1.0, 1.0) };
+        let duty = if duty.is_nan() {
+            0.0
+        } else {
+            duty.clamp(-1.0, 1.0)
+        };
         // A cast of what is not positive, or not a number, gives 0.
         let sub_steps = (time / max_sub_step).ceil() as u64;
         let h = time / sub_steps as f64;
@@ -159,16 +166,29 @@ impl Plant {
     /// if that would end in a stop, once with the stop's spring and damper in `mass` and `impulse`.
     fn sub_step(&mut self, voltage: f64, h: f64) {
         let p = &self.parameters;
-        let State { angle, speed, current } = self.state;
+        let State {
+            angle,
+            speed,
+            current,
+        } = self.state;
         let k = p.joint_constant();
         let impedance = p.inductance + h * p.resistance;
         let mass = p.inertia() + h * p.viscous_friction + h * h * k * k / impedance;
-        let impulse = p.inertia() * speed + h * k * (p.inductance * current + h * voltage) / impedance;
-        let friction = h * if speed == 0.0 { p.stiction } else { p.coulomb_friction };
+        let impulse =
+            p.inertia() * speed + h * k * (p.inductance * current + h * voltage) / impedance;
+        let friction = h * if speed == 0.0 {
+            p.stiction
+        } else {
+            p.coulomb_friction
+        };
 
         // Moves when the impulse exceeds friction, against Coulomb friction then; else sticks, at exactly zero speed.
         let solve = |mass: f64, impulse: f64| {
-            if impulse.abs() <= friction { 0.0 } else { (impulse - impulse.signum() * h * p.coulomb_friction) / mass }
+            if impulse.abs() <= friction {
+                0.0
+            } else {
+                (impulse - impulse.signum() * h * p.coulomb_friction) / mass
+            }
         };
 
         let mut new_speed = solve(mass, impulse);
@@ -176,8 +196,10 @@ impl Plant {
         if new_angle.abs() > p.end_stop {
             let side = new_angle.signum();
             let depth = angle - side * p.end_stop;
-            let touching =
-                solve(mass + h * p.stop_damping + h * h * p.stop_stiffness, impulse - h * p.stop_stiffness * depth);
+            let touching = solve(
+                mass + h * p.stop_damping + h * h * p.stop_stiffness,
+                impulse - h * p.stop_stiffness * depth,
+            );
             // A stop pushes but does not pull: rubber that springs back slower than the joint leaves lets it go.
             let push = p.stop_stiffness * (depth + h * touching) + p.stop_damping * touching;
             if push * side > 0.0 {

@@ -63,7 +63,14 @@ impl Process for Controller {
             let angle = self.angles.recv().await?;
             self.tracking.add(target - angle);
             let duty = self.pid.update(target, angle, elapsed);
-            self.commands.send(Command { axis: self.axis, duty, angle, elapsed }).await?;
+            self.commands
+                .send(Command {
+                    axis: self.axis,
+                    duty,
+                    angle,
+                    elapsed,
+                })
+                .await?;
         }
         Ok(())
     }
@@ -84,7 +91,8 @@ pub(super) struct Sanity {
 impl Process for Sanity {
     async fn run(&mut self) -> luna::Result<()> {
         while let Ok(command) = self.commands.recv().await {
-            let duty = self.checks[command.axis].check(command.duty, command.angle, command.elapsed);
+            let duty =
+                self.checks[command.axis].check(command.duty, command.angle, command.elapsed);
             self.duties[command.axis].send(duty).await?;
         }
         Ok(())
@@ -117,7 +125,11 @@ impl Process for Mechanism {
         loop {
             let elapsed = slots.elapsed(tick.next().await.deadline);
             // First what was applied until now, then what was written meanwhile.
-            let applied = if self.enabled.load(Ordering::Relaxed) { duty } else { 0.0 };
+            let applied = if self.enabled.load(Ordering::Relaxed) {
+                duty
+            } else {
+                0.0
+            };
             self.plant.step(applied, elapsed);
             match self.bridge.try_recv() {
                 Ok(written) => duty = written,
@@ -125,7 +137,10 @@ impl Process for Mechanism {
                 Err(_) => return Ok(()),
             }
             // Who reads the counter may have ended before the motor is off: that is no matter of the hardware.
-            let _ = self.count.send(self.encoder.count(self.plant.state().angle)).await;
+            let _ = self
+                .count
+                .send(self.encoder.count(self.plant.state().angle))
+                .await;
         }
     }
 
@@ -200,6 +215,9 @@ impl Slots {
 
     /// Seconds from the slot before to the one at `deadline`.
     fn elapsed(&mut self, deadline: Instant) -> f64 {
-        self.last.replace(deadline).map_or(self.first, |last| deadline - last).as_secs_f64()
+        self.last
+            .replace(deadline)
+            .map_or(self.first, |last| deadline - last)
+            .as_secs_f64()
     }
 }

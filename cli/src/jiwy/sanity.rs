@@ -36,7 +36,11 @@ pub(crate) struct SanityCheck {
 impl SanityCheck {
     /// A check whose motor is off.
     pub(crate) fn new(limits: Limits) -> Self {
-        Self { limits, duty: 0.0, interventions: Interventions::default() }
+        Self {
+            limits,
+            duty: 0.0,
+            interventions: Interventions::default(),
+        }
     }
 
     /// The duty for the motor, when a controller asks for `duty` at the measured `angle` (rad), `sample_time` seconds after the
@@ -60,7 +64,11 @@ impl SanityCheck {
         let slewed = limited.clamp(self.duty - change, self.duty + change);
         counts.slewed += u64::from(slewed != limited);
 
-        let guarded = if angle.abs() >= limits.guard && slewed * angle > 0.0 { 0.0 } else { slewed };
+        let guarded = if angle.abs() >= limits.guard && slewed * angle > 0.0 {
+            0.0
+        } else {
+            slewed
+        };
         counts.guarded += u64::from(guarded != slewed);
 
         self.duty = guarded;
@@ -78,7 +86,11 @@ mod tests {
     use super::super::plant::{PAN, Plant};
     use super::*;
 
-    const LIMITS: Limits = Limits { duty: 0.8, slew: 100.0, guard: 1.3 };
+    const LIMITS: Limits = Limits {
+        duty: 0.8,
+        slew: 100.0,
+        guard: 1.3,
+    };
     const SAMPLE_TIME: f64 = 1e-3;
 
     #[test]
@@ -94,13 +106,24 @@ mod tests {
     #[test]
     fn not_finite_is_zero_and_counted() {
         let mut sanity = SanityCheck::new(LIMITS);
-        let cases =
-            [(f64::NAN, 0.0), (f64::INFINITY, 0.0), (f64::NEG_INFINITY, 0.0), (0.1, f64::NAN), (0.1, f64::INFINITY)];
+        let cases = [
+            (f64::NAN, 0.0),
+            (f64::INFINITY, 0.0),
+            (f64::NEG_INFINITY, 0.0),
+            (0.1, f64::NAN),
+            (0.1, f64::INFINITY),
+        ];
         for (duty, angle) in cases {
             sanity.check(0.05, 0.0, SAMPLE_TIME);
             assert_eq!(sanity.check(duty, angle, SAMPLE_TIME), 0.0);
         }
-        assert_eq!(sanity.interventions(), Interventions { not_finite: 5, ..Interventions::default() });
+        assert_eq!(
+            sanity.interventions(),
+            Interventions {
+                not_finite: 5,
+                ..Interventions::default()
+            }
+        );
     }
 
     #[test]
@@ -108,7 +131,13 @@ mod tests {
         let mut sanity = SanityCheck::new(LIMITS);
         assert_eq!(sanity.check(5.0, 0.0, 1.0), 0.8);
         assert_eq!(sanity.check(-5.0, 0.0, 1.0), -0.8);
-        assert_eq!(sanity.interventions(), Interventions { limited: 2, ..Interventions::default() });
+        assert_eq!(
+            sanity.interventions(),
+            Interventions {
+                limited: 2,
+                ..Interventions::default()
+            }
+        );
     }
 
     #[test]
@@ -118,7 +147,13 @@ mod tests {
             assert!((sanity.check(0.8, 0.0, SAMPLE_TIME) - expected).abs() < 1e-12);
         }
         assert!((sanity.check(-0.8, 0.0, 2.0 * SAMPLE_TIME) - 0.1).abs() < 1e-12);
-        assert_eq!(sanity.interventions(), Interventions { slewed: 4, ..Interventions::default() });
+        assert_eq!(
+            sanity.interventions(),
+            Interventions {
+                slewed: 4,
+                ..Interventions::default()
+            }
+        );
         for sample_time in [0.0, -1.0, f64::NAN] {
             assert!((sanity.check(0.8, 0.0, sample_time) - 0.1).abs() < 1e-12);
         }
@@ -131,12 +166,21 @@ mod tests {
         assert_eq!(sanity.check(-0.1, 1.4, SAMPLE_TIME), -0.1);
         assert_eq!(sanity.check(-0.1, -1.3, SAMPLE_TIME), 0.0);
         assert_eq!(sanity.check(0.1, -1.4, SAMPLE_TIME), 0.1);
-        assert_eq!(sanity.interventions(), Interventions { guarded: 2, ..Interventions::default() });
+        assert_eq!(
+            sanity.interventions(),
+            Interventions {
+                guarded: 2,
+                ..Interventions::default()
+            }
+        );
     }
 
     #[test]
     fn guard_keeps_a_controller_gone_mad_off_the_stop_at_low_speed() {
-        let mut sanity = SanityCheck::new(Limits { duty: 0.2, ..LIMITS });
+        let mut sanity = SanityCheck::new(Limits {
+            duty: 0.2,
+            ..LIMITS
+        });
         let mut plant = Plant::new(PAN);
         for _ in 0..5000 {
             let duty = sanity.check(1.0, plant.state().angle, SAMPLE_TIME);

@@ -11,7 +11,11 @@ pub(crate) struct SetPoint {
 impl SetPoint {
     /// Starts at angle 0; full deflection means `range` (rad), and the angle never moves faster than `max_speed` (rad/s).
     pub(crate) fn new(range: f64, max_speed: f64) -> Self {
-        Self { range, max_speed, angle: 0.0 }
+        Self {
+            range,
+            max_speed,
+            angle: 0.0,
+        }
     }
 
     /// The angle (rad) to be at, `time` seconds after the call before, with the joystick at `deflection` (−1 to 1). O(1).

@@ -37,7 +37,12 @@ fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
 #[test]
 fn follows_the_recording() {
     for axis in &AXES {
-        for (rate, rms, max) in [(100.0, 12.0, 30.0), (500.0, 1.5, 6.0), (1000.0, 1.5, 6.0), (4000.0, 1.5, 6.0)] {
+        for (rate, rms, max) in [
+            (100.0, 12.0, 30.0),
+            (500.0, 1.5, 6.0),
+            (1000.0, 1.5, 6.0),
+            (4000.0, 1.5, 6.0),
+        ] {
             let (tracking, sanity) = play(axis, rate);
             println!(
                 "{} at {rate} Hz: rms {:.2}, max {:.2} degrees; {sanity:?}",
@@ -45,10 +50,24 @@ fn follows_the_recording() {
                 tracking.rms().to_degrees(),
                 tracking.max().to_degrees()
             );
-            assert!(tracking.rms().to_degrees() < rms, "{} at {rate} Hz", axis.name);
-            assert!(tracking.max().to_degrees() < max, "{} at {rate} Hz", axis.name);
+            assert!(
+                tracking.rms().to_degrees() < rms,
+                "{} at {rate} Hz",
+                axis.name
+            );
+            assert!(
+                tracking.max().to_degrees() < max,
+                "{} at {rate} Hz",
+                axis.name
+            );
             // A controller in order gives the safety layer nothing to do, but for its slew limit.
-            assert_eq!(Interventions { slewed: 0, ..sanity }, Interventions::default());
+            assert_eq!(
+                Interventions {
+                    slewed: 0,
+                    ..sanity
+                },
+                Interventions::default()
+            );
         }
     }
 }

@@ -33,7 +33,10 @@ mod tests {
 
     #[test]
     fn nothing_is_no_error() {
-        assert_eq!((Tracking::default().rms(), Tracking::default().max()), (0.0, 0.0));
+        assert_eq!(
+            (Tracking::default().rms(), Tracking::default().max()),
+            (0.0, 0.0)
+        );
     }
 
     #[test]

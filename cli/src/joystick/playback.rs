@@ -17,7 +17,12 @@ pub(crate) struct Playback {
 impl Playback {
     /// Plays `recording` from its start.
     pub(super) fn new(recording: Recording) -> Self {
-        Self { length: recording.length(), recording, start: 0.0, next: 0 }
+        Self {
+            length: recording.length(),
+            recording,
+            start: 0.0,
+            next: 0,
+        }
     }
 
     /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while `time` advances by less than

@@ -23,7 +23,10 @@ pub fn core_list(text: &str) -> Option<Vec<usize>> {
     for part in text.split(',') {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         // Sixteen bits: no kernel has more cores, and a mistaken range takes little memory.
-        let (first, last) = (first.trim().parse::<u16>().ok()?, last.trim().parse::<u16>().ok()?);
+        let (first, last) = (
+            first.trim().parse::<u16>().ok()?,
+            last.trim().parse::<u16>().ok()?,
+        );
         if first > last {
             return None;
         }
@@ -76,7 +79,13 @@ pub fn number(text: &str) -> Option<i64> {
 /// ```
 pub fn preemption_of_version(version: &str) -> PreemptionModel {
     // Kernels patched before 5.4 write `PREEMPT RT`.
-    let has = |flag: &str| version.split([' ', '_']).collect::<Vec<_>>().windows(2).any(|two| two.join("_") == flag);
+    let has = |flag: &str| {
+        version
+            .split([' ', '_'])
+            .collect::<Vec<_>>()
+            .windows(2)
+            .any(|two| two.join("_") == flag)
+    };
     if has("PREEMPT_RT") {
         PreemptionModel::RealTime
     } else if has("PREEMPT_DYNAMIC") {
@@ -99,7 +108,9 @@ pub fn preemption_of_version(version: &str) -> PreemptionModel {
 /// assert_eq!(preemption_in_effect("none voluntary full"), None);
 /// ```
 pub fn preemption_in_effect(text: &str) -> Option<PreemptionModel> {
-    let word = text.split_whitespace().find_map(|word| word.strip_prefix('(')?.strip_suffix(')'))?;
+    let word = text
+        .split_whitespace()
+        .find_map(|word| word.strip_prefix('(')?.strip_suffix(')'))?;
     preemption_word(word)
 }
 
@@ -113,7 +124,10 @@ pub fn preemption_in_effect(text: &str) -> Option<PreemptionModel> {
 /// ```
 pub fn preemption_asked(command_line: &str) -> Option<PreemptionModel> {
     let words = command_line.split_whitespace();
-    words.filter_map(|word| word.strip_prefix("preempt=")).next_back().and_then(preemption_word)
+    words
+        .filter_map(|word| word.strip_prefix("preempt="))
+        .next_back()
+        .and_then(preemption_word)
 }
 
 fn preemption_word(word: &str) -> Option<PreemptionModel> {
@@ -147,7 +161,17 @@ mod tests {
 
     #[test]
     fn no_lists() {
-        for text in ["x", "1-", "-1", "1,,2", "3-1", "1-2-3", "0-4294967295", "0:3", "1 2"] {
+        for text in [
+            "x",
+            "1-",
+            "-1",
+            "1,,2",
+            "3-1",
+            "1-2-3",
+            "0-4294967295",
+            "0:3",
+            "1 2",
+        ] {
             assert_eq!(core_list(text), None, "{text:?}");
         }
     }
@@ -164,11 +188,20 @@ mod tests {
     fn version_lines_of_distributions() {
         for (version, model) in [
             ("#1 SMP PREEMPT_DYNAMIC @0", PreemptionModel::Dynamic),
-            ("#1 SMP PREEMPT_RT Debian 6.1.119-1 (2024-11-22)", PreemptionModel::RealTime),
-            ("#1 SMP PREEMPT RT Mon Jan 1 2018", PreemptionModel::RealTime),
+            (
+                "#1 SMP PREEMPT_RT Debian 6.1.119-1 (2024-11-22)",
+                PreemptionModel::RealTime,
+            ),
+            (
+                "#1 SMP PREEMPT RT Mon Jan 1 2018",
+                PreemptionModel::RealTime,
+            ),
             ("#54-Ubuntu SMP PREEMPT Thu Nov 20", PreemptionModel::Full),
             ("#1 SMP PREEMPT_LAZY Thu Nov 20", PreemptionModel::Lazy),
-            ("#1 SMP Debian 5.10.209-2 (2024-01-31)", PreemptionModel::NoneOrVoluntary),
+            (
+                "#1 SMP Debian 5.10.209-2 (2024-01-31)",
+                PreemptionModel::NoneOrVoluntary,
+            ),
             ("", PreemptionModel::NoneOrVoluntary),
         ] {
             assert_eq!(preemption_of_version(version), model, "{version}");
@@ -177,11 +210,23 @@ mod tests {
 
     #[test]
     fn the_model_in_effect() {
-        assert_eq!(preemption_in_effect("(none) voluntary full lazy\n"), Some(PreemptionModel::None));
-        assert_eq!(preemption_in_effect("none (voluntary) full"), Some(PreemptionModel::Voluntary));
-        assert_eq!(preemption_in_effect("full (lazy)"), Some(PreemptionModel::Lazy));
+        assert_eq!(
+            preemption_in_effect("(none) voluntary full lazy\n"),
+            Some(PreemptionModel::None)
+        );
+        assert_eq!(
+            preemption_in_effect("none (voluntary) full"),
+            Some(PreemptionModel::Voluntary)
+        );
+        assert_eq!(
+            preemption_in_effect("full (lazy)"),
+            Some(PreemptionModel::Lazy)
+        );
         assert_eq!(preemption_in_effect("(new) full"), None);
-        assert_eq!(preemption_asked("preempt=full preempt=none"), Some(PreemptionModel::None));
+        assert_eq!(
+            preemption_asked("preempt=full preempt=none"),
+            Some(PreemptionModel::None)
+        );
         assert_eq!(preemption_asked("preempt=other"), None);
     }
 

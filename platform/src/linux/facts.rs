@@ -2,7 +2,9 @@
 
 use super::privileges::{self, Capability};
 use super::thread::available_cores;
-use crate::facts::parse::{core_list, number, preemption_asked, preemption_in_effect, preemption_of_version};
+use crate::facts::parse::{
+    core_list, number, preemption_asked, preemption_in_effect, preemption_of_version,
+};
 use crate::facts::{Limit, NumaNode, PreemptionModel, SystemFacts, Throttling};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use std::fs;
@@ -58,8 +60,9 @@ fn preemption() -> Option<PreemptionModel> {
         return Some(built);
     }
     // Only root sees the one in effect, and only where debugfs is mounted. The command line is nearly as good, where it says one.
-    let in_effect =
-        fs::read_to_string("/sys/kernel/debug/sched/preempt").ok().and_then(|text| preemption_in_effect(&text));
+    let in_effect = fs::read_to_string("/sys/kernel/debug/sched/preempt")
+        .ok()
+        .and_then(|text| preemption_in_effect(&text));
     let asked = || preemption_asked(&fs::read_to_string("/proc/cmdline").ok()?);
     in_effect.or_else(asked).or(Some(PreemptionModel::Dynamic))
 }
@@ -74,7 +77,8 @@ fn throttling() -> Option<Throttling> {
 }
 
 fn may(capability: Capability) -> Option<bool> {
-    privileges::effective(capability).map(|effective| effective && !privileges::in_a_user_namespace())
+    privileges::effective(capability)
+        .map(|effective| effective && !privileges::in_a_user_namespace())
 }
 
 fn limit(resource: Resource) -> Option<Limit> {

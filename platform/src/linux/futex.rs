@@ -26,7 +26,9 @@ pub enum Waited {
 impl Futex {
     /// A word that holds `value`.
     pub const fn new(value: u32) -> Self {
-        Self { word: AtomicU32::new(value) }
+        Self {
+            word: AtomicU32::new(value),
+        }
     }
 
     /// The word itself.
@@ -40,7 +42,11 @@ impl Futex {
     /// One system call. May end without a cause, so call it in a loop.
     pub fn wait(&self, expected: u32, deadline: Instant) -> Waited {
         let until = timespec(deadline.as_nanos());
-        let until: *const libc::timespec = if deadline == Instant::NEVER { ptr::null() } else { &until };
+        let until: *const libc::timespec = if deadline == Instant::NEVER {
+            ptr::null()
+        } else {
+            &until
+        };
         // SAFETY: the word outlives the call, `until` is null or points to a timespec on this stack. FUTEX_WAIT_BITSET takes its
         // deadline as absolute on CLOCK_MONOTONIC.
         let outcome = unsafe {
@@ -74,7 +80,12 @@ impl Futex {
     fn wake(&self, threads: i32) {
         // SAFETY: FUTEX_WAKE only uses the address as a key.
         unsafe {
-            libc::syscall(libc::SYS_futex, self.word.as_ptr(), libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG, threads);
+            libc::syscall(
+                libc::SYS_futex,
+                self.word.as_ptr(),
+                libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG,
+                threads,
+            );
         }
     }
 }

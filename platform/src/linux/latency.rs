@@ -24,7 +24,9 @@ fn why(error: std::io::Error) -> LatencyRefusal {
     match error.kind() {
         ErrorKind::NotFound => LatencyRefusal::Missing,
         ErrorKind::PermissionDenied => LatencyRefusal::NotPermitted,
-        _ => LatencyRefusal::Kernel { message: error.to_string() },
+        _ => LatencyRefusal::Kernel {
+            message: error.to_string(),
+        },
     }
 }
 
@@ -34,8 +36,14 @@ mod tests {
 
     #[test]
     fn a_missing_device_is_named_so() {
-        assert_eq!(open("/dev/no_such_latency").unwrap_err(), LatencyRefusal::Missing);
+        assert_eq!(
+            open("/dev/no_such_latency").unwrap_err(),
+            LatencyRefusal::Missing
+        );
         // A directory cannot be written to, as root either.
-        assert!(matches!(open("/dev").unwrap_err(), LatencyRefusal::Kernel { .. } | LatencyRefusal::NotPermitted));
+        assert!(matches!(
+            open("/dev").unwrap_err(),
+            LatencyRefusal::Kernel { .. } | LatencyRefusal::NotPermitted
+        ));
     }
 }

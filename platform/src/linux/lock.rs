@@ -60,14 +60,21 @@ unsafe impl<T: Sync> Sync for PiGuard<'_, T> {}
 impl<T> PiLock<T> {
     /// An unlocked lock around `value`.
     pub const fn new(value: T) -> Self {
-        Self { word: AtomicU32::new(0), value: UnsafeCell::new(value) }
+        Self {
+            word: AtomicU32::new(0),
+            value: UnsafeCell::new(value),
+        }
     }
 
     /// Locks, waiting as long as another thread holds it.
     #[inline]
     pub fn lock(&self) -> PiGuard<'_, T> {
         let me = thread_id();
-        if self.word.compare_exchange(0, me, Ordering::Acquire, Ordering::Relaxed).is_err() {
+        if self
+            .word
+            .compare_exchange(0, me, Ordering::Acquire, Ordering::Relaxed)
+            .is_err()
+        {
             self.lock_contended(me);
         }
         self.guard()
@@ -76,7 +83,10 @@ impl<T> PiLock<T> {
     /// Locks if nobody holds it.
     #[inline]
     pub fn try_lock(&self) -> Option<PiGuard<'_, T>> {
-        self.word.compare_exchange(0, thread_id(), Ordering::Acquire, Ordering::Relaxed).is_ok().then(|| self.guard())
+        self.word
+            .compare_exchange(0, thread_id(), Ordering::Acquire, Ordering::Relaxed)
+            .is_ok()
+            .then(|| self.guard())
     }
 
     /// The value, without locking: the exclusive borrow shows that nobody holds it.
@@ -86,14 +96,22 @@ impl<T> PiLock<T> {
 
     #[inline]
     fn guard(&self) -> PiGuard<'_, T> {
-        PiGuard { lock: self, stays_on_its_thread: PhantomData }
+        PiGuard {
+            lock: self,
+            stays_on_its_thread: PhantomData,
+        }
     }
 
     #[cold]
     fn lock_contended(&self, me: u32) {
         for _ in 0..LOOKS {
             let word = self.word.load(Ordering::Relaxed);
-            if word == 0 && self.word.compare_exchange(0, me, Ordering::Acquire, Ordering::Relaxed).is_ok() {
+            if word == 0
+                && self
+                    .word
+                    .compare_exchange(0, me, Ordering::Acquire, Ordering::Relaxed)
+                    .is_ok()
+            {
                 return;
             }
             // Others wait in the kernel already: the lock will be handed to them, looking on is of no use.
@@ -110,8 +128,12 @@ impl<T> PiLock<T> {
                 Err(Errno::ENOSYS) if lock_operation() == libc::FUTEX_LOCK_PI2 => {
                     HAS_LOCK_PI2.store(false, Ordering::Relaxed);
                 }
-                Err(Errno::EDEADLK) => panic!("a thread locked a priority-inheriting lock that it holds already"),
-                Err(Errno::ESRCH) => panic!("the owner of a priority-inheriting lock has died with it"),
+                Err(Errno::EDEADLK) => {
+                    panic!("a thread locked a priority-inheriting lock that it holds already")
+                }
+                Err(Errno::ESRCH) => {
+                    panic!("the owner of a priority-inheriting lock has died with it")
+                }
                 Err(error) => panic!("the kernel refused a priority-inheriting lock: {error}"),
             }
         }
@@ -122,7 +144,11 @@ impl<T> PiLock<T> {
 static HAS_LOCK_PI2: AtomicBool = AtomicBool::new(true);
 
 fn lock_operation() -> i32 {
-    if HAS_LOCK_PI2.load(Ordering::Relaxed) { libc::FUTEX_LOCK_PI2 } else { libc::FUTEX_LOCK_PI }
+    if HAS_LOCK_PI2.load(Ordering::Relaxed) {
+        libc::FUTEX_LOCK_PI2
+    } else {
+        libc::FUTEX_LOCK_PI
+    }
 }
 
 fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
@@ -156,7 +182,12 @@ fn thread_id() -> u32 {
 impl<T> Drop for PiGuard<'_, T> {
     #[inline]
     fn drop(&mut self) {
-        if self.lock.word.compare_exchange(thread_id(), 0, Ordering::Release, Ordering::Relaxed).is_err() {
+        if self
+            .lock
+            .word
+            .compare_exchange(thread_id(), 0, Ordering::Release, Ordering::Relaxed)
+            .is_err()
+        {
             unlock_contended(&self.lock.word);
         }
     }

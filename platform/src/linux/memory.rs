@@ -8,15 +8,20 @@ use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 
 /// Locks all pages, those to come too.
 pub(crate) fn lock() -> Result<(), MemoryRefusal> {
-    let limit = getrlimit(Resource::RLIMIT_MEMLOCK).ok().map(|(soft, _)| soft);
+    let limit = getrlimit(Resource::RLIMIT_MEMLOCK)
+        .ok()
+        .map(|(soft, _)| soft);
     // A capability in a user namespace does not lift the limit.
-    let capable = privileges::effective(Capability::IpcLock) == Some(true) && !privileges::in_a_user_namespace();
+    let capable = privileges::effective(Capability::IpcLock) == Some(true)
+        && !privileges::in_a_user_namespace();
     if !capable && limit != Some(RLIM_INFINITY) {
         return Err(MemoryRefusal::Limited { limit });
     }
     mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE).map_err(|error| match error {
         Errno::EPERM => MemoryRefusal::Limited { limit },
-        error => MemoryRefusal::Kernel { message: error.to_string() },
+        error => MemoryRefusal::Kernel {
+            message: error.to_string(),
+        },
     })
 }
 

@@ -18,7 +18,9 @@ pub(super) fn effective(capability: Capability) -> Option<bool> {
 }
 
 fn effective_in(status: &str, capability: Capability) -> Option<bool> {
-    let bits = status.lines().find_map(|line| line.strip_prefix("CapEff:"))?;
+    let bits = status
+        .lines()
+        .find_map(|line| line.strip_prefix("CapEff:"))?;
     let bits = u64::from_str_radix(bits.trim(), 16).ok()?;
     Some(bits & (1 << capability as u32) != 0)
 }
@@ -53,12 +55,18 @@ pub(super) fn cpu_group() -> Option<CpuGroup> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
     if let Some(path) = group_one(&groups) {
         let mounts = fs::read_to_string("/proc/self/mounts").ok()?;
-        let file = format!("{}{}/cpu.rt_runtime_us", mount_of_cpu(&mounts)?, path.trim_end_matches('/'));
+        let file = format!(
+            "{}{}/cpu.rt_runtime_us",
+            mount_of_cpu(&mounts)?,
+            path.trim_end_matches('/')
+        );
         let budget = fs::read_to_string(&file).ok()?;
         return (budget.trim() == "0").then_some(CpuGroup::One { file });
     }
     let group = group_two(&groups)?;
-    (group != "/").then(|| CpuGroup::Two { group: group.to_owned() })
+    (group != "/").then(|| CpuGroup::Two {
+        group: group.to_owned(),
+    })
 }
 
 /// The path of the version 1 group with the cpu controller.
@@ -66,7 +74,10 @@ fn group_one(groups: &str) -> Option<&str> {
     groups.lines().find_map(|line| {
         let (_, rest) = line.split_once(':')?;
         let (controllers, path) = rest.split_once(':')?;
-        controllers.split(',').any(|controller| controller == "cpu").then_some(path)
+        controllers
+            .split(',')
+            .any(|controller| controller == "cpu")
+            .then_some(path)
     })
 }
 
@@ -93,15 +104,22 @@ mod tests {
         let status = "Name:\tx\nCapInh:\t0000000000000000\nCapEff:\t0000000000804000\nCapBnd:\t000001ffffffffff\n";
         assert_eq!(effective_in(status, Capability::IpcLock), Some(true));
         assert_eq!(effective_in(status, Capability::SysNice), Some(true));
-        assert_eq!(effective_in("CapEff:\t0000000000000001", Capability::SysNice), Some(false));
+        assert_eq!(
+            effective_in("CapEff:\t0000000000000001", Capability::SysNice),
+            Some(false)
+        );
         assert_eq!(effective_in("", Capability::SysNice), None);
     }
 
     #[test]
     fn the_first_user_namespace_is_known_by_its_map() {
         assert!(maps_all_to_themselves("         0          0 4294967295\n"));
-        assert!(!maps_all_to_themselves("         0       1000          1\n"));
-        assert!(!maps_all_to_themselves("         0     100000      65536\n"));
+        assert!(!maps_all_to_themselves(
+            "         0       1000          1\n"
+        ));
+        assert!(!maps_all_to_themselves(
+            "         0     100000      65536\n"
+        ));
     }
 
     #[test]
@@ -109,10 +127,16 @@ mod tests {
         let one = "9:name=systemd:/\n4:memory:/x\n2:cpuacct:/\n1:cpu,cpuacct:/user.slice\n0::/\n";
         assert_eq!(group_one(one), Some("/user.slice"));
         let two = "0::/user.slice/user-1000.slice\n";
-        assert_eq!((group_one(two), group_two(two)), (None, Some("/user.slice/user-1000.slice")));
+        assert_eq!(
+            (group_one(two), group_two(two)),
+            (None, Some("/user.slice/user-1000.slice"))
+        );
         let mounts = "proc /proc proc rw 0 0\ncgroup /sys/fs/cgroup/cpuset cgroup rw,cpuset 0 0\n\
                       cgroup /sys/fs/cgroup/cpu,cpuacct cgroup rw,nosuid,cpu,cpuacct 0 0\n";
         assert_eq!(mount_of_cpu(mounts), Some("/sys/fs/cgroup/cpu,cpuacct"));
-        assert_eq!(mount_of_cpu("cgroup2 /sys/fs/cgroup cgroup2 rw 0 0\n"), None);
+        assert_eq!(
+            mount_of_cpu("cgroup2 /sys/fs/cgroup cgroup2 rw 0 0\n"),
+            None
+        );
     }
 }

@@ -58,14 +58,25 @@ impl Reactor {
     ///
     /// The process has no file descriptors left (it takes three), or (elsewhere) [`ReactorError::Unsupported`].
     pub fn new() -> Result<Reactor, ReactorError> {
-        let epoll = Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(refused("epoll_create1"))?;
+        let epoll =
+            Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(refused("epoll_create1"))?;
         let timer = TimerFd::new().map_err(timer_refused)?;
         // Non-blocking: a counter at its end, after 2^64 wakes, must not stop who wakes.
-        let waker = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK).map_err(refused("eventfd"))?;
+        let waker = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)
+            .map_err(refused("eventfd"))?;
         let edge = EpollFlags::EPOLLIN | EpollFlags::EPOLLET;
-        epoll.add(&timer, EpollEvent::new(edge, TIMER)).map_err(refused("epoll_ctl"))?;
-        epoll.add(&waker, EpollEvent::new(edge, WAKE)).map_err(refused("epoll_ctl"))?;
-        Ok(Reactor { epoll, timer, waker, armed: AtomicU64::new(Instant::NEVER.as_nanos()) })
+        epoll
+            .add(&timer, EpollEvent::new(edge, TIMER))
+            .map_err(refused("epoll_ctl"))?;
+        epoll
+            .add(&waker, EpollEvent::new(edge, WAKE))
+            .map_err(refused("epoll_ctl"))?;
+        Ok(Reactor {
+            epoll,
+            timer,
+            waker,
+            armed: AtomicU64::new(Instant::NEVER.as_nanos()),
+        })
     }
 
     /// Watches `fd`, and reports it once, with `token`, when it is as `interest` says. After that, [`rearm`](Self::rearm) it.
@@ -75,11 +86,18 @@ impl Reactor {
     /// # Errors
     ///
     /// A token from [`FIRST_RESERVED_TOKEN`] on, a file registered already, one that cannot be waited for, or a limit of the kernel.
-    pub fn register(&self, fd: BorrowedFd<'_>, token: u64, interest: Interest) -> Result<(), ReactorError> {
+    pub fn register(
+        &self,
+        fd: BorrowedFd<'_>,
+        token: u64,
+        interest: Interest,
+    ) -> Result<(), ReactorError> {
         if token >= FIRST_RESERVED_TOKEN {
             return Err(ReactorError::ReservedToken { token });
         }
-        self.epoll.add(fd, event(token, interest)).map_err(|error| file_refused(fd, error))
+        self.epoll
+            .add(fd, event(token, interest))
+            .map_err(|error| file_refused(fd, error))
     }
 
     /// Watches a registered `fd` for one more report, with a token and an interest anew. One that is ready already is reported by
@@ -88,11 +106,18 @@ impl Reactor {
     /// # Errors
     ///
     /// A token from [`FIRST_RESERVED_TOKEN`] on, or a file that is not registered.
-    pub fn rearm(&self, fd: BorrowedFd<'_>, token: u64, interest: Interest) -> Result<(), ReactorError> {
+    pub fn rearm(
+        &self,
+        fd: BorrowedFd<'_>,
+        token: u64,
+        interest: Interest,
+    ) -> Result<(), ReactorError> {
         if token >= FIRST_RESERVED_TOKEN {
             return Err(ReactorError::ReservedToken { token });
         }
-        self.epoll.modify(fd, &mut event(token, interest)).map_err(|error| file_refused(fd, error))
+        self.epoll
+            .modify(fd, &mut event(token, interest))
+            .map_err(|error| file_refused(fd, error))
     }
 
     /// Watches `fd` no more; no later wait reports it. One system call, O(log files).
@@ -101,7 +126,9 @@ impl Reactor {
     ///
     /// A file that is not registered.
     pub fn deregister(&self, fd: BorrowedFd<'_>) -> Result<(), ReactorError> {
-        self.epoll.delete(fd).map_err(|error| file_refused(fd, error))
+        self.epoll
+            .delete(fd)
+            .map_err(|error| file_refused(fd, error))
     }
 
     /// Waits until a file is ready, somebody calls [`wake`](Self::wake), or `deadline` comes ([`Instant::NEVER`]: never); calls
@@ -113,16 +140,30 @@ impl Reactor {
     /// # Errors
     ///
     /// None that the caller could cause.
-    pub fn wait(&self, deadline: Instant, on_ready: &mut dyn FnMut(u64, Readiness)) -> Result<Ended, ReactorError> {
+    pub fn wait(
+        &self,
+        deadline: Instant,
+        on_ready: &mut dyn FnMut(u64, Readiness),
+    ) -> Result<Ended, ReactorError> {
         let mut events = [EpollEvent::empty(); EVENTS];
         loop {
             let is_due = deadline <= Instant::now();
-            if !is_due && deadline != Instant::NEVER && self.armed.load(Ordering::Relaxed) != deadline.as_nanos() {
+            if !is_due
+                && deadline != Instant::NEVER
+                && self.armed.load(Ordering::Relaxed) != deadline.as_nanos()
+            {
                 self.timer.arm_at(deadline).map_err(timer_refused)?;
                 self.armed.store(deadline.as_nanos(), Ordering::Relaxed);
             }
-            let timeout = if is_due { EpollTimeout::ZERO } else { EpollTimeout::NONE };
-            let mut ended = Ended { timed_out: is_due, ..Ended::default() };
+            let timeout = if is_due {
+                EpollTimeout::ZERO
+            } else {
+                EpollTimeout::NONE
+            };
+            let mut ended = Ended {
+                timed_out: is_due,
+                ..Ended::default()
+            };
             let count = match self.epoll.wait(&mut events, timeout) {
                 Ok(count) => count,
                 Err(Errno::EINTR) => return Ok(ended),
@@ -132,7 +173,8 @@ impl Reactor {
                 match event.data() {
                     WAKE => ended.woken = true,
                     TIMER => {
-                        self.armed.store(Instant::NEVER.as_nanos(), Ordering::Relaxed);
+                        self.armed
+                            .store(Instant::NEVER.as_nanos(), Ordering::Relaxed);
                         ended.timed_out |= deadline <= Instant::now();
                     }
                     token => {
@@ -183,11 +225,17 @@ fn readiness(flags: EpollFlags) -> Readiness {
 }
 
 fn refused(call: &'static str) -> impl Fn(Errno) -> ReactorError {
-    move |error| ReactorError::Kernel { call, message: error.to_string() }
+    move |error| ReactorError::Kernel {
+        call,
+        message: error.to_string(),
+    }
 }
 
 fn timer_refused(error: TimerError) -> ReactorError {
-    ReactorError::Kernel { call: "timerfd_create", message: error.to_string() }
+    ReactorError::Kernel {
+        call: "timerfd_create",
+        message: error.to_string(),
+    }
 }
 
 fn file_refused(fd: BorrowedFd<'_>, error: Errno) -> ReactorError {

@@ -38,8 +38,14 @@ pub(crate) fn install(signal: Signal) -> Result<Before, SignalError> {
     let action = sys::SigAction::new(sys::SigHandler::Handler(handle), flags, sys::SigSet::all());
     // SAFETY: `handle` does only what is async-signal-safe.
     let before = unsafe { sys::sigaction(sys_signal(signal), &action) };
-    let before = before.map_err(|error| SignalError::Refused { signal, message: error.to_string() })?;
-    let before = Before { signal, action: before };
+    let before = before.map_err(|error| SignalError::Refused {
+        signal,
+        message: error.to_string(),
+    })?;
+    let before = Before {
+        signal,
+        action: before,
+    };
     if signal == Signal::Hangup && matches!(before.action.handler(), sys::SigHandler::SigIgn) {
         // `nohup` asked that the program outlive its terminal.
         restore(before);
@@ -55,7 +61,10 @@ pub(crate) fn install(signal: Signal) -> Result<Before, SignalError> {
 pub(crate) fn restore(before: Before) {
     // SAFETY: the action was in place before, so whoever set it answers for it.
     let outcome = unsafe { sys::sigaction(sys_signal(before.signal), &before.action) };
-    debug_assert!(outcome.is_ok(), "a signal that was handled can be handled otherwise: {outcome:?}");
+    debug_assert!(
+        outcome.is_ok(),
+        "a signal that was handled can be handled otherwise: {outcome:?}"
+    );
 }
 
 /// Runs on whatever thread the kernel picked, in the middle of anything.

@@ -45,7 +45,9 @@ pub(crate) fn available_cores() -> Vec<usize> {
 }
 
 fn cores_of(mask: &CpuSet) -> Vec<usize> {
-    (0..CpuSet::count()).filter(|&core| mask.is_set(core).unwrap_or(false)).collect()
+    (0..CpuSet::count())
+        .filter(|&core| mask.is_set(core).unwrap_or(false))
+        .collect()
 }
 
 pub(crate) fn current_core() -> Option<usize> {
@@ -64,7 +66,12 @@ pub(crate) fn current_policy() -> Policy {
 /// What a new thread does first: leave the signals that end a program to the threads made elsewhere, so that no handler runs on a
 /// real-time thread. The main thread is always among those.
 pub(crate) fn begin() {
-    let ending = SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGQUIT]);
+    let ending = SigSet::from_iter([
+        Signal::SIGINT,
+        Signal::SIGTERM,
+        Signal::SIGHUP,
+        Signal::SIGQUIT,
+    ]);
     // It fails only for an unknown `how`.
     let _ = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&ending), None);
 }
@@ -75,8 +82,12 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     // Refused by no kernel since 2.6.28; without it, sleeps of ordinary threads end 50 µs later.
     let _ = prctl::set_timerslack(1);
 
-    let mut obtained =
-        Obtained { policy: Policy::Other, core: None, stack_size: attributes.stack_size, shortfalls: Vec::new() };
+    let mut obtained = Obtained {
+        policy: Policy::Other,
+        core: None,
+        stack_size: attributes.stack_size,
+        shortfalls: Vec::new(),
+    };
     match attributes.core.map(|core| (core, pin(core))) {
         Some((core, Ok(()))) => obtained.core = Some(core),
         Some((core, Err(why))) => {
@@ -91,7 +102,13 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     }
     // Last, since the pages above are better fetched as an ordinary thread.
     if let Err(why) = set_policy(attributes.policy) {
-        obtained.refused(attributes.mode, Shortfall::Policy { asked: attributes.policy, why })?;
+        obtained.refused(
+            attributes.mode,
+            Shortfall::Policy {
+                asked: attributes.policy,
+                why,
+            },
+        )?;
         // From what it had before to none is always allowed.
         let _ = set_policy(Policy::Other);
     }
@@ -115,12 +132,16 @@ fn set_name(name: &str) {
 fn pin(core: usize) -> Result<(), CoreRefusal> {
     let mut mask = CpuSet::new();
     // A number beyond the mask is one that the kernel cannot know either.
-    let set = mask.set(core).and_then(|()| sched_setaffinity(MYSELF, &mask));
+    let set = mask
+        .set(core)
+        .and_then(|()| sched_setaffinity(MYSELF, &mask));
     match set {
         Ok(()) if sched_getaffinity(MYSELF) == Ok(mask) => Ok(()),
         Ok(()) => Err(CoreRefusal::NotKept),
         Err(Errno::EINVAL) => Err(why_no_core(core)),
-        Err(error) => Err(CoreRefusal::Kernel { message: error.to_string() }),
+        Err(error) => Err(CoreRefusal::Kernel {
+            message: error.to_string(),
+        }),
     }
 }
 
@@ -132,9 +153,13 @@ fn why_no_core(core: usize) -> CoreRefusal {
     let online = list("online");
     // "Possible" counts sockets that could be filled later; "present" is what there is.
     match list("present").or_else(|| online.clone()) {
-        Some(present) if !present.contains(&core) => CoreRefusal::NoSuchCore { cores: write_core_list(&present) },
+        Some(present) if !present.contains(&core) => CoreRefusal::NoSuchCore {
+            cores: write_core_list(&present),
+        },
         _ if online.is_some_and(|online| !online.contains(&core)) => CoreRefusal::Offline,
-        _ => CoreRefusal::NotAllowed { allowed: write_core_list(&available_cores()) },
+        _ => CoreRefusal::NotAllowed {
+            allowed: write_core_list(&available_cores()),
+        },
     }
 }
 
@@ -155,7 +180,8 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     let (number, priority) = match asked {
         // A thread that was batch or idle before stays so: it has no real-time policy, and that was somebody's wish.
         Policy::Other
-            if !current_policy().is_real_time() && before & !libc::SCHED_RESET_ON_FORK != libc::SCHED_DEADLINE =>
+            if !current_policy().is_real_time()
+                && before & !libc::SCHED_RESET_ON_FORK != libc::SCHED_DEADLINE =>
         {
             return Ok(());
         }
@@ -168,20 +194,31 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     parameter.sched_priority = i32::from(priority);
     // The system call itself: musl's function of this name only fails.
     // SAFETY: the parameter is a valid structure for the length of the call; 0 is the calling thread.
-    let outcome = unsafe { libc::syscall(libc::SYS_sched_setscheduler, 0, number, &raw const parameter) };
+    let outcome = unsafe {
+        libc::syscall(
+            libc::SYS_sched_setscheduler,
+            0,
+            number,
+            &raw const parameter,
+        )
+    };
     match Errno::result(outcome) {
         Ok(_) => match current_policy() {
             obtained if obtained == asked => Ok(()),
             obtained => Err(PolicyRefusal::NotKept { obtained }),
         },
         Err(Errno::EPERM) => Err(why_no_policy(asked)),
-        Err(error) => Err(PolicyRefusal::Kernel { message: error.to_string() }),
+        Err(error) => Err(PolicyRefusal::Kernel {
+            message: error.to_string(),
+        }),
     }
 }
 
 /// Finds out which of the kernel's reasons for `EPERM` it was.
 fn why_no_policy(asked: Policy) -> PolicyRefusal {
-    let limit = getrlimit(Resource::RLIMIT_RTPRIO).ok().map(|(soft, _)| soft);
+    let limit = getrlimit(Resource::RLIMIT_RTPRIO)
+        .ok()
+        .map(|(soft, _)| soft);
     let capable = privileges::effective(Capability::SysNice) == Some(true);
     if capable && privileges::in_a_user_namespace() {
         return PolicyRefusal::UserNamespace;
@@ -193,7 +230,9 @@ fn why_no_policy(asked: Policy) -> PolicyRefusal {
     match privileges::cpu_group() {
         Some(privileges::CpuGroup::One { file }) => PolicyRefusal::NoGroupBudget { file },
         Some(privileges::CpuGroup::Two { group }) => PolicyRefusal::GroupWithoutBudget { group },
-        None => PolicyRefusal::Kernel { message: Errno::EPERM.to_string() },
+        None => PolicyRefusal::Kernel {
+            message: Errno::EPERM.to_string(),
+        },
     }
 }
 
@@ -206,7 +245,10 @@ fn scheduler() -> (i32, u8) {
         libc::syscall(libc::SYS_sched_getscheduler, 0)
     };
     // Neither call can fail for the calling thread; -1 would read as no policy.
-    (policy.max(0) as i32, u8::try_from(parameter.sched_priority).unwrap_or(0))
+    (
+        policy.max(0) as i32,
+        u8::try_from(parameter.sched_priority).unwrap_or(0),
+    )
 }
 
 fn zeroed_parameter() -> libc::sched_param {
@@ -232,7 +274,10 @@ fn stack() -> Option<Stack> {
         let mut size = 0;
         let outcome = libc::pthread_attr_getstack(attributes.as_ptr(), &mut lowest, &mut size);
         libc::pthread_attr_destroy(attributes.as_mut_ptr());
-        (outcome == 0).then_some(Stack { lowest: lowest as usize, size })
+        (outcome == 0).then_some(Stack {
+            lowest: lowest as usize,
+            size,
+        })
     }
 }
 
@@ -258,5 +303,8 @@ fn touch_stack(lowest: usize, most: usize) {
 
 pub(super) fn page_size() -> usize {
     let size = nix::unistd::sysconf(nix::unistd::SysconfVar::PAGE_SIZE);
-    size.ok().flatten().and_then(|size| usize::try_from(size).ok()).unwrap_or(4096)
+    size.ok()
+        .flatten()
+        .and_then(|size| usize::try_from(size).ok())
+        .unwrap_or(4096)
 }

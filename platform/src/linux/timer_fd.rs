@@ -44,7 +44,9 @@ impl TimerFd {
     pub fn new() -> Result<TimerFd, TimerError> {
         // Blocking, so that a thread can sleep on it in one call.
         let timer = SysTimer::new(ClockId::CLOCK_MONOTONIC, TimerFlags::TFD_CLOEXEC);
-        timer.map(|timer| TimerFd { timer }).map_err(refused("timerfd_create"))
+        timer
+            .map(|timer| TimerFd { timer })
+            .map_err(refused("timerfd_create"))
     }
 
     /// Expires once, at `deadline`; at once if that has passed. [`Instant::NEVER`] disarms it. What expired before is forgotten.
@@ -69,7 +71,10 @@ impl TimerFd {
         if period.is_zero() {
             return Err(TimerError::ZeroPeriod);
         }
-        self.set(Expiration::IntervalDelayed(time_spec(first.as_nanos()), time_spec(nanos(period))))
+        self.set(Expiration::IntervalDelayed(
+            time_spec(first.as_nanos()),
+            time_spec(nanos(period)),
+        ))
     }
 
     /// Expires no more. What expired before is forgotten.
@@ -115,7 +120,9 @@ impl TimerFd {
     }
 
     fn set(&self, expiration: Expiration) -> Result<(), TimerError> {
-        self.timer.set(expiration, TimerSetTimeFlags::TFD_TIMER_ABSTIME).map_err(refused("timerfd_settime"))
+        self.timer
+            .set(expiration, TimerSetTimeFlags::TFD_TIMER_ABSTIME)
+            .map_err(refused("timerfd_settime"))
     }
 }
 
@@ -131,7 +138,10 @@ fn time_spec(nanos: u64) -> TimeSpec {
 }
 
 fn refused(call: &'static str) -> impl Fn(Errno) -> TimerError {
-    move |error| TimerError::Kernel { call, message: error.to_string() }
+    move |error| TimerError::Kernel {
+        call,
+        message: error.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -162,7 +172,10 @@ mod tests {
     #[test]
     fn a_periodic_one_keeps_its_grid() {
         let timer = TimerFd::new().unwrap();
-        let (first, period) = (Instant::now() + Duration::from_millis(1), Duration::from_millis(1));
+        let (first, period) = (
+            Instant::now() + Duration::from_millis(1),
+            Duration::from_millis(1),
+        );
         timer.arm_periodic(first, period).unwrap();
         let mut count = 0;
         while count < 20 {
@@ -174,9 +187,16 @@ mod tests {
     #[test]
     fn disarmed_and_zero() {
         let timer = TimerFd::new().unwrap();
-        assert_eq!(timer.arm_periodic(Instant::now(), Duration::ZERO), Err(TimerError::ZeroPeriod));
+        assert_eq!(
+            timer.arm_periodic(Instant::now(), Duration::ZERO),
+            Err(TimerError::ZeroPeriod)
+        );
         timer.arm_at(Instant::from_nanos(1)).unwrap();
         timer.arm_at(Instant::NEVER).unwrap();
-        assert_eq!(timer.expirations(), Ok(0), "what expired before is forgotten");
+        assert_eq!(
+            timer.expirations(),
+            Ok(0),
+            "what expired before is forgotten"
+        );
     }
 }

@@ -34,7 +34,11 @@ pub mod futex {
     impl Futex {
         /// A word that holds `value`.
         pub fn new(value: u32) -> Self {
-            Self { word: AtomicU32::new(value), lock: Mutex::new(()), changed: Condvar::new() }
+            Self {
+                word: AtomicU32::new(value),
+                lock: Mutex::new(()),
+                changed: Condvar::new(),
+            }
         }
 
         /// The word itself.

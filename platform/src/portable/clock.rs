@@ -7,5 +7,7 @@ pub(crate) fn monotonic_nanos() -> u64 {
     static ORIGIN: OnceLock<Instant> = OnceLock::new();
     // The origin lies a second back, so that 0 stays free for "before everything".
     let elapsed = ORIGIN.get_or_init(Instant::now).elapsed().as_nanos();
-    u64::try_from(elapsed).unwrap_or(u64::MAX).saturating_add(1_000_000_000)
+    u64::try_from(elapsed)
+        .unwrap_or(u64::MAX)
+        .saturating_add(1_000_000_000)
 }

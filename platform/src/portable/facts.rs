@@ -3,5 +3,8 @@
 use crate::facts::SystemFacts;
 
 pub(crate) fn gather() -> SystemFacts {
-    SystemFacts { allowed_cores: Some(super::thread::available_cores()), ..SystemFacts::default() }
+    SystemFacts {
+        allowed_cores: Some(super::thread::available_cores()),
+        ..SystemFacts::default()
+    }
 }

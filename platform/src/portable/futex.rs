@@ -27,7 +27,11 @@ pub enum Waited {
 impl Futex {
     /// A word that holds `value`.
     pub const fn new(value: u32) -> Self {
-        Self { word: AtomicU32::new(value), lock: Mutex::new(()), changed: Condvar::new() }
+        Self {
+            word: AtomicU32::new(value),
+            lock: Mutex::new(()),
+            changed: Condvar::new(),
+        }
     }
 
     /// The word itself.
@@ -43,17 +47,28 @@ impl Futex {
             return Waited::Woken;
         }
         if deadline == Instant::NEVER {
-            drop(self.changed.wait(guard).unwrap_or_else(PoisonError::into_inner));
+            drop(
+                self.changed
+                    .wait(guard)
+                    .unwrap_or_else(PoisonError::into_inner),
+            );
             return Waited::Woken;
         }
         let left: Duration = deadline - Instant::now();
         if left.is_zero() {
             return Waited::TimedOut;
         }
-        let (guard, outcome) = self.changed.wait_timeout(guard, left).unwrap_or_else(PoisonError::into_inner);
+        let (guard, outcome) = self
+            .changed
+            .wait_timeout(guard, left)
+            .unwrap_or_else(PoisonError::into_inner);
         drop(guard);
         // The clock of the caller decides, not the condition variable's.
-        if outcome.timed_out() && Instant::now() >= deadline { Waited::TimedOut } else { Waited::Woken }
+        if outcome.timed_out() && Instant::now() >= deadline {
+            Waited::TimedOut
+        } else {
+            Waited::Woken
+        }
     }
 
     /// Wakes one waiting thread.

@@ -25,7 +25,12 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn register(&self, _fd: BorrowedFd<'_>, _token: u64, _interest: Interest) -> Result<(), ReactorError> {
+    pub fn register(
+        &self,
+        _fd: BorrowedFd<'_>,
+        _token: u64,
+        _interest: Interest,
+    ) -> Result<(), ReactorError> {
         match self.never {}
     }
 
@@ -34,7 +39,12 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn rearm(&self, _fd: BorrowedFd<'_>, _token: u64, _interest: Interest) -> Result<(), ReactorError> {
+    pub fn rearm(
+        &self,
+        _fd: BorrowedFd<'_>,
+        _token: u64,
+        _interest: Interest,
+    ) -> Result<(), ReactorError> {
         match self.never {}
     }
 
@@ -52,7 +62,11 @@ impl Reactor {
     /// # Errors
     ///
     /// Cannot be called.
-    pub fn wait(&self, _deadline: Instant, _on_ready: &mut dyn FnMut(u64, Readiness)) -> Result<Ended, ReactorError> {
+    pub fn wait(
+        &self,
+        _deadline: Instant,
+        _on_ready: &mut dyn FnMut(u64, Readiness),
+    ) -> Result<Ended, ReactorError> {
         match self.never {}
     }
 
@@ -77,6 +91,9 @@ mod tests {
     fn says_that_it_cannot() {
         let error = Reactor::new().unwrap_err();
         assert_eq!(error, ReactorError::Unsupported);
-        assert!(error.to_string().contains("waiting for files needs Linux"), "{error}");
+        assert!(
+            error.to_string().contains("waiting for files needs Linux"),
+            "{error}"
+        );
     }
 }

@@ -11,14 +11,30 @@ pub(crate) fn begin() {}
 
 /// Gives the calling thread its attributes, that is: says which it cannot have. Its stack is not touched, since nobody tells its bounds.
 pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
-    let mut obtained =
-        Obtained { policy: Policy::Other, core: None, stack_size: attributes.stack_size, shortfalls: Vec::new() };
+    let mut obtained = Obtained {
+        policy: Policy::Other,
+        core: None,
+        stack_size: attributes.stack_size,
+        shortfalls: Vec::new(),
+    };
     if let Some(core) = attributes.core {
-        obtained.refused(attributes.mode, Shortfall::Core { asked: core, why: CoreRefusal::Unsupported })?;
+        obtained.refused(
+            attributes.mode,
+            Shortfall::Core {
+                asked: core,
+                why: CoreRefusal::Unsupported,
+            },
+        )?;
     }
     if attributes.policy.is_real_time() {
         let why = PolicyRefusal::Unsupported;
-        obtained.refused(attributes.mode, Shortfall::Policy { asked: attributes.policy, why })?;
+        obtained.refused(
+            attributes.mode,
+            Shortfall::Policy {
+                asked: attributes.policy,
+                why,
+            },
+        )?;
     }
     Ok(obtained)
 }

@@ -68,7 +68,11 @@ impl Attributes {
     ///
     /// For the timer manager, the emergency manager and tools that measure beside them. A user's thread is made with `new`.
     pub fn framework(name: impl Into<String>, policy: Policy) -> Self {
-        Self { policy, framework: true, ..Self::new(name) }
+        Self {
+            policy,
+            framework: true,
+            ..Self::new(name)
+        }
     }
 
     /// Runs on `core` alone, by the system's number of it.
@@ -106,16 +110,31 @@ impl Attributes {
     ///
     /// A priority out of range, a stack too small or too large, or a name with a zero byte in it.
     pub fn validate(&self) -> Result<(), AttributeError> {
-        let checked = if self.framework { self.policy.validate_framework() } else { self.policy.validate_user() };
-        checked.map_err(|error| AttributeError::Policy { name: self.name.clone(), error })?;
+        let checked = if self.framework {
+            self.policy.validate_framework()
+        } else {
+            self.policy.validate_user()
+        };
+        checked.map_err(|error| AttributeError::Policy {
+            name: self.name.clone(),
+            error,
+        })?;
         if self.stack_size < MINIMUM_STACK_SIZE {
-            return Err(AttributeError::StackTooSmall { name: self.name.clone(), asked: self.stack_size });
+            return Err(AttributeError::StackTooSmall {
+                name: self.name.clone(),
+                asked: self.stack_size,
+            });
         }
         if self.stack_size > MAXIMUM_STACK_SIZE {
-            return Err(AttributeError::StackTooLarge { name: self.name.clone(), asked: self.stack_size });
+            return Err(AttributeError::StackTooLarge {
+                name: self.name.clone(),
+                asked: self.stack_size,
+            });
         }
         if self.name.contains('\0') {
-            return Err(AttributeError::ZeroInName { name: self.name.clone() });
+            return Err(AttributeError::ZeroInName {
+                name: self.name.clone(),
+            });
         }
         Ok(())
     }
@@ -166,7 +185,10 @@ impl fmt::Display for AttributeError {
                 "thread `{name}`: a stack of {asked} bytes is too large; ask for at most {MAXIMUM_STACK_SIZE}"
             ),
             AttributeError::ZeroInName { name } => {
-                write!(f, "the thread name {name:?} holds a zero byte; leave it out")
+                write!(
+                    f,
+                    "the thread name {name:?} holds a zero byte; leave it out"
+                )
             }
         }
     }
@@ -214,19 +236,46 @@ mod tests {
 
     #[test]
     fn bad_attributes_are_named() {
-        let error = Attributes::new("small").stack_size(MINIMUM_STACK_SIZE - 1).validate().unwrap_err();
-        assert!(error.to_string().contains("`small`") && error.to_string().contains("131071"), "{error}");
-        assert!(Attributes::new("large").stack_size(usize::MAX).validate().is_err());
-        let error = Attributes::new("high").policy(Policy::fifo(98)).validate().unwrap_err();
-        assert!(error.to_string().contains("fifo:98") && error.to_string().contains("97"), "{error}");
+        let error = Attributes::new("small")
+            .stack_size(MINIMUM_STACK_SIZE - 1)
+            .validate()
+            .unwrap_err();
+        assert!(
+            error.to_string().contains("`small`") && error.to_string().contains("131071"),
+            "{error}"
+        );
+        assert!(
+            Attributes::new("large")
+                .stack_size(usize::MAX)
+                .validate()
+                .is_err()
+        );
+        let error = Attributes::new("high")
+            .policy(Policy::fifo(98))
+            .validate()
+            .unwrap_err();
+        assert!(
+            error.to_string().contains("fifo:98") && error.to_string().contains("97"),
+            "{error}"
+        );
         let error = Attributes::new("ze\0ro").validate().unwrap_err();
         assert!(error.to_string().contains("ze\\0ro"), "{error}");
     }
 
     #[test]
     fn the_framework_has_98_and_99() {
-        assert_eq!(Attributes::framework("timers", Policy::fifo(98)).validate(), Ok(()));
-        assert_eq!(Attributes::framework("emergency", Policy::fifo(99)).validate(), Ok(()));
-        assert!(Attributes::framework("above", Policy::fifo(100)).validate().is_err());
+        assert_eq!(
+            Attributes::framework("timers", Policy::fifo(98)).validate(),
+            Ok(())
+        );
+        assert_eq!(
+            Attributes::framework("emergency", Policy::fifo(99)).validate(),
+            Ok(())
+        );
+        assert!(
+            Attributes::framework("above", Policy::fifo(100))
+                .validate()
+                .is_err()
+        );
     }
 }

@@ -19,7 +19,8 @@ mod attributes;
 mod policy;
 
 pub use attributes::{
-    AttributeError, Attributes, DEFAULT_STACK_SIZE, MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE, Mode, Obtained,
+    AttributeError, Attributes, DEFAULT_STACK_SIZE, MAXIMUM_STACK_SIZE, MINIMUM_STACK_SIZE, Mode,
+    Obtained,
 };
 pub use policy::{EMERGENCY_PRIORITY, HIGHEST_USER_PRIORITY, Policy, PolicyError, TIMER_PRIORITY};
 
@@ -77,7 +78,11 @@ where
             backend::begin();
             let started = backend::apply(&attributes)
                 .map_err(SpawnError::Refused)
-                .and_then(|obtained| setup(&obtained).map(|made| (obtained, made)).map_err(SpawnError::SetUp));
+                .and_then(|obtained| {
+                    setup(&obtained)
+                        .map(|made| (obtained, made))
+                        .map_err(SpawnError::SetUp)
+                });
             // The maker waits for the report, or has died: then nobody misses it.
             let (outcome, made) = match started {
                 Ok((obtained, made)) => (Ok(obtained), Some(made)),
@@ -87,9 +92,16 @@ where
             drop(report);
             made.map(body)
         })
-        .map_err(|error| SpawnError::NoThread { name: name.clone(), error })?;
+        .map_err(|error| SpawnError::NoThread {
+            name: name.clone(),
+            error,
+        })?;
     match reported.recv() {
-        Ok(Ok(obtained)) => Ok(Thread { name, obtained, handle }),
+        Ok(Ok(obtained)) => Ok(Thread {
+            name,
+            obtained,
+            handle,
+        }),
         Ok(Err(error)) => {
             // It is about to end. Waiting for it frees its stack before the caller tries again.
             let _ = handle.join();
@@ -97,7 +109,9 @@ where
         }
         // Only a panic ends the thread without a report.
         Err(mpsc::RecvError) => {
-            let message = handle.join().map_or_else(|panic| panic_message(&*panic), |_| String::new());
+            let message = handle
+                .join()
+                .map_or_else(|panic| panic_message(&*panic), |_| String::new());
             Err(SpawnError::SetUpPanicked { name, message })
         }
     }
@@ -187,7 +201,9 @@ impl<T> Thread<T> {
     ///
     /// The panic's payload, if the body panicked.
     pub fn join(self) -> std::thread::Result<T> {
-        self.handle.join().map(|returned| returned.expect("a thread whose start succeeded ran its body"))
+        self.handle
+            .join()
+            .map(|returned| returned.expect("a thread whose start succeeded ran its body"))
     }
 }
 

@@ -79,7 +79,10 @@ impl Policy {
 
     const fn validate(self, highest: u8) -> Result<(), PolicyError> {
         if self.is_real_time() && (self.priority() == 0 || self.priority() > highest) {
-            return Err(PolicyError::OutOfRange { policy: self, highest });
+            return Err(PolicyError::OutOfRange {
+                policy: self,
+                highest,
+            });
         }
         Ok(())
     }
@@ -104,7 +107,9 @@ impl FromStr for Policy {
         if text == "other" {
             return Ok(Policy::Other);
         }
-        let unknown = || PolicyError::Unknown { text: text.to_owned() };
+        let unknown = || PolicyError::Unknown {
+            text: text.to_owned(),
+        };
         let (name, priority) = text.split_once(':').ok_or_else(unknown)?;
         let make = match name {
             "fifo" => Policy::Fifo,
@@ -119,7 +124,10 @@ impl FromStr for Policy {
             Ok(priority) => make(priority).validate_framework().map(|()| make(priority)),
             Err(_) if priority.is_empty() => Err(unknown()),
             // A number, but a large one.
-            Err(_) => Err(PolicyError::OutOfRange { policy: make(u8::MAX), highest: HIGHEST_USER_PRIORITY }),
+            Err(_) => Err(PolicyError::OutOfRange {
+                policy: make(u8::MAX),
+                highest: HIGHEST_USER_PRIORITY,
+            }),
         }
     }
 }
@@ -146,12 +154,20 @@ impl fmt::Display for PolicyError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             PolicyError::Unknown { text } => {
-                write!(f, "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97")
+                write!(
+                    f,
+                    "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97"
+                )
             }
             PolicyError::OutOfRange { policy, highest } => {
-                write!(f, "the priority of policy {policy} is out of range; choose 1 (lowest) to {highest}")?;
+                write!(
+                    f,
+                    "the priority of policy {policy} is out of range; choose 1 (lowest) to {highest}"
+                )?;
                 if *highest == HIGHEST_USER_PRIORITY {
-                    f.write_str(", since 98 and 99 are the timer manager's and the emergency manager's")?;
+                    f.write_str(
+                        ", since 98 and 99 are the timer manager's and the emergency manager's",
+                    )?;
                 }
                 Ok(())
             }
@@ -167,20 +183,36 @@ mod tests {
 
     #[test]
     fn text_and_back() {
-        for policy in [Policy::Other, Policy::fifo(1), Policy::fifo(99), Policy::round_robin(80)] {
+        for policy in [
+            Policy::Other,
+            Policy::fifo(1),
+            Policy::fifo(99),
+            Policy::round_robin(80),
+        ] {
             assert_eq!(policy.to_string().parse(), Ok(policy));
         }
     }
 
     #[test]
     fn bad_text_is_named() {
-        for text in ["", "fifo", "fifo:", "fifo:x", "fifo:+8", "fifo:-1", "Fifo:3", "other:3", "rr:8 ", "batch"] {
+        for text in [
+            "", "fifo", "fifo:", "fifo:x", "fifo:+8", "fifo:-1", "Fifo:3", "other:3", "rr:8 ",
+            "batch",
+        ] {
             let error = text.parse::<Policy>().unwrap_err();
-            assert_eq!(error, PolicyError::Unknown { text: text.to_owned() });
+            assert_eq!(
+                error,
+                PolicyError::Unknown {
+                    text: text.to_owned()
+                }
+            );
             assert!(error.to_string().contains(&format!("`{text}`")), "{error}");
         }
         for text in ["fifo:0", "fifo:100", "rr:256", "fifo:99999999999999999999"] {
-            assert!(matches!(text.parse::<Policy>(), Err(PolicyError::OutOfRange { .. })), "{text}");
+            assert!(
+                matches!(text.parse::<Policy>(), Err(PolicyError::OutOfRange { .. })),
+                "{text}"
+            );
         }
     }
 

@@ -61,7 +61,10 @@ unsafe impl Send for Heap {}
 
 impl Heap {
     pub(super) fn new() -> Self {
-        Self { root: None, sequence: 0 }
+        Self {
+            root: None,
+            sequence: 0,
+        }
     }
 
     /// The node with the earliest deadline.
@@ -97,7 +100,12 @@ impl Heap {
     pub(super) unsafe fn remove(&mut self, node: NonNull<Node>) {
         // SAFETY: by the contract the node is in this heap, so by the invariants it and all it leads to are live.
         unsafe {
-            let Node { parent, left, right, .. } = *node.as_ptr();
+            let Node {
+                parent,
+                left,
+                right,
+                ..
+            } = *node.as_ptr();
             let children = merge(left, right);
             if let Some(children) = children {
                 (*children.as_ptr()).parent = parent;
@@ -159,7 +167,11 @@ unsafe fn merge(a: Link, b: Link) -> Link {
         // Down the right spine: at each place the lesser of what is there and what is still to be placed.
         let mut place = root;
         while let Some(there) = (*place.as_ptr()).right {
-            let (here, rest) = if less(other, there) { (other, there) } else { (there, other) };
+            let (here, rest) = if less(other, there) {
+                (other, there)
+            } else {
+                (there, other)
+            };
             (*place.as_ptr()).right = Some(here);
             (*here.as_ptr()).parent = Some(place);
             place = here;

@@ -32,9 +32,15 @@ pub struct TimerQueue {
 
 impl TimerQueue {
     /// An empty queue.
-    #[expect(clippy::new_without_default, reason = "a queue belongs to a thread: made on purpose, not by default")]
+    #[expect(
+        clippy::new_without_default,
+        reason = "a queue belongs to a thread: made on purpose, not by default"
+    )]
     pub fn new() -> Self {
-        Self { heap: PiLock::new(Heap::new()), next: AtomicU64::new(u64::MAX) }
+        Self {
+            heap: PiLock::new(Heap::new()),
+            next: AtomicU64::new(u64::MAX),
+        }
     }
 
     /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one load.
@@ -61,11 +67,7 @@ impl TimerQueue {
                     heap.remove(first);
                     self.publish_next(&heap);
                     let node = &mut *first.as_ptr();
-                    let ready = match node.wakeup.take() {
-                        // The sleep was in the heap until now, and it is woken before anything else is polled here.
-                        Some(wakeup) => wakeup.take(),
-                        None => Ready::NOBODY,
-                    };
+                    let ready = node.wakeup.take().map_or(Ready::NOBODY, Wakeup::take);
                     // The sleep may be gone from here on.
                     node.fired.store(true, Ordering::Release);
                     ready
@@ -77,7 +79,9 @@ impl TimerQueue {
 
     fn publish_next(&self, heap: &Heap) {
         // SAFETY: the caller holds the heap's lock, and a node in it is live.
-        let next = heap.first().map_or(Instant::NEVER, |node| unsafe { node.as_ref() }.deadline);
+        let next = heap
+            .first()
+            .map_or(Instant::NEVER, |node| unsafe { node.as_ref() }.deadline);
         self.next.store(next.as_nanos(), Ordering::Relaxed);
     }
 }
@@ -111,7 +115,13 @@ unsafe impl Sync for Sleep {}
 impl Sleep {
     /// Waits until `deadline`; one that has passed is ready at once.
     pub fn until(deadline: Instant) -> Self {
-        Self { deadline, queue: None, armed: false, node: UnsafeCell::new(Node::new()), _pinned: PhantomPinned }
+        Self {
+            deadline,
+            queue: None,
+            armed: false,
+            node: UnsafeCell::new(Node::new()),
+            _pinned: PhantomPinned,
+        }
     }
 
     /// The instant it waits for.
@@ -209,7 +219,10 @@ impl Drop for Sleep {
 
 impl fmt::Debug for Sleep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Sleep").field("deadline", &self.deadline).field("armed", &self.armed).finish_non_exhaustive()
+        f.debug_struct("Sleep")
+            .field("deadline", &self.deadline)
+            .field("armed", &self.armed)
+            .finish_non_exhaustive()
     }
 }
 
@@ -261,10 +274,15 @@ mod tests {
         {
             let mut sleep = pin!(Sleep::until(far));
             assert!(sleep.as_mut().poll(&mut cx).is_pending());
-            sleep.as_mut().reset(far + std::time::Duration::from_secs(1));
+            sleep
+                .as_mut()
+                .reset(far + std::time::Duration::from_secs(1));
             assert_eq!(queue.next_deadline(), Instant::NEVER);
             assert!(sleep.as_mut().poll(&mut cx).is_pending());
-            assert_eq!(queue.next_deadline(), far + std::time::Duration::from_secs(1));
+            assert_eq!(
+                queue.next_deadline(),
+                far + std::time::Duration::from_secs(1)
+            );
         }
         assert_eq!(queue.next_deadline(), Instant::NEVER);
     }
@@ -274,7 +292,9 @@ mod tests {
         let queue = Arc::new(TimerQueue::new());
         let _home = current::enter_home(Home::new(), queue.clone(), false);
         let mut cx = Context::from_waker(Waker::noop());
-        let mut sleep = Box::pin(Sleep::until(Instant::now() + std::time::Duration::from_secs(1000)));
+        let mut sleep = Box::pin(Sleep::until(
+            Instant::now() + std::time::Duration::from_secs(1000),
+        ));
         assert!(sleep.as_mut().poll(&mut cx).is_pending());
         std::thread::spawn(move || drop(sleep)).join().unwrap();
         assert_eq!(queue.next_deadline(), Instant::NEVER);

@@ -6,7 +6,10 @@ const AXES: [Parameters; 2] = [PAN, TILT];
 
 /// An axis whose stops are out of the way.
 fn unbounded(parameters: Parameters) -> Plant {
-    Plant::new(Parameters { end_stop: 1e9, ..parameters })
+    Plant::new(Parameters {
+        end_stop: 1e9,
+        ..parameters
+    })
 }
 
 #[test]
@@ -19,7 +22,8 @@ fn reaches_the_analytic_speed() {
             }
             // U = R i + K ω and K i = b ω + friction.
             let (k, u) = (p.joint_constant(), f64::abs(duty) * p.supply);
-            let expected = (k * u / p.resistance - p.coulomb_friction) / (p.viscous_friction + k * k / p.resistance);
+            let expected = (k * u / p.resistance - p.coulomb_friction)
+                / (p.viscous_friction + k * k / p.resistance);
             let error = (plant.state().speed - expected * duty.signum()) / expected;
             assert!(error.abs() < 0.01, "{error} at duty {duty}, {rate} Hz");
         }
@@ -30,11 +34,17 @@ fn reaches_the_analytic_speed() {
 fn never_gains_energy_without_input() {
     for p in AXES {
         for rate in [100.0, 1000.0, 4000.0] {
-            for (angle, speed, current) in
-                [(0.0, 10.0, 0.0), (p.end_stop - 1e-3, 15.0, 2.0), (-p.end_stop - 0.02, -1.0, -2.0)]
-            {
+            for (angle, speed, current) in [
+                (0.0, 10.0, 0.0),
+                (p.end_stop - 1e-3, 15.0, 2.0),
+                (-p.end_stop - 0.02, -1.0, -2.0),
+            ] {
                 let mut plant = Plant::new(p);
-                plant.state = State { angle, speed, current };
+                plant.state = State {
+                    angle,
+                    speed,
+                    current,
+                };
                 let mut energy = plant.energy();
                 for _ in 0..20_000 {
                     plant.sub_step(0.0, MAX_SUB_STEP);
@@ -126,8 +136,11 @@ fn halving_the_step_changes_little() {
             }
             path
         };
-        let apart =
-            run(MAX_SUB_STEP).iter().zip(run(MAX_SUB_STEP / 2.0)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let apart = run(MAX_SUB_STEP)
+            .iter()
+            .zip(run(MAX_SUB_STEP / 2.0))
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
         assert!(apart < 2e-3, "{apart} rad apart");
     }
 }
@@ -144,7 +157,12 @@ fn rate_of_the_caller_does_not_matter() {
             plant.state().angle
         };
         for rate in [100, 250, 730, 1500, 4000] {
-            assert!((run(rate) - run(1000)).abs() < 2e-3, "{rate} Hz: {} against {}", run(rate), run(1000));
+            assert!(
+                (run(rate) - run(1000)).abs() < 2e-3,
+                "{rate} Hz: {} against {}",
+                run(rate),
+                run(1000)
+            );
         }
     }
 }

@@ -1,0 +1,320 @@
+//! The protocol under every interleaving of two or three threads: the channel's own code over loom's lock and atomics.
+//!
+//! ```text
+//! RUSTFLAGS="--cfg loom" cargo test -p luna-channels --release --lib
+//! ```
+//!
+//! Explored exhaustively up to three preemptions of a thread (waiting and ending are none), or as many as `LOOM_MAX_PREEMPTIONS` says:
+//! five find nothing else and take twenty times as long. loom watches the value in each node and all atomics; the
+//! links of waiting lists are plain memory to it, guarded by the lock.
+
+use crate::{Buffer, Receiver, RecvError, RecvOp, SendOp, Sender, TryRecvError, buffered, channel};
+use loom::future::block_on;
+use loom::thread;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Context, Poll, Waker};
+
+fn check(model: impl Fn() + Send + Sync + 'static) {
+    let mut builder = loom::model::Builder::new();
+    builder.preemption_bound.get_or_insert(3);
+    builder.check(model);
+}
+
+/// Counts its drops, with an atomic that loom does not watch, since it takes no part in the protocol.
+struct Token {
+    id: usize,
+    drops: Arc<AtomicUsize>,
+}
+
+impl Drop for Token {
+    fn drop(&mut self) {
+        self.drops.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+#[derive(Clone, Default)]
+struct Drops(Arc<AtomicUsize>);
+
+impl Drops {
+    fn token(&self, id: usize) -> Token {
+        Token {
+            id,
+            drops: self.0.clone(),
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+fn poll<F: Future>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
+    future
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()))
+}
+
+/// Receives a token and says which.
+fn recv_id(receiver: &Receiver<Token>) -> Result<usize, RecvError> {
+    block_on(receiver.recv()).map(|token| token.id)
+}
+
+/// A receive that waits already.
+fn waiting_recv<T>(receiver: &Receiver<T>) -> Pin<Box<RecvOp<'_, T>>> {
+    let mut recv = Box::pin(receiver.recv());
+    assert!(poll(&mut recv).is_pending());
+    recv
+}
+
+/// A send that waits already.
+fn waiting_send<T>(sender: &Sender<T>, value: T) -> Pin<Box<SendOp<'_, T>>> {
+    let mut send = Box::pin(sender.send(value));
+    assert!(poll(&mut send).is_pending());
+    send
+}
+
+#[test]
+fn rendezvous_and_close() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let token = drops.token(7);
+        let thread = thread::spawn(move || block_on(sender.send(token)).is_ok());
+        assert_eq!(recv_id(&receiver), Ok(7));
+        assert_eq!(recv_id(&receiver), Err(RecvError::Closed));
+        assert!(thread.join().unwrap());
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn two_senders_and_one_receiver() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let threads = [0, 1].map(|id| {
+            let (sender, token) = (sender.clone(), drops.token(id));
+            thread::spawn(move || block_on(sender.send(token)).is_ok())
+        });
+        drop(sender);
+        let mut received: Vec<usize> = (0..2).map(|_| recv_id(&receiver).unwrap()).collect();
+        received.sort_unstable();
+        assert_eq!(received, [0, 1]);
+        assert!(
+            threads
+                .map(|thread| thread.join().unwrap())
+                .iter()
+                .all(|&sent| sent)
+        );
+        assert_eq!(drops.count(), 2);
+    });
+}
+
+#[test]
+fn two_receivers_and_one_sender_through_a_buffer() {
+    check(|| {
+        let (sender, receiver) = buffered(Buffer::fifo(1));
+        let other = receiver.clone();
+        let thread = thread::spawn(move || block_on(other.recv()).unwrap());
+        // The second one may have to wait for room, and be moved up.
+        block_on(sender.send(1)).unwrap();
+        block_on(sender.send(2)).unwrap();
+        assert_eq!(
+            block_on(receiver.recv()).unwrap() + thread.join().unwrap(),
+            3
+        );
+    });
+}
+
+#[test]
+fn a_waker_that_changes_while_the_partner_comes() {
+    check(|| {
+        let (sender, receiver) = channel();
+        let thread = thread::spawn(move || block_on(sender.send(1)).unwrap());
+        // First with a waker that does nothing, then with one that must not be missed.
+        let mut recv = Box::pin(receiver.recv());
+        match poll(&mut recv) {
+            Poll::Ready(received) => assert_eq!(received, Ok(1)),
+            Poll::Pending => assert_eq!(block_on(recv), Ok(1)),
+        }
+        thread.join().unwrap();
+    });
+}
+
+#[test]
+fn a_send_that_is_cancelled_as_a_receiver_comes() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let send = waiting_send(&sender, drops.token(0));
+        let thread =
+            thread::spawn(move || (receiver.try_recv().ok(), receiver.try_recv().is_err()));
+        drop(send);
+        let (received, then_empty) = thread.join().unwrap();
+        assert_eq!(
+            drops.count(),
+            usize::from(received.is_none()),
+            "received or dropped, and not both"
+        );
+        assert!(then_empty);
+        drop(received);
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn a_send_that_is_cancelled_before_a_receiver_that_waits() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let thread = thread::spawn(move || recv_id(&receiver));
+        let mut send = Box::pin(sender.send(drops.token(5)));
+        let sent = poll(&mut send).is_ready();
+        drop(send);
+        drop(sender);
+        let received = thread.join().unwrap();
+        assert!(received == Ok(5) || (!sent && received == Err(RecvError::Closed)));
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn a_receive_that_is_cancelled_as_a_sender_comes() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let recv = waiting_recv(&receiver);
+        let token = drops.token(3);
+        let thread = thread::spawn(move || block_on(sender.send(token)).is_ok());
+        drop(recv);
+        // Given back, or never taken: the next one has it.
+        assert_eq!(recv_id(&receiver), Ok(3));
+        assert!(thread.join().unwrap());
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn a_value_that_comes_back_as_another_receiver_comes() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let recv = waiting_recv(&receiver);
+        assert!(sender.try_send(drops.token(4)).is_ok());
+        let other = receiver.clone();
+        let thread = thread::spawn(move || recv_id(&other));
+        drop(recv);
+        assert_eq!(thread.join().unwrap(), Ok(4));
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn a_try_send_as_the_receiver_withdraws() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let recv = waiting_recv(&receiver);
+        let token = drops.token(0);
+        let thread = thread::spawn(move || {
+            let sent = sender.try_send(token).is_ok();
+            (sent, sender)
+        });
+        drop(recv);
+        let (sent, sender) = thread.join().unwrap();
+        match receiver.try_recv() {
+            Ok(_) => assert!(sent),
+            Err(error) => assert!(!sent && error == TryRecvError::Empty),
+        }
+        drop(sender);
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn a_close_as_a_receiver_waits() {
+    check(|| {
+        let (sender, receiver) = channel::<Token>();
+        let thread = thread::spawn(move || block_on(receiver.recv()).map(|_| ()));
+        drop(sender);
+        assert_eq!(thread.join().unwrap(), Err(RecvError::Closed));
+    });
+}
+
+#[test]
+fn a_close_as_a_sender_waits() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let token = drops.token(6);
+        let thread =
+            thread::spawn(move || block_on(sender.send(token)).unwrap_err().into_inner().id);
+        drop(receiver);
+        assert_eq!(thread.join().unwrap(), 6);
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn both_ends_go_with_a_value_between_them() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = buffered(Buffer::fifo(1));
+        assert!(sender.try_send(drops.token(0)).is_ok());
+        let thread = thread::spawn(move || drop(sender));
+        drop(receiver);
+        thread.join().unwrap();
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn poison_as_two_communicate() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let (token, poison) = (drops.token(0), sender.clone());
+        let send = thread::spawn(move || {
+            block_on(sender.send(token))
+                .map_err(|error| assert!(error.is_poisoned()))
+                .is_ok()
+        });
+        let poisoner = thread::spawn(move || poison.poison());
+        let received = block_on(receiver.recv())
+            .map_err(|error| assert!(error.is_poisoned()))
+            .is_ok();
+        assert_eq!(
+            send.join().unwrap(),
+            received,
+            "both have communicated, or neither"
+        );
+        poisoner.join().unwrap();
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
+fn poison_as_a_value_comes_back() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let recv = waiting_recv(&receiver);
+        assert!(sender.try_send(drops.token(0)).is_ok());
+        let thread = thread::spawn(move || {
+            sender.poison();
+            sender
+        });
+        drop(recv);
+        let sender = thread.join().unwrap();
+        assert_eq!(receiver.try_recv().map(|_| ()), Err(TryRecvError::Poisoned));
+        assert_eq!(
+            drops.count(),
+            1,
+            "whichever came first, it does not stay in the channel"
+        );
+        drop(sender);
+    });
+}

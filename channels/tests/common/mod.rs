@@ -1,0 +1,184 @@
+//! What the tests share: counted drops, counted wakes, polls by hand, random numbers with a seed, and a watchdog.
+#![allow(dead_code, reason = "each test file uses a part of it")]
+
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
+use std::task::{Context, Poll, Wake, Waker};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Counts the drops of numbered tokens.
+#[derive(Clone)]
+pub(crate) struct Ledger(Arc<Vec<AtomicUsize>>);
+
+impl Ledger {
+    /// For the tokens 0 to `tokens - 1`.
+    pub(crate) fn new(tokens: usize) -> Self {
+        Self(Arc::new((0..tokens).map(|_| AtomicUsize::new(0)).collect()))
+    }
+
+    /// Makes a token: once for each number.
+    pub(crate) fn token(&self, id: usize) -> Token {
+        Token {
+            id,
+            ledger: self.clone(),
+        }
+    }
+
+    /// How often a token was dropped.
+    pub(crate) fn drops(&self, id: usize) -> usize {
+        self.0[id].load(Ordering::SeqCst)
+    }
+
+    /// Which tokens were dropped. Fails if one was dropped twice.
+    #[track_caller]
+    pub(crate) fn dropped(&self) -> Vec<usize> {
+        for id in 0..self.0.len() {
+            assert!(
+                self.drops(id) <= 1,
+                "token {id} was dropped {} times",
+                self.drops(id)
+            );
+        }
+        (0..self.0.len())
+            .filter(|&id| self.drops(id) == 1)
+            .collect()
+    }
+
+    /// Every token was dropped exactly once.
+    #[track_caller]
+    pub(crate) fn assert_all_dropped_once(&self) {
+        for id in 0..self.0.len() {
+            assert_eq!(self.drops(id), 1, "drops of token {id}");
+        }
+    }
+}
+
+/// A value whose drop is counted. On the heap too, so that a double drop shows in a memory checker.
+pub(crate) struct Token {
+    pub(crate) id: usize,
+    ledger: Ledger,
+}
+
+impl Drop for Token {
+    fn drop(&mut self) {
+        self.ledger.0[self.id].fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "token {}", self.id)
+    }
+}
+
+/// A waker that counts.
+#[derive(Default)]
+pub(crate) struct Wakes(AtomicUsize);
+
+impl Wakes {
+    pub(crate) fn new() -> (Arc<Wakes>, Waker) {
+        let wakes = Arc::new(Wakes::default());
+        (wakes.clone(), Waker::from(wakes))
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+impl Wake for Wakes {
+    fn wake(self: Arc<Self>) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+/// Polls once with `waker`.
+pub(crate) fn poll_with<F: Future + ?Sized>(
+    future: &mut Pin<Box<F>>,
+    waker: &Waker,
+) -> Poll<F::Output> {
+    future.as_mut().poll(&mut Context::from_waker(waker))
+}
+
+/// Polls once; nobody is woken.
+pub(crate) fn poll<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
+    poll_with(future, Waker::noop())
+}
+
+/// Polls once and expects that the future waits.
+#[track_caller]
+pub(crate) fn pending<F: Future + ?Sized>(future: &mut Pin<Box<F>>) {
+    assert!(poll(future).is_pending(), "was expected to wait");
+}
+
+/// Polls once and expects the result.
+#[track_caller]
+pub(crate) fn ready<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> F::Output {
+    match poll(future) {
+        Poll::Ready(output) => output,
+        Poll::Pending => panic!("was expected to be done"),
+    }
+}
+
+/// A small random number generator (xorshift64*, G. Marsaglia and S. Vigna).
+pub(crate) struct Random(u64);
+
+impl Random {
+    /// From `LUNA_SEED`, else from the clock; prints which, so that a failure can be repeated.
+    pub(crate) fn from_environment() -> Random {
+        let seed = match std::env::var("LUNA_SEED") {
+            Ok(text) => text.parse().expect("LUNA_SEED is to be a whole number"),
+            Err(_) => SystemTime::now()
+                .duration_since(UNIX_EPOCH)
+                .map_or(1, |age| age.as_nanos() as u64),
+        };
+        println!("LUNA_SEED={seed}");
+        Random::new(seed)
+    }
+
+    pub(crate) fn new(seed: u64) -> Random {
+        // Neighbouring seeds are spread; zero would stay zero.
+        Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    pub(crate) fn next(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
+    }
+
+    /// 0 to `end - 1`.
+    pub(crate) fn below(&mut self, end: usize) -> usize {
+        ((self.next() >> 32) % end as u64) as usize
+    }
+
+    /// Another generator, for another thread.
+    pub(crate) fn fork(&mut self) -> Random {
+        Random::new(self.next())
+    }
+}
+
+/// Ends the test program with a message if the test has not ended after two minutes: a hang is a failure, not a wait.
+pub(crate) struct Watchdog {
+    _ended: mpsc::Sender<()>,
+}
+
+impl Watchdog {
+    pub(crate) fn new() -> Watchdog {
+        let (ended, watched) = mpsc::channel::<()>();
+        let test = std::thread::current().name().unwrap_or("a test").to_owned();
+        std::thread::spawn(move || {
+            if watched.recv_timeout(Duration::from_secs(120))
+                == Err(mpsc::RecvTimeoutError::Timeout)
+            {
+                eprintln!("{test} hangs");
+                std::process::abort();
+            }
+        });
+        Watchdog { _ended: ended }
+    }
+}

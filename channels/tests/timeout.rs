@@ -1,0 +1,337 @@
+//! Timeouts are exact: an operation times out only if it did not happen, and what happened is never given back.
+
+mod common;
+
+use common::{Ledger, Random, Watchdog, pending, ready};
+use luna_channels::{Buffer, RecvTimeoutError, SendTimeoutError, buffered, channel};
+use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_platform::clock::Instant;
+use luna_platform::thread::Attributes;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+const SHORT: Duration = Duration::from_millis(2);
+const HOUR: Duration = Duration::from_secs(3600);
+
+#[test]
+fn blocking_forms_give_up_at_their_time_and_not_before() {
+    let (sender, receiver) = channel();
+    let start = Instant::now();
+    assert_eq!(
+        sender.blocking_send_timeout(1, SHORT),
+        Err(SendTimeoutError::Timeout(1))
+    );
+    assert!(Instant::now() - start >= SHORT);
+    let start = Instant::now();
+    assert_eq!(
+        receiver.blocking_recv_timeout(SHORT),
+        Err(RecvTimeoutError::Timeout)
+    );
+    assert!(Instant::now() - start >= SHORT);
+}
+
+#[test]
+fn async_forms_give_up_at_their_time_and_not_before() {
+    let (sender, receiver) = channel();
+    luna_executors::block_on(async {
+        let start = Instant::now();
+        assert_eq!(
+            sender.send_timeout(1, SHORT).await,
+            Err(SendTimeoutError::Timeout(1))
+        );
+        assert!(Instant::now() - start >= SHORT);
+        let start = Instant::now();
+        assert_eq!(
+            receiver.recv_timeout(SHORT).await,
+            Err(RecvTimeoutError::Timeout)
+        );
+        assert!(Instant::now() - start >= SHORT);
+        let deadline = Instant::now() + SHORT;
+        assert_eq!(
+            receiver.recv_deadline(deadline).await,
+            Err(RecvTimeoutError::Timeout)
+        );
+        assert!(Instant::now() >= deadline);
+        assert_eq!(
+            sender.send_deadline(2, deadline).await,
+            Err(SendTimeoutError::Timeout(2))
+        );
+    })
+    .unwrap();
+}
+
+#[test]
+fn what_can_be_done_at_once_is_done_though_the_time_is_over() {
+    let (sender, receiver) = buffered(Buffer::fifo(1));
+    luna_executors::block_on(async {
+        assert_eq!(sender.send_timeout(1, Duration::ZERO).await, Ok(()));
+        assert_eq!(receiver.recv_timeout(Duration::ZERO).await, Ok(1));
+        assert_eq!(
+            receiver.recv_timeout(Duration::ZERO).await,
+            Err(RecvTimeoutError::Timeout)
+        );
+    })
+    .unwrap();
+    assert_eq!(sender.blocking_send_timeout(2, Duration::ZERO), Ok(()));
+    assert_eq!(
+        sender.blocking_send_timeout(3, Duration::ZERO),
+        Err(SendTimeoutError::Timeout(3))
+    );
+    assert_eq!(receiver.blocking_recv_timeout(Duration::ZERO), Ok(2));
+    assert_eq!(
+        receiver.blocking_recv_timeout(Duration::ZERO),
+        Err(RecvTimeoutError::Timeout)
+    );
+}
+
+#[test]
+fn a_time_that_never_comes_and_a_partner_that_does() {
+    let (sender, receiver) = channel();
+    thread::scope(|scope| {
+        scope.spawn(|| assert_eq!(sender.blocking_send_timeout(1, Duration::MAX), Ok(())));
+        assert_eq!(receiver.blocking_recv_timeout(Duration::MAX), Ok(1));
+        scope.spawn(|| {
+            luna_executors::block_on(sender.send_timeout(2, Duration::MAX))
+                .unwrap()
+                .unwrap()
+        });
+        assert_eq!(
+            luna_executors::block_on(receiver.recv_timeout(HOUR)).unwrap(),
+            Ok(2)
+        );
+    });
+}
+
+#[test]
+fn the_end_of_a_channel_comes_before_the_timeout() {
+    let (sender, receiver) = channel::<u8>();
+    let clone = receiver.clone();
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            assert_eq!(
+                receiver.blocking_recv_timeout(HOUR),
+                Err(RecvTimeoutError::Closed)
+            )
+        });
+        scope.spawn(|| {
+            let received = luna_executors::block_on(clone.recv_timeout(HOUR)).unwrap();
+            assert_eq!(received, Err(RecvTimeoutError::Closed));
+        });
+        drop(sender);
+    });
+    drop(clone);
+    let (sender, receiver) = channel::<u8>();
+    drop(receiver);
+    assert_eq!(
+        sender.blocking_send_timeout(1, HOUR),
+        Err(SendTimeoutError::Closed(1))
+    );
+}
+
+#[test]
+fn the_outcome_is_looked_at_before_the_clock() {
+    // Both the partner and the deadline have come before the poll: it was sent, and it was received.
+    let (sender, receiver) = channel();
+    luna_executors::block_on(async {
+        let deadline = Instant::now() + SHORT;
+        let mut recv = Box::pin(receiver.recv_deadline(deadline));
+        pending(&mut recv);
+        sender.try_send(1).unwrap();
+        while Instant::now() <= deadline {}
+        assert_eq!(ready(&mut recv), Ok(1));
+
+        let deadline = Instant::now() + SHORT;
+        let mut send = Box::pin(sender.send_deadline(2, deadline));
+        pending(&mut send);
+        assert_eq!(receiver.try_recv(), Ok(2));
+        while Instant::now() <= deadline {}
+        assert_eq!(ready(&mut send), Ok(()));
+    })
+    .unwrap();
+}
+
+#[test]
+fn one_that_timed_out_is_withdrawn() {
+    let (sender, receiver) = channel();
+    assert!(
+        sender
+            .blocking_send_timeout(1, SHORT)
+            .unwrap_err()
+            .is_timeout()
+    );
+    assert!(receiver.try_recv().unwrap_err().is_empty());
+    luna_executors::block_on(async {
+        assert!(receiver.recv_timeout(SHORT).await.unwrap_err().is_timeout());
+    })
+    .unwrap();
+    assert!(sender.try_send(2).unwrap_err().is_full());
+}
+
+#[test]
+fn a_timed_operation_that_is_dropped_takes_its_offer_and_its_deadline_with_it() {
+    let ledger = Ledger::new(1);
+    let (sender, receiver) = channel();
+    luna_executors::block_on(async {
+        let mut send = Box::pin(sender.send_timeout(ledger.token(0), HOUR));
+        pending(&mut send);
+        let timers = luna_platform::current::timers().unwrap();
+        assert_ne!(timers.next_deadline(), Instant::NEVER);
+        drop(send);
+        assert_eq!(timers.next_deadline(), Instant::NEVER);
+    })
+    .unwrap();
+    ledger.assert_all_dropped_once();
+    assert!(receiver.try_recv().unwrap_err().is_empty());
+}
+
+#[test]
+#[should_panic(expected = "a LUNA timer was awaited on a thread that runs no LUNA process")]
+fn a_receive_that_must_wait_outside_of_luna_says_so() {
+    let (_sender, receiver) = channel::<u8>();
+    let _ = futures_lite::future::block_on(receiver.recv_timeout(HOUR));
+}
+
+#[test]
+#[should_panic(expected = "a LUNA timer was awaited on a thread that runs no LUNA process")]
+fn a_send_that_must_wait_outside_of_luna_says_so() {
+    let (sender, _receiver) = channel::<u8>();
+    let _ = futures_lite::future::block_on(sender.send_timeout(1, HOUR));
+}
+
+#[test]
+fn outside_of_luna_one_that_need_not_wait_works() {
+    let (sender, receiver) = buffered(Buffer::fifo(1));
+    assert_eq!(
+        futures_lite::future::block_on(sender.send_timeout(1, HOUR)),
+        Ok(())
+    );
+    assert_eq!(
+        futures_lite::future::block_on(receiver.recv_timeout(HOUR)),
+        Ok(1)
+    );
+}
+
+/// What both sides of a race between timeouts and partners report.
+#[derive(Default)]
+struct Tally {
+    sent: AtomicUsize,
+    timed_out: AtomicUsize,
+    received: Mutex<Vec<usize>>,
+}
+
+impl Tally {
+    fn sent(&self, outcome: Result<(), SendTimeoutError<common::Token>>, id: usize) {
+        match outcome {
+            Ok(()) => self.sent.fetch_add(1, Ordering::Relaxed),
+            Err(error) => {
+                assert!(error.is_timeout());
+                assert_eq!(error.into_inner().id, id);
+                self.timed_out.fetch_add(1, Ordering::Relaxed)
+            }
+        };
+    }
+
+    /// Says whether to go on.
+    fn received(&self, outcome: Result<common::Token, RecvTimeoutError>) -> bool {
+        match outcome {
+            Ok(token) => self.received.lock().unwrap().push(token.id),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Closed) => return false,
+            Err(error) => panic!("{error}"),
+        }
+        true
+    }
+
+    fn check(self, ledger: &Ledger, values: usize) {
+        let received = self.received.into_inner().unwrap();
+        let sent = self.sent.into_inner();
+        assert_eq!(sent + self.timed_out.into_inner(), values);
+        assert_eq!(
+            received.len(),
+            sent,
+            "what was reported as sent was received, and nothing else"
+        );
+        assert!(
+            received.is_sorted_by(|a, b| a < b),
+            "in order and none twice"
+        );
+        ledger.assert_all_dropped_once();
+        println!("{sent} of {values} were sent, the others timed out");
+    }
+}
+
+fn some_time(random: &mut Random) -> Duration {
+    Duration::from_nanos(random.below(60_000) as u64)
+}
+
+#[test]
+fn the_race_of_timeout_and_partner_between_threads() {
+    const VALUES: usize = 3000;
+    let _watchdog = Watchdog::new();
+    let mut random = Random::from_environment();
+    for (sender, receiver) in [channel(), buffered(Buffer::fifo(1))] {
+        let ledger = Ledger::new(VALUES);
+        let tally = Tally::default();
+        let mut own = random.fork();
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                let sender = sender;
+                for id in 0..VALUES {
+                    tally.sent(
+                        sender.blocking_send_timeout(ledger.token(id), some_time(&mut random)),
+                        id,
+                    );
+                }
+            });
+            while tally.received(receiver.blocking_recv_timeout(some_time(&mut own))) {}
+        });
+        tally.check(&ledger, VALUES);
+    }
+}
+
+#[test]
+fn the_race_of_timeout_and_partner_between_executors_and_on_one() {
+    const VALUES: usize = 1500;
+    let _watchdog = Watchdog::new();
+    let mut random = Random::from_environment();
+    for executors in [1, 2] {
+        let executors: Vec<_> = (0..executors)
+            .map(|n| Executor::start(Attributes::new(format!("race {n}"))).unwrap())
+            .collect();
+        let ledger = Ledger::new(VALUES);
+        let tally = Arc::new(Tally::default());
+        let (sender, receiver) = channel();
+        let send = {
+            let (tally, ledger, mut random) = (tally.clone(), ledger.clone(), random.fork());
+            executors[0].spawn(ProcessSpec::new("sender").level(10), move || async move {
+                for id in 0..VALUES {
+                    tally.sent(
+                        sender
+                            .send_timeout(ledger.token(id), some_time(&mut random))
+                            .await,
+                        id,
+                    );
+                }
+            })
+        };
+        let recv = {
+            let (tally, mut random) = (tally.clone(), random.fork());
+            executors.last().unwrap().spawn(
+                ProcessSpec::new("receiver").level(11),
+                move || async move {
+                    while tally.received(receiver.recv_timeout(some_time(&mut random)).await) {}
+                },
+            )
+        };
+        executors.iter().for_each(Executor::release);
+        assert_eq!(
+            (send.wait(), recv.wait()),
+            (Exit::Completed, Exit::Completed)
+        );
+        drop(executors);
+        drop((send, recv));
+        Arc::into_inner(tally).unwrap().check(&ledger, VALUES);
+    }
+}

@@ -1,0 +1,217 @@
+//! What the tests share: a watchdog, things to wait at, counters and seeded numbers.
+
+#![allow(
+    dead_code,
+    unreachable_pub,
+    missing_debug_implementations,
+    reason = "each test is a program that uses a part"
+)]
+
+use luna_executors::Executor;
+use luna_platform::thread::Attributes;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
+use std::task::{Context, Poll, Waker};
+use std::time::Duration;
+
+/// An executor, held, without a real-time policy.
+pub fn executor() -> Executor {
+    Executor::start(Attributes::new("test")).unwrap()
+}
+
+/// Ends the program if a test hangs. A limit no machine comes near to, however busy it is.
+pub struct Watchdog {
+    _alive: mpsc::Sender<()>,
+}
+
+pub fn watchdog(test: &'static str) -> Watchdog {
+    let (alive, dead) = mpsc::channel();
+    std::thread::spawn(move || {
+        if dead.recv_timeout(Duration::from_secs(300)) == Err(mpsc::RecvTimeoutError::Timeout) {
+            eprintln!("{test} hangs");
+            std::process::abort();
+        }
+    });
+    Watchdog { _alive: alive }
+}
+
+/// Gives way to other threads until `condition` holds.
+pub fn until(mut condition: impl FnMut() -> bool) {
+    while !condition() {
+        std::thread::yield_now();
+    }
+}
+
+/// What happened, in order.
+#[derive(Debug)]
+pub struct Log<T>(Arc<Mutex<Vec<T>>>);
+
+impl<T> Clone for Log<T> {
+    fn clone(&self) -> Self {
+        Log(self.0.clone())
+    }
+}
+
+impl<T> Log<T> {
+    pub fn new() -> Self {
+        Log(Arc::default())
+    }
+
+    pub fn add(&self, entry: T) {
+        self.0.lock().unwrap().push(entry);
+    }
+
+    pub fn len(&self) -> usize {
+        self.0.lock().unwrap().len()
+    }
+
+    pub fn take(&self) -> Vec<T> {
+        std::mem::take(&mut self.0.lock().unwrap())
+    }
+}
+
+/// Counts how often its clones were dropped.
+#[derive(Debug, Default)]
+pub struct Drops(Arc<AtomicUsize>);
+
+impl Drops {
+    pub fn count(&self) -> usize {
+        self.0.load(Ordering::SeqCst)
+    }
+
+    /// A value that counts when it is dropped.
+    pub fn token(&self) -> Token {
+        Token(self.0.clone())
+    }
+}
+
+#[derive(Debug)]
+pub struct Token(Arc<AtomicUsize>);
+
+impl Drop for Token {
+    fn drop(&mut self) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+/// Keeps whoever comes until it is opened, from any thread. It uses wakers, as other people's futures do.
+#[derive(Clone, Default)]
+pub struct Gate(Arc<Mutex<State>>);
+
+#[derive(Default)]
+struct State {
+    is_open: bool,
+    waiting: Vec<Waker>,
+}
+
+impl Gate {
+    pub fn open(&self) {
+        let waiting = {
+            let mut state = self.0.lock().unwrap();
+            state.is_open = true;
+            std::mem::take(&mut state.waiting)
+        };
+        waiting.into_iter().for_each(Waker::wake);
+    }
+
+    /// How many wakers it holds.
+    pub fn waiting(&self) -> usize {
+        self.0.lock().unwrap().waiting.len()
+    }
+
+    /// Copies of the wakers that it holds.
+    pub fn wakers(&self) -> Vec<Waker> {
+        self.0.lock().unwrap().waiting.clone()
+    }
+
+    pub fn pass(&self) -> Pass {
+        Pass(self.clone())
+    }
+}
+
+pub struct Pass(Gate);
+
+impl Future for Pass {
+    type Output = ();
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        let mut state = self.0.0.lock().unwrap();
+        if state.is_open {
+            return Poll::Ready(());
+        }
+        state.waiting.push(cx.waker().clone());
+        Poll::Pending
+    }
+}
+
+/// Polls once.
+pub async fn poll_once<F: Future + Unpin>(future: &mut F) -> Option<F::Output> {
+    std::future::poll_fn(|cx| {
+        Poll::Ready(match Pin::new(&mut *future).poll(cx) {
+            Poll::Ready(output) => Some(output),
+            Poll::Pending => None,
+        })
+    })
+    .await
+}
+
+/// Numbers that look random and can be had again: the seed is printed, and taken from `LUNA_SEED` if it is set.
+#[derive(Clone)]
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(test: &str) -> Self {
+        let seed = std::env::var("LUNA_SEED")
+            .ok()
+            .and_then(|seed| seed.parse().ok())
+            .unwrap_or_else(|| {
+                std::time::SystemTime::now()
+                    .duration_since(std::time::UNIX_EPOCH)
+                    .map_or(1, |time| time.as_nanos() as u64)
+            });
+        println!("{test}: LUNA_SEED={seed}");
+        Random(seed)
+    }
+
+    /// A sequence of its own, for a thread or a process.
+    pub fn split(&mut self) -> Self {
+        Random(self.next())
+    }
+
+    /// splitmix64.
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, limit: u64) -> u64 {
+        self.next() % limit
+    }
+}
+
+/// How often the stress tests go round: fewer times under an instrument that slows them down.
+pub fn rounds(usual: usize) -> usize {
+    std::env::var("LUNA_STRESS")
+        .ok()
+        .and_then(|percent| percent.parse::<usize>().ok())
+        .map_or(usual, |percent| (usual * percent / 100).max(1))
+}
+
+/// The messages of panics that tests cause on purpose do not belong in the output.
+pub fn quiet_panics() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        let usual = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            let text = info.payload_as_str().unwrap_or_default();
+            if !text.starts_with("on purpose") {
+                usual(info);
+            }
+        }));
+    });
+}

@@ -1,0 +1,235 @@
+//! The current process: the contract between channels and executors.
+//!
+//! Whoever runs processes sets a thread-local *current process* around each poll. Whoever makes processes wait (channels, barriers,
+//! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`Wakeup`]). On a thread that runs no
+//! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
+
+mod process;
+mod references;
+mod wakeup;
+
+pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId};
+pub use wakeup::{Ready, Wakeup};
+
+use crate::sync::Arc;
+use crate::timer_queue::TimerQueue;
+use std::cell::{Cell, RefCell};
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// How many operations one poll may complete without waiting before the process lets others run.
+///
+/// A process whose operations always find a partner would else keep its executor from its timers and from wakes from elsewhere.
+pub const OPERATIONS_PER_POLL: u32 = 64;
+
+/// What a thread that runs processes keeps beside the current one.
+struct Thread {
+    process: Cell<Option<NonNull<Process>>>,
+    home: Cell<Option<Home>>,
+    ready_levels: Cell<u32>,
+    operations_left: Cell<u32>,
+    branch_failed: Cell<bool>,
+    may_block: Cell<bool>,
+    on_path: Cell<bool>,
+}
+
+thread_local! {
+    static THREAD: Thread = const {
+        Thread {
+            process: Cell::new(None),
+            home: Cell::new(None),
+            ready_levels: Cell::new(0),
+            operations_left: Cell::new(0),
+            branch_failed: Cell::new(false),
+            may_block: Cell::new(true),
+            on_path: Cell::new(false),
+        }
+    };
+    static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
+}
+
+/// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
+/// since it runs one alone.
+///
+/// # Panics
+///
+/// If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
+/// Ask [`home`] first where the outside decides.
+pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
+    assert!(self::home().is_none(), "this thread runs processes already");
+    THREAD.with(|thread| {
+        thread.home.set(Some(home));
+        thread.may_block.set(may_block);
+    });
+    TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
+    HomeGuard { _private: () }
+}
+
+/// Ends what [`enter_home`] began.
+#[derive(Debug)]
+#[must_use = "the thread stops being a home when the guard is dropped"]
+pub struct HomeGuard {
+    _private: (),
+}
+
+impl Drop for HomeGuard {
+    fn drop(&mut self) {
+        THREAD.with(|thread| {
+            thread.home.set(None);
+            thread.may_block.set(true);
+            thread.ready_levels.set(0);
+            thread.on_path.set(false);
+        });
+        TIMERS.with(|slot| slot.borrow_mut().take());
+    }
+}
+
+/// The home that this thread is, if it runs processes.
+#[inline]
+pub fn home() -> Option<Home> {
+    THREAD.with(|thread| thread.home.get())
+}
+
+/// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
+pub fn may_block() -> bool {
+    THREAD.with(|thread| thread.may_block.get())
+}
+
+/// The timers of this thread, if it runs processes.
+pub fn timers() -> Option<Arc<TimerQueue>> {
+    TIMERS.with(|slot| slot.borrow().clone())
+}
+
+/// Runs `poll` with `process` as the current one.
+///
+/// # Safety
+///
+/// This thread is the process' home, and the process has not ended.
+#[inline]
+pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
+    struct Restore {
+        process: Option<NonNull<Process>>,
+        branch_failed: bool,
+    }
+    impl Drop for Restore {
+        #[inline]
+        fn drop(&mut self) {
+            THREAD.with(|thread| {
+                thread.process.set(self.process);
+                thread.branch_failed.set(self.branch_failed);
+            });
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        thread.operations_left.set(OPERATIONS_PER_POLL);
+        Restore {
+            process: thread.process.replace(Some(NonNull::from(process))),
+            branch_failed: thread.branch_failed.replace(false),
+        }
+    });
+    poll()
+}
+
+/// Calls `f` with the current process, if there is one.
+#[inline]
+pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
+    // SAFETY: `with_process` sets the pointer from a reference that lives until it restores the one before, and the closure
+    // cannot keep what it is lent.
+    THREAD.with(|thread| {
+        f(thread
+            .process
+            .get()
+            .map(|process| unsafe { process.as_ref() }))
+    })
+}
+
+/// How urgent the current process is; the lowest priority where there is none.
+#[inline]
+pub fn priority() -> Priority {
+    process(|process| process.map(Process::priority).unwrap_or_default())
+}
+
+/// The levels at which this thread's executor has a ready process, one bit each. Written by its run queue.
+#[inline]
+pub fn ready_levels() -> u32 {
+    THREAD.with(|thread| thread.ready_levels.get())
+}
+
+/// Says at which levels this thread's executor has a ready process.
+#[inline]
+pub fn set_ready_levels(bits: u32) {
+    THREAD.with(|thread| thread.ready_levels.set(bits));
+}
+
+/// Whether a process of higher level than the current one is ready on its executor: then a completed communication lets it run.
+#[inline]
+pub fn is_outranked() -> bool {
+    THREAD.with(|thread| {
+        thread.process.get().is_some_and(|process| {
+            // SAFETY: as in `process`.
+            let level = unsafe { process.as_ref() }.level();
+            // Two shifts, since a shift by 32 is none.
+            (thread.ready_levels.get() >> level) >> 1 != 0
+        })
+    })
+}
+
+/// Readies the current process again, at `place` among those of its level; more urgent ones run before it in any case. The caller
+/// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
+#[inline]
+pub fn ready_again(cx: &Context<'_>, place: Place) {
+    Wakeup::of(cx).wake_here(place);
+}
+
+/// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
+///
+/// Always `true` where no process of LUNA runs: other runtimes have means of their own.
+#[inline]
+pub fn count_operation() -> bool {
+    THREAD.with(|thread| {
+        if thread.process.get().is_none() {
+            return true;
+        }
+        let left = thread.operations_left.get();
+        thread.operations_left.set(left.saturating_sub(1));
+        left != 0
+    })
+}
+
+/// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.
+#[inline]
+pub fn branch_failed() -> bool {
+    THREAD.with(|thread| thread.branch_failed.get())
+}
+
+/// Polls a branch of a parallel construct, telling it whether a sibling `failed`. Failure reaches nested constructs too.
+#[inline]
+pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
+    struct Restore(bool);
+    impl Drop for Restore {
+        #[inline]
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.branch_failed.set(self.0));
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        let before = thread.branch_failed.get();
+        thread.branch_failed.set(before || failed);
+        Restore(before)
+    });
+    poll()
+}
+
+/// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules them.
+#[inline]
+pub fn on_path() -> bool {
+    // An allocator asks this too, also while the thread's locals are being torn down.
+    THREAD
+        .try_with(|thread| thread.on_path.get())
+        .unwrap_or(false)
+}
+
+/// Says whether this thread is on the real-time path from now on; gives what was said before.
+pub fn set_on_path(on_path: bool) -> bool {
+    THREAD.with(|thread| thread.on_path.replace(on_path))
+}

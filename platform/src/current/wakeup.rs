@@ -1,0 +1,169 @@
+//! Whom to wake.
+
+use super::process::{Place, Process};
+use super::{home, process};
+use std::fmt;
+use std::marker::PhantomData;
+use std::ptr::NonNull;
+use std::task::{Context, Waker};
+
+/// A counted reference to a process of an executor.
+///
+/// # Invariants
+///
+/// It is counted in the process' references, so the process' memory is there.
+struct Reference(NonNull<Process>);
+
+// SAFETY: what it leads to is `Sync`, and counting down works from any thread.
+unsafe impl Send for Reference {}
+// SAFETY: as above.
+unsafe impl Sync for Reference {}
+
+impl Reference {
+    /// Refers to the current process.
+    #[inline]
+    fn to_current(process: &Process) -> Self {
+        process.references.add();
+        Self(NonNull::from(process))
+    }
+
+    #[inline]
+    fn process(&self) -> &Process {
+        // SAFETY: the type's invariant.
+        unsafe { self.0.as_ref() }
+    }
+
+    #[inline]
+    fn is_here(&self) -> bool {
+        home() == Some(self.process().home())
+    }
+}
+
+impl Drop for Reference {
+    #[inline]
+    fn drop(&mut self) {
+        let is_here = self.is_here();
+        if self.process().references.remove(is_here) {
+            // SAFETY: the count says that this was the last.
+            unsafe { Process::free(self.0) };
+        }
+    }
+}
+
+/// How a waiting operation is woken: stored in its node, under the lock of what it waits for.
+///
+/// It keeps the memory of the process that it wakes, but not the process: waking one that has ended does nothing.
+#[derive(Debug)]
+pub struct Wakeup(Inner);
+
+enum Inner {
+    Process(Reference),
+    Waker(Waker),
+}
+
+impl fmt::Debug for Inner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Inner::Process(reference) => reference.process().fmt(f),
+            Inner::Waker(waker) => waker.fmt(f),
+        }
+    }
+}
+
+impl Wakeup {
+    /// How to wake who polls with `cx`: without its waker if that is the current process itself, shares its thread with others, and is
+    /// not a combinator with wakers of its own within it.
+    #[inline]
+    pub fn of(cx: &Context<'_>) -> Wakeup {
+        process(|process| match process {
+            Some(process)
+                if process.is_owned()
+                    && process
+                        .waker()
+                        .is_some_and(|waker| waker.will_wake(cx.waker())) =>
+            {
+                Wakeup(Inner::Process(Reference::to_current(process)))
+            }
+            _ => Wakeup(Inner::Waker(cx.waker().clone())),
+        })
+    }
+
+    /// Whether it wakes the same as `cx` would.
+    #[inline]
+    pub fn is_of(&self, cx: &Context<'_>) -> bool {
+        match &self.0 {
+            Inner::Waker(waker) => waker.will_wake(cx.waker()),
+            Inner::Process(reference) => process(|process| {
+                process.is_some_and(|process| {
+                    NonNull::from(process) == reference.0
+                        && process
+                            .waker()
+                            .is_some_and(|waker| waker.will_wake(cx.waker()))
+                })
+            }),
+        }
+    }
+
+    /// Makes ready to wake after the lock is released: a process of this thread without its waker, all others with theirs.
+    #[inline]
+    pub fn take(self) -> Ready {
+        Ready(match self.0 {
+            Inner::Waker(waker) => Readying::Elsewhere(waker),
+            Inner::Process(reference) if reference.is_here() => {
+                Readying::Here(reference, PhantomData)
+            }
+            Inner::Process(reference) => match reference.process().waker() {
+                Some(waker) => Readying::Elsewhere(waker.clone()),
+                None => Readying::Nobody,
+            },
+        })
+    }
+
+    /// Readies at once, at `place` if it is a process of this thread.
+    #[inline]
+    pub(super) fn wake_here(&self, place: Place) {
+        match &self.0 {
+            Inner::Waker(waker) => waker.wake_by_ref(),
+            // SAFETY: made for the current process, so this is its home's thread.
+            Inner::Process(reference) => unsafe { reference.process().ready_here(place) },
+        }
+    }
+}
+
+/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks, on the thread that took it.
+#[derive(Debug)]
+#[must_use = "the process stays asleep until `wake` is called"]
+pub struct Ready(Readying);
+
+enum Readying {
+    /// On its thread, where the marker keeps it.
+    Here(Reference, PhantomData<*const ()>),
+    Elsewhere(Waker),
+    Nobody,
+}
+
+impl fmt::Debug for Readying {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Readying::Here(reference, _) => reference.process().fmt(f),
+            Readying::Elsewhere(waker) => waker.fmt(f),
+            Readying::Nobody => f.write_str("Nobody"),
+        }
+    }
+}
+
+impl Ready {
+    /// Nobody to wake.
+    pub const NOBODY: Ready = Ready(Readying::Nobody);
+
+    /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
+    #[inline]
+    pub fn wake(self) {
+        match self.0 {
+            // SAFETY: `take` saw that this is the home's thread, and this value cannot leave it.
+            Readying::Here(reference, _) => unsafe { reference.process().ready_here(Place::Last) },
+            Readying::Elsewhere(waker) => waker.wake(),
+            Readying::Nobody => {}
+        }
+    }
+}

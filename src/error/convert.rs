@@ -1,0 +1,132 @@
+//! What turns into an [`Error`] with `?`.
+
+use super::{Error, SetupError};
+use luna_channels as channels;
+use luna_executors::Nested;
+use luna_platform::memory::HeapError;
+use luna_platform::signals::SignalError;
+use luna_platform::thread::{AttributeError, SpawnError};
+use std::convert::Infallible;
+
+impl From<SetupError> for Error {
+    fn from(error: SetupError) -> Error {
+        Error::Setup(error)
+    }
+}
+
+impl From<AttributeError> for Error {
+    fn from(error: AttributeError) -> Error {
+        Error::Setup(SetupError::Attributes(error))
+    }
+}
+
+impl From<Nested> for Error {
+    fn from(Nested: Nested) -> Error {
+        Error::Setup(SetupError::Nested)
+    }
+}
+
+impl From<HeapError> for Error {
+    fn from(error: HeapError) -> Error {
+        Error::Setup(SetupError::System {
+            message: error.to_string(),
+        })
+    }
+}
+
+impl From<SignalError> for Error {
+    fn from(error: SignalError) -> Error {
+        Error::Setup(SetupError::System {
+            message: error.to_string(),
+        })
+    }
+}
+
+impl Error {
+    /// A thread of `of` that did not start.
+    pub(crate) fn not_started(of: &str, error: SpawnError<Infallible>) -> Error {
+        Error::Setup(match error {
+            SpawnError::Attributes(error) => SetupError::Attributes(error),
+            SpawnError::Refused(shortfall) => SetupError::Refused {
+                of: of.to_owned(),
+                shortfall,
+            },
+            other => SetupError::Thread {
+                message: other.to_string(),
+            },
+        })
+    }
+}
+
+impl<T> From<channels::SendError<T>> for Error {
+    fn from(error: channels::SendError<T>) -> Error {
+        if error.poisoned {
+            Error::Poisoned
+        } else {
+            Error::Closed
+        }
+    }
+}
+
+impl From<channels::RecvError> for Error {
+    fn from(error: channels::RecvError) -> Error {
+        match error {
+            channels::RecvError::Poisoned => Error::Poisoned,
+            channels::RecvError::Closed => Error::Closed,
+        }
+    }
+}
+
+impl<T> From<channels::TrySendError<T>> for Error {
+    fn from(error: channels::TrySendError<T>) -> Error {
+        match error {
+            channels::TrySendError::Full(_) => Error::Full,
+            channels::TrySendError::Closed(_) => Error::Closed,
+            channels::TrySendError::Poisoned(_) => Error::Poisoned,
+        }
+    }
+}
+
+impl From<channels::TryRecvError> for Error {
+    fn from(error: channels::TryRecvError) -> Error {
+        match error {
+            channels::TryRecvError::Empty => Error::Empty,
+            channels::TryRecvError::Poisoned => Error::Poisoned,
+            channels::TryRecvError::Closed => Error::Closed,
+        }
+    }
+}
+
+impl<T> From<channels::SendTimeoutError<T>> for Error {
+    fn from(error: channels::SendTimeoutError<T>) -> Error {
+        match error {
+            channels::SendTimeoutError::Timeout(_) => Error::Timeout,
+            channels::SendTimeoutError::Closed(_) => Error::Closed,
+            channels::SendTimeoutError::Poisoned(_) => Error::Poisoned,
+        }
+    }
+}
+
+impl From<channels::RecvTimeoutError> for Error {
+    fn from(error: channels::RecvTimeoutError) -> Error {
+        match error {
+            channels::RecvTimeoutError::Timeout => Error::Timeout,
+            channels::RecvTimeoutError::Closed => Error::Closed,
+            channels::RecvTimeoutError::Poisoned => Error::Poisoned,
+        }
+    }
+}
+
+impl From<channels::BufferError> for Error {
+    fn from(error: channels::BufferError) -> Error {
+        Error::Setup(SetupError::System {
+            message: error.to_string(),
+        })
+    }
+}
+
+impl From<std::io::Error> for Error {
+    fn from(error: std::io::Error) -> Error {
+        Error::other(error)
+    }
+}

@@ -1,0 +1,164 @@
+//! One error type for all that a process' body and a system can meet.
+
+mod convert;
+mod setup;
+
+pub use setup::SetupError;
+
+use crate::time::LoopName;
+use std::fmt;
+use std::sync::Arc;
+
+/// What a process' body, a construct, or a system returns.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What can go wrong in a process or a system. Every error of a channel turns into it with `?`.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Error {
+    /// The channel was poisoned, or a sibling in a parallel construct failed.
+    Poisoned,
+    /// The other ends of the channel are gone.
+    Closed,
+    /// Sending at once: nobody waits, and there is no room.
+    Full,
+    /// Receiving at once: nothing is there.
+    Empty,
+    /// The time ran out.
+    Timeout,
+    /// A process failed.
+    Process {
+        /// The process' name.
+        name: String,
+        /// With what.
+        source: Box<Error>,
+    },
+    /// A process panicked, with this message.
+    Panicked(String),
+    /// A process was cancelled before its body had ended.
+    Cancelled,
+    /// A periodic loop missed its slots too often in a row, by the limit that was set for it.
+    Overrun {
+        /// The loop's name.
+        name: String,
+        /// How many cycles in a row were late.
+        consecutive: u32,
+    },
+    /// What was asked for cannot be set up.
+    Setup(SetupError),
+    /// An error of the user's own: see [`Error::other`].
+    Other(OtherError),
+}
+
+impl Error {
+    /// An error of the user's own, from anything that is an error or a text.
+    ///
+    /// ```
+    /// let error = luna::Error::other("the encoder does not answer");
+    /// assert_eq!(error.to_string(), "the encoder does not answer");
+    /// ```
+    pub fn other(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Error {
+        Error::Other(OtherError(Arc::from(error.into())))
+    }
+
+    /// Whether it comes from poison, however deep.
+    ///
+    /// ```
+    /// let deep = luna::Error::Process { name: "drive".into(), source: Box::new(luna::Error::Poisoned) };
+    /// assert!(deep.is_poisoned());
+    /// ```
+    pub fn is_poisoned(&self) -> bool {
+        match self {
+            Error::Poisoned => true,
+            Error::Process { source, .. } => source.is_poisoned(),
+            _ => false,
+        }
+    }
+
+    /// Whether it comes from a closed channel, however deep.
+    pub fn is_closed(&self) -> bool {
+        match self {
+            Error::Closed => true,
+            Error::Process { source, .. } => source.is_closed(),
+            _ => false,
+        }
+    }
+
+    pub(crate) fn in_process(self, name: &str) -> Error {
+        Error::Process {
+            name: name.to_owned(),
+            source: Box::new(self),
+        }
+    }
+
+    pub(crate) fn overrun(name: LoopName, consecutive: u32) -> Error {
+        Error::Overrun {
+            name: name.as_str().to_owned(),
+            consecutive,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Error::Poisoned => f.write_str(
+                "the channel is poisoned, or a sibling in a parallel construct has failed",
+            ),
+            Error::Closed => f.write_str("the other ends of the channel are gone"),
+            Error::Full => f.write_str("nobody waits to receive and there is no room"),
+            Error::Empty => f.write_str("nobody waits to send and nothing is buffered"),
+            Error::Timeout => f.write_str("the time ran out"),
+            Error::Process { name, source } => write!(f, "process `{name}`: {source}"),
+            Error::Panicked(message) => write!(f, "panicked: {message}"),
+            Error::Cancelled => f.write_str("cancelled before its body had ended"),
+            Error::Overrun { name, consecutive } => write!(
+                f,
+                "loop `{name}` was late {consecutive} cycles in a row, which is its limit: give it less to do, a longer \
+                 period, a higher priority, or a greater limit"
+            ),
+            Error::Setup(error) => error.fmt(f),
+            Error::Other(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Error::Process { source, .. } => Some(source),
+            Error::Setup(error) => error.source(),
+            Error::Other(error) => error.0.source(),
+            _ => None,
+        }
+    }
+}
+
+/// An error of the user's own. Two are equal if they are the same one.
+#[derive(Clone)]
+pub struct OtherError(Arc<dyn std::error::Error + Send + Sync>);
+
+impl OtherError {
+    /// The error that it was made of.
+    pub fn get(&self) -> &(dyn std::error::Error + Send + Sync + 'static) {
+        &*self.0
+    }
+}
+
+impl PartialEq for OtherError {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl fmt::Debug for OtherError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.0, f)
+    }
+}
+
+impl fmt::Display for OtherError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.0, f)
+    }
+}

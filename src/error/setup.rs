@@ -1,0 +1,145 @@
+//! Errors of the set-up: bad input, and what the system refuses.
+
+use luna_platform::shortfall::Shortfall;
+use luna_platform::thread::AttributeError;
+use std::fmt;
+use std::time::Duration;
+
+/// What was asked for cannot be set up. Each says what failed, with which value, and what to do.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SetupError {
+    /// The machine has no such core.
+    NoSuchCore {
+        /// For which executor or thread.
+        of: String,
+        /// The core that was asked for.
+        core: usize,
+        /// The cores there are.
+        available: Vec<usize>,
+    },
+    /// A thread's policy, priority, stack or name makes no sense.
+    Attributes(AttributeError),
+    /// A process' priority is not one of the 32 levels.
+    Level {
+        /// The process' name.
+        process: String,
+        /// The priority that was asked for.
+        level: u8,
+    },
+    /// Two of a kind have one name.
+    DuplicateName {
+        /// Executor, process, or loop.
+        kind: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A loop's period is zero.
+    ZeroPeriod {
+        /// The loop's name.
+        name: String,
+    },
+    /// A loop's period is longer than the clock reaches.
+    PeriodTooLong {
+        /// The loop's name.
+        name: String,
+        /// The period.
+        period: Duration,
+    },
+    /// A loop's name does not fit in the room that is set aside before the start.
+    NameTooLong {
+        /// The name.
+        name: String,
+        /// The most bytes it may have.
+        most: usize,
+    },
+    /// There are more loops than room for their statistics was set aside before the start.
+    TooManyLoops {
+        /// The loop that came last.
+        name: String,
+        /// How many there is room for.
+        most: usize,
+    },
+    /// A loop was made outside of any process.
+    NoProcess {
+        /// The loop's name.
+        name: String,
+    },
+    /// The system has been run already.
+    AlreadyRun {
+        /// The system's name.
+        system: String,
+    },
+    /// The system has ended, or is about to.
+    Ended {
+        /// The system's name.
+        system: String,
+        /// What was to be started.
+        process: String,
+    },
+    /// A system, or `luna::run`, was started inside a process.
+    Nested,
+    /// The system was to be strict, and this was refused.
+    Refused {
+        /// For which executor or thread, or for the whole system.
+        of: String,
+        /// What was refused, why, and how to get it.
+        shortfall: Shortfall,
+    },
+    /// A thread could not be started.
+    Thread {
+        /// What the system said.
+        message: String,
+    },
+    /// Memory or signals could not be prepared.
+    System {
+        /// What failed, and what to do.
+        message: String,
+    },
+}
+
+impl fmt::Display for SetupError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SetupError::NoSuchCore { of, core, available } => {
+                write!(f, "`{of}` asks for core {core}, which this machine has not; choose one of {available:?}")
+            }
+            SetupError::Attributes(error) => error.fmt(f),
+            SetupError::Level { process, level } => {
+                write!(f, "process `{process}` asks for priority {level}; choose 0 (lowest) to 31")
+            }
+            SetupError::DuplicateName { kind, name } => {
+                write!(f, "there is {kind} `{name}` already; give each {kind} a name of its own")
+            }
+            SetupError::ZeroPeriod { name } => write!(f, "loop `{name}` has a period of 0; give it at least 1 ns"),
+            SetupError::PeriodTooLong { name, period } => {
+                write!(f, "loop `{name}` has a period of {period:?}; the clock reaches 292 years")
+            }
+            SetupError::NameTooLong { name, most } => {
+                write!(f, "the loop name `{name}` has {} bytes; use at most {most}", name.len())
+            }
+            SetupError::TooManyLoops { name, most } => write!(
+                f,
+                "loop `{name}` is one more than the {most} for which statistics were set aside; call System::max_loops \
+                 before the start"
+            ),
+            SetupError::NoProcess { name } => {
+                write!(f, "loop `{name}` was made outside of any process; call luna::periodic in a process or luna::run")
+            }
+            SetupError::AlreadyRun { system } => {
+                write!(f, "system `{system}` has been run already; build another one to run again")
+            }
+            SetupError::Ended { system, process } => {
+                write!(f, "system `{system}` ends or has ended, so process `{process}` cannot be started")
+            }
+            SetupError::Nested => f.write_str(
+                "a system or luna::run was started inside a process, whose thread it would stop: await the work instead, or \
+                 start it from a plain thread",
+            ),
+            SetupError::Refused { of, shortfall } => write!(f, "strict: {of}: {shortfall}"),
+            SetupError::Thread { message } | SetupError::System { message } => f.write_str(message),
+        }
+    }
+}
+
+impl std::error::Error for SetupError {}

@@ -1,0 +1,225 @@
+//! What the tests share: a watchdog, skipping, random numbers, and programs that run in a process of their own.
+
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use luna::{Policy, ProcessBuilder, System};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// Whether the complete platform layer is below: policies, cores and signals.
+pub(crate) const COMPLETE: bool = cfg!(all(target_os = "linux", not(luna_portable)));
+
+/// Ends the whole program if the calling test is not done after five minutes: a test that hangs has failed, and says its name.
+pub(crate) fn watchdog() -> impl Drop {
+    struct Watchdog(Option<mpsc::Sender<()>>);
+    impl Drop for Watchdog {
+        fn drop(&mut self) {
+            self.0.take();
+        }
+    }
+    let (alive, ended) = mpsc::channel::<()>();
+    let (starting, started) = mpsc::channel::<()>();
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    std::thread::spawn(move || {
+        drop(starting);
+        if ended.recv_timeout(Duration::from_secs(300)) == Err(mpsc::RecvTimeoutError::Timeout) {
+            eprintln!("`{test}` hangs");
+            std::process::abort();
+        }
+    });
+    // What its start allocates has been allocated then.
+    let _ = started.recv();
+    Watchdog(Some(alive))
+}
+
+/// Says that the calling test cannot run here.
+pub(crate) fn skip(why: &str) {
+    // Not by a macro, whose output the harness keeps to itself.
+    let _ = writeln!(
+        std::io::stderr(),
+        "skipped: {}: {why}",
+        std::thread::current().name().unwrap_or("a test")
+    );
+}
+
+/// Whether this program is given real-time policies.
+pub(crate) fn has_real_time() -> bool {
+    let mut probe = System::new("probe");
+    probe
+        .executor("probe")
+        .policy(Policy::fifo(1))
+        .build()
+        .unwrap();
+    probe.run().unwrap().threads[0].policy == Policy::fifo(1)
+}
+
+/// Where a process can be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Place {
+    Executor,
+    Thread,
+}
+
+pub(crate) const PLACES: [Place; 2] = [Place::Executor, Place::Thread];
+
+impl Place {
+    /// A process called `name`, on an executor or thread of its own called `on`.
+    pub(crate) fn process(self, system: &mut System, on: &str, name: &str) -> ProcessBuilder {
+        match self {
+            Place::Executor => system.executor(on).build().unwrap().process(name),
+            Place::Thread => system.thread(on).process(name),
+        }
+    }
+}
+
+/// Keeps the processor busy until `end`.
+pub(crate) fn burn_until(end: luna::Instant) {
+    while luna::now() < end {
+        std::hint::spin_loop();
+    }
+}
+
+/// Numbers that look random: SplitMix64.
+pub(crate) struct Random(u64);
+
+impl Random {
+    /// Seeded by the environment's LUNA_SEED, else by the clock; the seed is printed, for when the test fails.
+    pub(crate) fn seeded() -> Self {
+        let of_clock = || {
+            std::time::UNIX_EPOCH
+                .elapsed()
+                .map_or(1, |since| since.as_nanos() as u64)
+        };
+        let seed = std::env::var("LUNA_SEED")
+            .ok()
+            .and_then(|seed| seed.parse().ok())
+            .unwrap_or_else(of_clock);
+        println!("LUNA_SEED={seed}");
+        Self(seed)
+    }
+
+    /// A number below `end`.
+    pub(crate) fn below(&mut self, end: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed ^ (mixed >> 31)) % end
+    }
+}
+
+const PART: &str = "LUNA_TEST_PART";
+
+/// Which part this program is to play, if it is a child of a test. To be asked by a test called `part`.
+pub(crate) fn part() -> Option<String> {
+    std::env::var(PART).ok()
+}
+
+/// A child process that runs a part of this very test program.
+pub(crate) struct Program {
+    child: Child,
+    output: BufReader<ChildStdout>,
+}
+
+/// How such a program ended, and what it said after what was read already.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub(crate) status: ExitStatus,
+    pub(crate) output: String,
+    pub(crate) errors: String,
+}
+
+impl Program {
+    pub(crate) fn start(part: &str) -> Self {
+        Self::start_by(Command::new(std::env::current_exe().unwrap()), part)
+    }
+
+    /// With `command`, to which what the test program needs is appended.
+    pub(crate) fn start_by(mut command: Command, part: &str) -> Self {
+        let mut child = command
+            .args(["part", "--exact", "--nocapture", "--test-threads=1"])
+            .env(PART, part)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        Self { child, output }
+    }
+
+    /// Reads until the program has said `line`; gives the lines before.
+    pub(crate) fn wait_for(&mut self, line: &str) -> Vec<String> {
+        let mut before = Vec::new();
+        loop {
+            let mut text = String::new();
+            if self.output.read_line(&mut text).unwrap() == 0 {
+                let mut errors = String::new();
+                self.child
+                    .stderr
+                    .as_mut()
+                    .unwrap()
+                    .read_to_string(&mut errors)
+                    .unwrap();
+                panic!(
+                    "the program ended without saying `{line}`, but: {before:?}, and on standard error: {errors}"
+                );
+            }
+            // The harness writes the test's name before its first line.
+            if text.trim_end().ends_with(line) {
+                return before;
+            }
+            before.push(text.trim_end().to_owned());
+        }
+    }
+
+    /// Sends it a signal, by number.
+    #[cfg(unix)]
+    pub(crate) fn signal(&self, signal: i32) {
+        use nix::sys::signal::{Signal, kill};
+        kill(
+            nix::unistd::Pid::from_raw(self.child.id() as i32),
+            Signal::try_from(signal).unwrap(),
+        )
+        .unwrap();
+    }
+
+    /// Says something to it.
+    pub(crate) fn say(&mut self, text: &str) {
+        writeln!(self.child.stdin.as_mut().unwrap(), "{text}").unwrap();
+    }
+
+    /// Waits for its end. Its standard input stays open until then.
+    pub(crate) fn end(mut self) -> Ended {
+        let mut errors = self.child.stderr.take().unwrap();
+        let errors = std::thread::spawn(move || {
+            let mut text = String::new();
+            errors.read_to_string(&mut text).map(|_| text)
+        });
+        let mut output = String::new();
+        self.output.read_to_string(&mut output).unwrap();
+        // `Child::wait` would close the input, which some programs are blocked on.
+        let input = self.child.stdin.take();
+        let status = self.child.wait().unwrap();
+        drop(input);
+        Ended {
+            status,
+            output,
+            errors: errors.join().unwrap().unwrap(),
+        }
+    }
+}
+
+impl Ended {
+    /// The lines among `lines`, in the order in which they were said.
+    pub(crate) fn said(&self, lines: &[&str]) -> Vec<&str> {
+        // The harness writes the test's name before its first line.
+        let said = self
+            .output
+            .lines()
+            .map(|line| line.strip_prefix("test part ... ").unwrap_or(line));
+        said.filter(|line| lines.contains(line)).collect()
+    }
+}

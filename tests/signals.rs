@@ -1,0 +1,379 @@
+//! SIGINT and SIGTERM: the emergency functions, then the end in order, and a report. Each system runs in a program of its own.
+
+#![cfg(unix)]
+
+mod common;
+
+use common::{COMPLETE, Ended, Program, skip, watchdog};
+use luna::prelude::*;
+use luna::{End, Exit, Report};
+use std::os::unix::process::ExitStatusExt;
+use std::time::Duration;
+
+const INTERRUPT: i32 = 2;
+const TERMINATE: i32 = 15;
+
+/// How long a second signal counts as the first one's echo.
+const SAME_REQUEST: Duration = luna_platform::signals::SAME_REQUEST;
+
+/// Says when its body and it itself ended.
+struct Narrator {
+    name: &'static str,
+    ready: Option<Sender<()>>,
+}
+
+struct Saying(String);
+
+impl Drop for Saying {
+    fn drop(&mut self) {
+        println!("{}", self.0);
+    }
+}
+
+impl Process for Narrator {
+    async fn run(&mut self) -> luna::Result<()> {
+        let _body = Saying(format!("{} cancelled", self.name));
+        let mut tick = luna::periodic(self.name, Duration::from_millis(1))?;
+        for _ in 0..5 {
+            tick.next().await;
+        }
+        if let Some(ready) = self.ready.take() {
+            ready.send(()).await?;
+        }
+        loop {
+            tick.next().await;
+        }
+    }
+
+    fn post_run(&mut self) {
+        println!("{} cleaned up", self.name);
+    }
+}
+
+/// Two loops on an executor, and a thread that says "ready" when they have run.
+fn looping_system() -> System {
+    let mut system = System::new("looping");
+    let control = system.executor("control").build().unwrap();
+    let (ready, is_ready) = luna::channel();
+    control
+        .process("fast")
+        .spawn(Narrator {
+            name: "fast",
+            ready: Some(ready.clone()),
+        })
+        .unwrap();
+    control
+        .process("slow")
+        .spawn(Narrator {
+            name: "slow",
+            ready: Some(ready),
+        })
+        .unwrap();
+    system
+        .thread("console")
+        .process("operator")
+        .spawn(async move {
+            is_ready.recv().await?;
+            is_ready.recv().await?;
+            println!("ready");
+            std::future::pending().await
+        })
+        .unwrap();
+    system.on_emergency("first", || println!("function 1"));
+    system.on_emergency("second", || println!("function 2"));
+    system
+}
+
+fn exit_by(report: &Report) -> ! {
+    println!("{report}");
+    std::process::exit(match report.end {
+        End::Signal(number) => 70 + number,
+        _ => 1,
+    })
+}
+
+/// What the child programs run; nothing when this program runs it as a test.
+#[test]
+fn part() {
+    let Some(part) = common::part() else { return };
+    let _watch = watchdog();
+    match part.as_str() {
+        "orderly" => {
+            let report = looping_system().run().unwrap();
+            assert!(
+                report
+                    .processes
+                    .iter()
+                    .all(|process| process.exit == Some(Exit::Cancelled)),
+                "{report:?}"
+            );
+            assert!(report.loops.values().all(|one| one.cycles >= 5), "{report}");
+            assert!(
+                report.threads.iter().all(|thread| !thread.abandoned),
+                "{report}"
+            );
+            exit_by(&report)
+        }
+        "hanging function" => {
+            let mut system = looping_system();
+            system.on_emergency("hanging", || {
+                // From now on a second signal is a second request.
+                std::thread::sleep(SAME_REQUEST);
+                println!("hanging");
+                loop {
+                    std::thread::park();
+                }
+            });
+            let _ = system.run();
+        }
+        "blocked" => {
+            let mut system = System::new("blocked");
+            let console = system.thread("console");
+            console
+                .process("operator")
+                .spawn(async {
+                    println!("ready");
+                    let mut line = String::new();
+                    std::io::stdin().read_line(&mut line)?;
+                    Ok(())
+                })
+                .unwrap();
+            let control = system.executor("control").build().unwrap();
+            control
+                .process("waiting")
+                .spawn(std::future::pending::<luna::Result<()>>())
+                .unwrap();
+            let start = luna::now();
+            let report = system.run().unwrap();
+            assert!(
+                luna::now() - start >= Duration::from_secs(2),
+                "it was given time"
+            );
+            let abandoned = |name| {
+                report
+                    .threads
+                    .iter()
+                    .find(|thread| thread.name == name)
+                    .unwrap()
+                    .abandoned
+            };
+            assert!(abandoned("console") && !abandoned("control"), "{report}");
+            assert_eq!(report.processes[0].exit, None);
+            assert_eq!(report.processes[1].exit, Some(Exit::Cancelled));
+            exit_by(&report)
+        }
+        "blocked at a buddy" => {
+            let mut system = System::new("blocked");
+            let control = system.executor("control").build().unwrap();
+            control
+                .process("reader")
+                .spawn(async {
+                    luna::blocking(|| {
+                        println!("ready");
+                        let mut line = String::new();
+                        let _ = std::io::stdin().read_line(&mut line);
+                    })
+                    .await;
+                    Ok(())
+                })
+                .unwrap();
+            let report = system.run().unwrap();
+            assert!(
+                report.threads.iter().all(|thread| !thread.abandoned),
+                "{report}"
+            );
+            assert_eq!(report.processes[0].exit, Some(Exit::Cancelled));
+            exit_by(&report)
+        }
+        "preparing" => {
+            struct Slow(std::sync::mpsc::Receiver<()>);
+            impl Process for Slow {
+                fn pre_run(&mut self) -> luna::Result<()> {
+                    println!("ready");
+                    self.0.recv().unwrap();
+                    Ok(())
+                }
+                async fn run(&mut self) -> luna::Result<()> {
+                    println!("body");
+                    Ok(())
+                }
+                fn post_run(&mut self) {
+                    println!("cleaned up");
+                }
+            }
+            let (functions_ran, have_run) = std::sync::mpsc::channel();
+            let mut system = System::new("preparing");
+            let control = system.executor("control").build().unwrap();
+            control.process("slow").spawn(Slow(have_run)).unwrap();
+            system
+                .thread("own")
+                .process("other")
+                .spawn(async {
+                    println!("body");
+                    Ok(())
+                })
+                .unwrap();
+            system.on_emergency("neutral", move || {
+                println!("function 1");
+                functions_ran.send(()).unwrap();
+            });
+            exit_by(&system.run().unwrap())
+        }
+        "afterwards" => {
+            System::new("short").run().unwrap();
+            println!("ready");
+            loop {
+                std::thread::park();
+            }
+        }
+        other => panic!("no part {other}"),
+    }
+}
+
+/// Runs a part until it is ready, sends it a signal, and waits for its end.
+fn end_by(part: &str, signal: i32) -> Ended {
+    let mut program = Program::start(part);
+    program.wait_for("ready");
+    program.signal(signal);
+    program.end()
+}
+
+fn skipped() -> bool {
+    if !COMPLETE {
+        skip("the portable layer has no signals");
+    }
+    !COMPLETE
+}
+
+#[test]
+fn the_functions_then_the_processes_then_the_report() {
+    if skipped() {
+        return;
+    }
+    for (signal, name) in [(INTERRUPT, "SIGINT"), (TERMINATE, "SIGTERM")] {
+        let ended = end_by("orderly", signal);
+        assert_eq!(ended.status.code(), Some(70 + signal), "{ended:?}");
+        let mut said = ended.said(&[
+            "function 1",
+            "function 2",
+            "fast cancelled",
+            "slow cancelled",
+            "fast cleaned up",
+            "slow cleaned up",
+        ]);
+        // Each once, the functions in order before anything else; `post_run` after its own body.
+        assert_eq!(said.len(), 6, "{ended:?}");
+        assert_eq!(said[..2], ["function 1", "function 2"], "{ended:?}");
+        let place = |line: String| said.iter().position(|said| *said == line).unwrap();
+        for name in ["fast", "slow"] {
+            assert!(
+                place(format!("{name} cancelled")) < place(format!("{name} cleaned up")),
+                "{ended:?}"
+            );
+        }
+        said.sort_unstable();
+        said.dedup();
+        assert_eq!(said.len(), 6, "{ended:?}");
+        // The report says how it ended, and a row for each loop.
+        assert!(
+            ended
+                .output
+                .contains(&format!("system `looping`: ended by {name} after")),
+            "{ended:?}"
+        );
+        for name in ["fast", "slow"] {
+            assert!(
+                ended
+                    .output
+                    .lines()
+                    .any(|line| line.starts_with(name) && line.contains('|')),
+                "{ended:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_second_one_ends_the_program_at_once() {
+    if skipped() {
+        return;
+    }
+    for (first, second) in [
+        (INTERRUPT, INTERRUPT),
+        (TERMINATE, INTERRUPT),
+        (INTERRUPT, TERMINATE),
+    ] {
+        let mut program = Program::start("hanging function");
+        program.wait_for("ready");
+        program.signal(first);
+        assert_eq!(program.wait_for("hanging"), ["function 1", "function 2"]);
+        program.signal(second);
+        let ended = program.end();
+        assert_eq!(ended.status.code(), Some(128 + second), "{ended:?}");
+        assert_eq!(
+            ended.said(&["fast cancelled", "fast cleaned up"]),
+            [""; 0],
+            "{ended:?}"
+        );
+    }
+}
+
+#[test]
+fn a_blocked_process_is_left_behind_and_named() {
+    if skipped() {
+        return;
+    }
+    let ended = end_by("blocked", TERMINATE);
+    assert_eq!(ended.status.code(), Some(70 + TERMINATE), "{ended:?}");
+    for part in ["`console` did not end", "`operator`"] {
+        assert!(ended.errors.contains(part), "{part} in {ended:?}");
+    }
+    assert!(
+        !ended.errors.contains("`control`") && !ended.errors.contains("`waiting`"),
+        "{ended:?}"
+    );
+    let row = |name| {
+        ended
+            .output
+            .lines()
+            .find(|line| line.trim_start().starts_with(name))
+            .unwrap()
+    };
+    assert!(
+        row("console").contains("left to itself") && !row("control").contains("left to itself"),
+        "{ended:?}"
+    );
+}
+
+#[test]
+fn a_blocking_call_of_a_process_holds_up_nobody() {
+    if skipped() {
+        return;
+    }
+    let ended = end_by("blocked at a buddy", INTERRUPT);
+    assert_eq!(ended.status.code(), Some(70 + INTERRUPT), "{ended:?}");
+    assert!(!ended.errors.contains("did not end"), "{ended:?}");
+}
+
+#[test]
+fn during_the_preparation_no_body_begins() {
+    if skipped() {
+        return;
+    }
+    let ended = end_by("preparing", TERMINATE);
+    assert_eq!(ended.status.code(), Some(70 + TERMINATE), "{ended:?}");
+    assert_eq!(
+        ended.said(&["function 1", "body", "cleaned up"]),
+        ["function 1", "cleaned up"],
+        "{ended:?}"
+    );
+}
+
+#[test]
+fn after_the_end_they_do_what_they_did_before() {
+    if skipped() {
+        return;
+    }
+    let ended = end_by("afterwards", TERMINATE);
+    assert_eq!(ended.status.signal(), Some(TERMINATE), "{ended:?}");
+}

@@ -1,0 +1,373 @@
+//! Processes that are spawned while the system runs, or starts, or ends.
+
+mod common;
+
+use common::{PLACES, watchdog};
+use luna::prelude::*;
+use luna::{Error, Executor, Exit, SetupError};
+use std::pin::Pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::ThreadId;
+
+/// Notes where its phases ran.
+#[derive(Default)]
+struct Phases {
+    pre_run: Option<ThreadId>,
+    run: Option<ThreadId>,
+    post_run: Option<ThreadId>,
+}
+
+struct Noting(Arc<Mutex<Phases>>);
+
+impl Process for Noting {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        self.0.lock().unwrap().pre_run = Some(std::thread::current().id());
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        self.0.lock().unwrap().run = Some(std::thread::current().id());
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        self.0.lock().unwrap().post_run = Some(std::thread::current().id());
+    }
+}
+
+#[test]
+fn from_a_process() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let phases = Arc::new(Mutex::new(Phases::default()));
+        let (parent_thread, of_parent) = luna::buffered(Buffer::fifo(1));
+        let mut system = System::new("growing");
+        let other = system.executor("other").build().unwrap();
+        let own = phases.clone();
+        place
+            .process(&mut system, "parents", "parent")
+            .spawn(async move {
+                parent_thread.try_send(std::thread::current().id())?;
+                let child = other.process("child").priority(20).spawn(Noting(own))?;
+                // It can be looked at from now on.
+                let handle = other.process_handle(child).unwrap();
+                assert_eq!(
+                    (handle.name(), handle.priority(), handle.id()),
+                    ("child", 20, child)
+                );
+                assert_eq!(handle.join().await, Exit::Completed);
+                Ok(())
+            })
+            .unwrap();
+        let report = system.run().unwrap();
+        let names: Vec<_> = report
+            .processes
+            .iter()
+            .map(|process| process.name.as_str())
+            .collect();
+        assert_eq!(names, ["parent", "child"]);
+        let phases = phases.lock().unwrap();
+        assert_eq!(phases.pre_run, of_parent.try_recv().ok(), "in the caller");
+        assert_eq!(phases.post_run, Some(std::thread::current().id()));
+        assert!(phases.run.is_some() && phases.run != phases.pre_run);
+    }
+}
+
+#[test]
+fn from_another_thread() {
+    let _watch = watchdog();
+    for on_a_thread in [false, true] {
+        let phases = Arc::new(Mutex::new(Phases::default()));
+        let (running, runs) = luna::channel();
+        let (enough, was_enough) = luna::channel::<()>();
+        let mut system = System::new("growing");
+        let executor = system.executor("main").build().unwrap();
+        executor
+            .process("first")
+            .spawn(async move {
+                running.send(()).await?;
+                was_enough.recv().await?;
+                Ok(())
+            })
+            .unwrap();
+        let process = if on_a_thread {
+            system.thread("late").process("second")
+        } else {
+            executor.process("second")
+        };
+        let own = phases.clone();
+        let spawner = std::thread::spawn(move || {
+            runs.blocking_recv().unwrap();
+            process.spawn(Noting(own)).unwrap();
+            enough.blocking_send(()).unwrap();
+            std::thread::current().id()
+        });
+        let report = system.run().unwrap();
+        assert_eq!(report.processes[1].exit, Some(Exit::Completed));
+        let threads: Vec<_> = report
+            .threads
+            .iter()
+            .map(|thread| thread.name.as_str())
+            .collect();
+        assert_eq!(
+            threads,
+            if on_a_thread {
+                &["main", "late"][..]
+            } else {
+                &["main"]
+            }
+        );
+        let phases = phases.lock().unwrap();
+        assert_eq!(phases.pre_run, Some(spawner.join().unwrap()));
+        assert_eq!(phases.post_run, Some(std::thread::current().id()));
+    }
+}
+
+type Body = Pin<Box<dyn Future<Output = luna::Result<()>> + Send>>;
+
+/// A process that spawns two more below it, down to a depth, and waits for them.
+fn grow(executors: [Executor; 2], name: String, depth: usize, leaves: Arc<AtomicUsize>) -> Body {
+    Box::pin(async move {
+        if depth == 0 {
+            leaves.fetch_add(1, Ordering::Relaxed);
+            return Ok(());
+        }
+        let mut children = Vec::new();
+        for (side, on) in ["l", "r"].iter().zip(&executors) {
+            let child = format!("{name}{side}");
+            let id = on.process(&child).spawn(grow(
+                executors.clone(),
+                child.clone(),
+                depth - 1,
+                leaves.clone(),
+            ))?;
+            children.push(on.process_handle(id).unwrap());
+        }
+        for child in children {
+            assert_eq!(child.join().await, Exit::Completed);
+        }
+        Ok(())
+    })
+}
+
+#[test]
+fn a_tree_of_processes() {
+    let _watch = watchdog();
+    let leaves = Arc::new(AtomicUsize::new(0));
+    let mut system = System::new("tree");
+    let executors = ["left", "right"].map(|name| system.executor(name).build().unwrap());
+    let root = grow(executors.clone(), "root ".to_owned(), 6, leaves.clone());
+    executors[0].process("root ").spawn(root).unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(leaves.load(Ordering::Relaxed), 64);
+    assert_eq!(report.processes.len(), 127);
+    assert!(
+        report
+            .processes
+            .iter()
+            .all(|process| process.exit == Some(Exit::Completed))
+    );
+}
+
+#[test]
+fn names_stay_unique() {
+    let _watch = watchdog();
+    let mut system = System::new("unique");
+    let executor = system.executor("main").build().unwrap();
+    let own = executor.clone();
+    executor
+        .process("parent")
+        .spawn(async move {
+            let child = own.process("child").spawn(async { Ok(()) })?;
+            own.process_handle(child).unwrap().join().await;
+            // Also that of one that has ended: it is in the report.
+            for name in ["parent", "child"] {
+                let error = own.process(name).spawn(async { Ok(()) }).unwrap_err();
+                assert_eq!(
+                    error,
+                    SetupError::DuplicateName {
+                        kind: "process",
+                        name: name.to_owned()
+                    }
+                    .into()
+                );
+            }
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap().processes.len(), 2);
+}
+
+#[test]
+fn a_pre_run_that_fails_and_is_tried_again() {
+    let _watch = watchdog();
+    struct Fails(Arc<AtomicUsize>);
+    impl Process for Fails {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            Err(Error::other("not yet"))
+        }
+        async fn run(&mut self) -> luna::Result<()> {
+            unreachable!("it was not prepared")
+        }
+        fn post_run(&mut self) {
+            self.0.fetch_add(100, Ordering::Relaxed);
+        }
+    }
+    let count = Arc::new(AtomicUsize::new(0));
+    let mut system = System::new("again");
+    let executor = system.executor("main").build().unwrap();
+    let (own, counted) = (executor.clone(), count.clone());
+    executor
+        .process("parent")
+        .spawn(async move {
+            for _ in 0..2 {
+                let error = own
+                    .process("child")
+                    .spawn(Fails(counted.clone()))
+                    .unwrap_err();
+                assert_eq!(error.to_string(), "process `child`: not yet");
+            }
+            own.process("child").spawn(async { Ok(()) })?;
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap().processes.len(), 2);
+    assert_eq!(count.load(Ordering::Relaxed), 2);
+}
+
+#[test]
+fn in_a_pre_run_it_starts_with_the_others() {
+    let _watch = watchdog();
+    struct Spawning {
+        on: Executor,
+        log: Arc<Mutex<Vec<&'static str>>>,
+    }
+    impl Process for Spawning {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            self.log.lock().unwrap().push("pre parent");
+            self.on
+                .process("child")
+                .spawn(Child {
+                    log: self.log.clone(),
+                })
+                .map(drop)
+        }
+        async fn run(&mut self) -> luna::Result<()> {
+            self.log.lock().unwrap().push("run");
+            Ok(())
+        }
+    }
+    struct Child {
+        log: Arc<Mutex<Vec<&'static str>>>,
+    }
+    impl Process for Child {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            self.log.lock().unwrap().push("pre child");
+            Ok(())
+        }
+        async fn run(&mut self) -> luna::Result<()> {
+            self.log.lock().unwrap().push("run");
+            Ok(())
+        }
+    }
+    let log = Arc::new(Mutex::new(Vec::new()));
+    let mut system = System::new("early");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("parent")
+        .spawn(Spawning {
+            on: executor.clone(),
+            log: log.clone(),
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap().processes.len(), 2);
+    assert_eq!(
+        *log.lock().unwrap(),
+        ["pre parent", "pre child", "run", "run"]
+    );
+}
+
+#[test]
+fn where_a_body_is_made() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let mut system = System::new("early");
+        let other = system.executor("other").build().unwrap();
+        let made = place.process(&mut system, "place", "parent");
+        made.spawn(move || {
+            let child = other.process("child").spawn(async { Ok(()) });
+            async move { child.map(drop) }
+        })
+        .unwrap();
+        let report = system.run().unwrap();
+        let exits: Vec<_> = report
+            .processes
+            .iter()
+            .map(|process| process.exit.clone())
+            .collect();
+        assert_eq!(
+            exits,
+            [Some(Exit::Completed), Some(Exit::Completed)],
+            "{place:?}"
+        );
+    }
+}
+
+#[test]
+fn beside_the_end_it_runs_or_is_refused() {
+    let _watch = watchdog();
+    for round in 0..100 {
+        let runs = Arc::new(AtomicUsize::new(0));
+        let mut system = System::new("ending");
+        let executor = system.executor("main").build().unwrap();
+        let process = if round % 2 == 0 {
+            executor.process("late")
+        } else {
+            system.thread("late").process("late")
+        };
+        let (running, has_run) = luna::channel();
+        executor
+            .process("first")
+            .spawn(async move { Ok(running.send(()).await?) })
+            .unwrap();
+        struct Counts(Arc<AtomicUsize>);
+        impl Process for Counts {
+            async fn run(&mut self) -> luna::Result<()> {
+                self.0.fetch_add(1, Ordering::Relaxed);
+                Ok(())
+            }
+            fn post_run(&mut self) {
+                self.0.fetch_add(100, Ordering::Relaxed);
+            }
+        }
+        let own = runs.clone();
+        let spawner = std::thread::spawn(move || {
+            has_run.blocking_recv().unwrap();
+            process.spawn(Counts(own))
+        });
+        let report = system.run().unwrap();
+        match spawner.join().unwrap() {
+            // It belongs to the system then, which waits for it.
+            Ok(_) => {
+                assert_eq!(report.processes.len(), 2, "round {round}");
+                assert_eq!(
+                    (
+                        report.processes[1].exit.clone(),
+                        runs.load(Ordering::Relaxed)
+                    ),
+                    (Some(Exit::Completed), 101)
+                );
+            }
+            Err(error) => {
+                assert!(
+                    matches!(error, Error::Setup(SetupError::Ended { .. })),
+                    "{error:?}"
+                );
+                assert_eq!(report.processes.len(), 1, "round {round}");
+                assert_eq!(runs.load(Ordering::Relaxed) % 100, 0, "no body ran");
+            }
+        }
+    }
+}
