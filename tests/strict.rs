@@ -4,13 +4,9 @@
 
 mod common;
 
-use common::{COMPLETE, Ended, Program, has_real_time, skip, watchdog};
+use common::{COMPLETE, Ended, as_plain_user, has_real_time, skip, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError, Shortfall};
-use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
-use std::process::Command;
-use std::sync::Mutex;
 
 /// Says its phases.
 struct Narrator(&'static str);
@@ -160,52 +156,6 @@ fn part() {
         other => panic!("no part {other}"),
     }
     println!("done");
-}
-
-/// A command that runs a program as a user without privileges.
-fn as_nobody(program: &Path) -> Command {
-    let mut command = Command::new("setpriv");
-    command
-        .args(["--reuid=65534", "--regid=65534", "--clear-groups", "--"])
-        .arg(program)
-        .current_dir("/");
-    command
-}
-
-/// Runs a part as a user without privileges, if that can be; this program may run as one already.
-fn as_plain_user(part: &str) -> Option<Ended> {
-    if !has_real_time() {
-        return Some(Program::start(part).end());
-    }
-    if !nix::unistd::geteuid().is_root() {
-        skip("this user is given real-time policies and is not root");
-        return None;
-    }
-    // One at a time: a program that another thread makes meanwhile would for a moment keep the copy open for writing, and then it cannot be run.
-    static ALONE: Mutex<()> = Mutex::new(());
-    let _alone = ALONE.lock().unwrap();
-    // Where that user can read it.
-    let folder = std::env::temp_dir().join(format!(
-        "luna-{}-{}",
-        std::process::id(),
-        part.replace(' ', "-")
-    ));
-    let copy = folder.join("strict");
-    std::fs::create_dir_all(&folder).unwrap();
-    std::fs::copy(std::env::current_exe().unwrap(), &copy).unwrap();
-    for path in [&folder, &copy] {
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
-    }
-    let can = as_nobody(&copy)
-        .arg("--list")
-        .output()
-        .is_ok_and(|output| output.status.success());
-    let ended = can.then(|| Program::start_by(as_nobody(&copy), part).end());
-    std::fs::remove_dir_all(folder).unwrap();
-    if !can {
-        skip("no program can be run as another user with setpriv");
-    }
-    ended
 }
 
 #[track_caller]

@@ -414,6 +414,10 @@ impl<T> Future for RecvTimeout<'_, T> {
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
+        // One that has communicated lets others run, and is done then, whatever the time is.
+        if recv.phase == Phase::GaveWay {
+            return Poll::Pending;
+        }
         match sleep.poll(cx) {
             Poll::Ready(()) => Poll::Ready(recv.give_up()),
             Poll::Pending => Poll::Pending,

@@ -416,6 +416,10 @@ impl<T> Future for SendTimeout<'_, T> {
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));
         }
+        // One that has communicated lets others run, and is done then, whatever the time is.
+        if send.phase == Phase::GaveWay {
+            return Poll::Pending;
+        }
         match sleep.poll(cx) {
             Poll::Ready(()) => Poll::Ready(send.give_up()),
             Poll::Pending => Poll::Pending,

@@ -4,8 +4,12 @@ mod common;
 
 use common::{Ledger, Wakes, pending, poll_with, ready};
 use luna_channels::{Buffer, Receiver, Sender, TryRecvError, buffered, channel};
-use std::sync::{Arc, Mutex};
-use std::task::{Wake, Waker};
+use luna_executors::{Executor, ProcessSpec};
+use luna_platform::thread::Attributes;
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, mpsc};
+use std::task::{Poll, Wake, Waker};
 use std::thread;
 
 #[test]
@@ -218,6 +222,66 @@ fn a_drop_that_races_with_the_partner_neither_loses_nor_doubles_the_value() {
         });
         assert_eq!(receiver.try_recv().is_ok(), sent, "round {n}");
         ledger.assert_all_dropped_once();
+    }
+}
+
+/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that end, and gives the operation.
+fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
+    on_executor: bool,
+    mut operation: Pin<Box<F>>,
+) -> Pin<Box<F>> {
+    let (hand_out, handed_out) = mpsc::channel();
+    let body = async move || {
+        poll_fn(|cx| {
+            assert!(operation.as_mut().poll(cx).is_pending());
+            Poll::Ready(())
+        })
+        .await;
+        hand_out.send(operation).unwrap();
+    };
+    if on_executor {
+        let executor = Executor::start(Attributes::new("short-lived")).unwrap();
+        executor.spawn(ProcessSpec::new("polls once"), body);
+        executor.release();
+        let operation = handed_out.recv().unwrap();
+        executor.stop();
+        operation
+    } else {
+        thread::spawn(|| luna_executors::block_on(body()).unwrap())
+            .join()
+            .unwrap();
+        handed_out.recv().unwrap()
+    }
+}
+
+#[test]
+fn an_operation_may_outlive_the_process_that_polled_it() {
+    // Its node then names whom to wake, and that one is gone: a memory checker sees what this test alone may not.
+    let _watchdog = common::Watchdog::new();
+    for on_executor in [true, false] {
+        for dropped in [true, false] {
+            let (sender, receiver) = channel::<u32>();
+            let (sender, receiver) = (Arc::new(sender), Arc::new(receiver));
+            let (its_sender, its_receiver) = (sender.clone(), receiver.clone());
+            let recv = Box::pin(async move { its_receiver.recv().await });
+            let mut recv = polled_by_a_process_that_has_ended(on_executor, recv);
+            if dropped {
+                drop(recv);
+                assert!(sender.try_send(1).unwrap_err().is_full());
+            } else {
+                sender.try_send(1).unwrap();
+                assert_eq!(ready(&mut recv), Ok(1));
+            }
+            let send = Box::pin(async move { its_sender.send(2).await });
+            let mut send = polled_by_a_process_that_has_ended(on_executor, send);
+            if dropped {
+                drop(send);
+                assert_eq!(receiver.try_recv(), Err(TryRecvError::Empty));
+            } else {
+                assert_eq!(receiver.try_recv(), Ok(2));
+                assert_eq!(ready(&mut send), Ok(()));
+            }
+        }
     }
 }
 

@@ -26,6 +26,7 @@ fn channels<T: Send>() -> Vec<(Sender<T>, Receiver<T>)> {
 
 #[test]
 fn the_last_sender_closes_and_not_one_before() {
+    let _watchdog = Watchdog::new();
     for (sender, receiver) in channels::<u8>() {
         let clones = [sender.clone(), sender.clone()];
         drop(sender);
@@ -41,6 +42,7 @@ fn the_last_sender_closes_and_not_one_before() {
 
 #[test]
 fn the_last_receiver_closes_and_values_come_back() {
+    let _watchdog = Watchdog::new();
     for (sender, receiver) in channels::<u8>() {
         let clone = receiver.clone();
         drop(receiver);
@@ -115,6 +117,7 @@ fn waiting_senders_that_nobody_polls_again_drop_their_values_once() {
 
 #[test]
 fn what_was_sent_before_the_close_is_received_first() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = buffered(Buffer::fifo(3));
     for n in 0..3 {
         sender.try_send(n).unwrap();

@@ -103,6 +103,7 @@ fn under_tokio() {
 
 #[test]
 fn a_timeout_of_tokio_withdraws() {
+    let _watchdog = Watchdog::new();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
         .build()
@@ -119,6 +120,7 @@ fn a_timeout_of_tokio_withdraws() {
 
 #[test]
 fn under_tokios_select_a_loser_is_withdrawn() {
+    let _watchdog = Watchdog::new();
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
         .unwrap();
@@ -195,6 +197,7 @@ fn in_processes_on_threads_of_their_own_which_may_block() {
 
 #[test]
 fn a_blocking_form_in_a_process_of_an_executor_is_refused_with_a_reason() {
+    let _watchdog = Watchdog::new();
     let executor = Executor::start(Attributes::new("blocked")).unwrap();
     executor.release();
     let (sender, receiver) = channel::<u8>();

@@ -15,6 +15,7 @@ use std::time::Duration;
 
 #[test]
 fn all_forms_fail_on_both_ends_whoever_poisoned() {
+    let _watchdog = Watchdog::new();
     for by_sender in [true, false] {
         for (sender, receiver) in [
             channel(),

@@ -2,13 +2,14 @@
 
 mod common;
 
-use common::{Ledger, Wakes, pending, poll_with, ready};
+use common::{Ledger, Wakes, Watchdog, pending, poll_with, ready};
 use futures_lite::future::{block_on, zip};
 use luna_channels::{RecvError, TryRecvError, TrySendError, channel};
 use std::task::Poll;
 
 #[test]
 fn smoke() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
     assert_eq!(
         block_on(zip(sender.send(5), receiver.recv())),
@@ -146,6 +147,7 @@ fn big_values_and_values_of_great_alignment_arrive_whole() {
 
 #[test]
 fn each_value_is_dropped_once_and_by_who_has_it() {
+    let _watchdog = Watchdog::new();
     let ledger = Ledger::new(3);
     let (sender, receiver) = channel();
     let (sent, received) = block_on(zip(sender.send(ledger.token(0)), receiver.recv()));

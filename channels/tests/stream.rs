@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Ledger, Wakes, pending};
+use common::{Ledger, Wakes, Watchdog, pending};
 use futures_core::Stream;
 use futures_lite::future::{block_on, zip};
 use futures_lite::{StreamExt, pin};
@@ -16,6 +16,7 @@ fn poll_next<S: Stream>(stream: Pin<&mut S>, waker: &Waker) -> Poll<Option<S::It
 
 #[test]
 fn gives_all_values_in_order_and_ends_with_the_channel() {
+    let _watchdog = Watchdog::new();
     for (sender, receiver) in [channel(), buffered(Buffer::fifo(2))] {
         let produce = async move {
             for n in 0..5 {
@@ -29,6 +30,7 @@ fn gives_all_values_in_order_and_ends_with_the_channel() {
 
 #[test]
 fn stays_ended() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel::<u8>();
     let stream = receiver.stream();
     pin!(stream);
@@ -40,6 +42,7 @@ fn stays_ended() {
 
 #[test]
 fn ends_when_poisoned_and_the_receiver_says_why() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = buffered(Buffer::fifo(1));
     sender.try_send(1).unwrap();
     sender.poison();

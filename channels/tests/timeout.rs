@@ -2,13 +2,9 @@
 
 mod common;
 
-use common::{Ledger, Random, Watchdog, pending, ready};
+use common::{Ledger, Watchdog, pending, ready};
 use luna_channels::{Buffer, RecvTimeoutError, SendTimeoutError, buffered, channel};
-use luna_executors::{Executor, Exit, ProcessSpec};
 use luna_platform::clock::Instant;
-use luna_platform::thread::Attributes;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -17,6 +13,7 @@ const HOUR: Duration = Duration::from_secs(3600);
 
 #[test]
 fn blocking_forms_give_up_at_their_time_and_not_before() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
     let start = Instant::now();
     assert_eq!(
@@ -34,6 +31,7 @@ fn blocking_forms_give_up_at_their_time_and_not_before() {
 
 #[test]
 fn async_forms_give_up_at_their_time_and_not_before() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
     luna_executors::block_on(async {
         let start = Instant::now();
@@ -64,6 +62,7 @@ fn async_forms_give_up_at_their_time_and_not_before() {
 
 #[test]
 fn what_can_be_done_at_once_is_done_though_the_time_is_over() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = buffered(Buffer::fifo(1));
     luna_executors::block_on(async {
         assert_eq!(sender.send_timeout(1, Duration::ZERO).await, Ok(()));
@@ -88,6 +87,7 @@ fn what_can_be_done_at_once_is_done_though_the_time_is_over() {
 
 #[test]
 fn a_time_that_never_comes_and_a_partner_that_does() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
     thread::scope(|scope| {
         scope.spawn(|| assert_eq!(sender.blocking_send_timeout(1, Duration::MAX), Ok(())));
@@ -106,6 +106,7 @@ fn a_time_that_never_comes_and_a_partner_that_does() {
 
 #[test]
 fn the_end_of_a_channel_comes_before_the_timeout() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel::<u8>();
     let clone = receiver.clone();
     thread::scope(|scope| {
@@ -154,6 +155,7 @@ fn the_outcome_is_looked_at_before_the_clock() {
 
 #[test]
 fn one_that_timed_out_is_withdrawn() {
+    let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
     assert!(
         sender
@@ -211,127 +213,4 @@ fn outside_of_luna_one_that_need_not_wait_works() {
         futures_lite::future::block_on(receiver.recv_timeout(HOUR)),
         Ok(1)
     );
-}
-
-/// What both sides of a race between timeouts and partners report.
-#[derive(Default)]
-struct Tally {
-    sent: AtomicUsize,
-    timed_out: AtomicUsize,
-    received: Mutex<Vec<usize>>,
-}
-
-impl Tally {
-    fn sent(&self, outcome: Result<(), SendTimeoutError<common::Token>>, id: usize) {
-        match outcome {
-            Ok(()) => self.sent.fetch_add(1, Ordering::Relaxed),
-            Err(error) => {
-                assert!(error.is_timeout());
-                assert_eq!(error.into_inner().id, id);
-                self.timed_out.fetch_add(1, Ordering::Relaxed)
-            }
-        };
-    }
-
-    /// Says whether to go on.
-    fn received(&self, outcome: Result<common::Token, RecvTimeoutError>) -> bool {
-        match outcome {
-            Ok(token) => self.received.lock().unwrap().push(token.id),
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Closed) => return false,
-            Err(error) => panic!("{error}"),
-        }
-        true
-    }
-
-    fn check(self, ledger: &Ledger, values: usize) {
-        let received = self.received.into_inner().unwrap();
-        let sent = self.sent.into_inner();
-        assert_eq!(sent + self.timed_out.into_inner(), values);
-        assert_eq!(
-            received.len(),
-            sent,
-            "what was reported as sent was received, and nothing else"
-        );
-        assert!(
-            received.is_sorted_by(|a, b| a < b),
-            "in order and none twice"
-        );
-        ledger.assert_all_dropped_once();
-        println!("{sent} of {values} were sent, the others timed out");
-    }
-}
-
-fn some_time(random: &mut Random) -> Duration {
-    Duration::from_nanos(random.below(60_000) as u64)
-}
-
-#[test]
-fn the_race_of_timeout_and_partner_between_threads() {
-    const VALUES: usize = 3000;
-    let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
-    for (sender, receiver) in [channel(), buffered(Buffer::fifo(1))] {
-        let ledger = Ledger::new(VALUES);
-        let tally = Tally::default();
-        let mut own = random.fork();
-        thread::scope(|scope| {
-            scope.spawn(|| {
-                let sender = sender;
-                for id in 0..VALUES {
-                    tally.sent(
-                        sender.blocking_send_timeout(ledger.token(id), some_time(&mut random)),
-                        id,
-                    );
-                }
-            });
-            while tally.received(receiver.blocking_recv_timeout(some_time(&mut own))) {}
-        });
-        tally.check(&ledger, VALUES);
-    }
-}
-
-#[test]
-fn the_race_of_timeout_and_partner_between_executors_and_on_one() {
-    const VALUES: usize = 1500;
-    let _watchdog = Watchdog::new();
-    let mut random = Random::from_environment();
-    for executors in [1, 2] {
-        let executors: Vec<_> = (0..executors)
-            .map(|n| Executor::start(Attributes::new(format!("race {n}"))).unwrap())
-            .collect();
-        let ledger = Ledger::new(VALUES);
-        let tally = Arc::new(Tally::default());
-        let (sender, receiver) = channel();
-        let send = {
-            let (tally, ledger, mut random) = (tally.clone(), ledger.clone(), random.fork());
-            executors[0].spawn(ProcessSpec::new("sender").level(10), move || async move {
-                for id in 0..VALUES {
-                    tally.sent(
-                        sender
-                            .send_timeout(ledger.token(id), some_time(&mut random))
-                            .await,
-                        id,
-                    );
-                }
-            })
-        };
-        let recv = {
-            let (tally, mut random) = (tally.clone(), random.fork());
-            executors.last().unwrap().spawn(
-                ProcessSpec::new("receiver").level(11),
-                move || async move {
-                    while tally.received(receiver.recv_timeout(some_time(&mut random)).await) {}
-                },
-            )
-        };
-        executors.iter().for_each(Executor::release);
-        assert_eq!(
-            (send.wait(), recv.wait()),
-            (Exit::Completed, Exit::Completed)
-        );
-        drop(executors);
-        drop((send, recv));
-        Arc::into_inner(tally).unwrap().check(&ledger, VALUES);
-    }
 }

@@ -361,7 +361,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
             timers.expire(now);
         }
     }
-    shared.inbound.bell().glance();
+    watch::glance(shared.inbound.bell());
     match with_queue(|queue| queue.pop()) {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(link) => unsafe { (link.as_ref().run())(link) },

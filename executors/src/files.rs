@@ -1,6 +1,8 @@
 //! Waiting for files and sockets: the futures. What a thread keeps of them is in `watch`.
 
-use crate::watch::{FileError, Node, ThreadFiles};
+use crate::file_error::FileError;
+use crate::file_waits::Node;
+use crate::watch::ThreadFiles;
 use luna_platform::current::Wakeup;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;

@@ -7,13 +7,14 @@
 //!   pusher                              owner
 //!   1 push the node                     a look at the signals: 0? queue empty?
 //!   2 set the level's bit      <----->  b swap 0 for ASLEEP in one step: fails if a bit was set
-//!   3 it was ASLEEP alone? ring         c wait for the bell
+//!   3 it was ASLEEP? ring               c wait for the bell
 //!                                       d clear ASLEEP; a again
 //! ```
 //!
 //! All of 2, b and d are read-modify-write operations on the one word, so they have one order: either 2 comes before b, which then
-//! fails, or the pusher sees `ASLEEP`, and the first one who does rings. While the owner is awake nobody makes a system call. It is
-//! the protocol of the [`Bell`], which says what the bell is.
+//! fails, or the pusher sees `ASLEEP` and rings. Everybody who sees it rings, not the first alone: that one may be preempted before
+//! it does, and a more urgent one must not have to wait for it. While the owner is awake nobody makes a system call. It is the
+//! protocol of the [`Bell`], which says what the bell is.
 
 use crate::link::Link;
 use luna_platform::bell::Bell;
@@ -73,7 +74,7 @@ impl Inbound {
         }
     }
 
-    /// Hands `node` over, from any thread. Lock-free; a system call only if the owner sleeps and nobody has rung before.
+    /// Hands `node` over, from any thread. Lock-free; a system call only if the owner sleeps.
     ///
     /// # Safety
     ///
@@ -104,7 +105,7 @@ impl Inbound {
     }
 
     fn signal(&self, bit: u64) {
-        if self.signals.fetch_or(bit, Ordering::AcqRel) == ASLEEP {
+        if self.signals.fetch_or(bit, Ordering::AcqRel) & ASLEEP != 0 {
             self.bell.ring();
         }
     }

@@ -33,6 +33,10 @@ mod blocking;
 #[cfg(not(loom))]
 mod executor;
 #[cfg(all(unix, not(loom)))]
+mod file_error;
+#[cfg(all(unix, not(loom)))]
+mod file_waits;
+#[cfg(all(unix, not(loom)))]
 mod files;
 #[cfg(not(loom))]
 mod os_thread;
@@ -48,7 +52,11 @@ mod yield_now;
 /// Where files have no descriptors nobody waits for them.
 #[cfg(all(not(unix), not(loom)))]
 mod watch {
-    pub(crate) fn enter(_: &luna_platform::bell::Bell) {}
+    use luna_platform::bell::Bell;
+
+    pub(crate) fn enter(_: &Bell) {}
+
+    pub(crate) fn glance(_: &Bell) {}
 }
 
 #[cfg(all(test, loom))]
@@ -64,6 +72,7 @@ pub use {
 };
 #[cfg(all(unix, not(loom)))]
 pub use {
+    file_error::FileError,
     files::{FileReady, readable, writable},
-    watch::{FileError, prepare_files},
+    watch::prepare_files,
 };

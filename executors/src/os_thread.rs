@@ -91,7 +91,7 @@ fn run<F: Future>(
             if timers.next_deadline() != Instant::NEVER {
                 timers.expire(Instant::now());
             }
-            parker.bell().glance();
+            watch::glance(parker.bell());
             if parker.park(timers.next_deadline()) {
                 break;
             }

@@ -4,16 +4,16 @@
 //! that number: the waits lie in 256 lists by it. Descriptors are small and dense, so a list is short, and nothing has to grow.
 //! After a report the reactor forgets what a file was watched for, but not the file: the next wait for it needs one system call.
 
+use crate::file_error::FileError;
+use crate::file_waits::{Node, Waits, both};
 use luna_platform::bell::{Bell, Watch};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Wakeup};
 use luna_platform::futex::Waited;
 use luna_platform::lock::PiLock;
-use luna_platform::reactor::{BorrowedFd, Interest, Reactor, ReactorError, Readiness};
-use luna_platform::wait_list::{WaitList, WaitNode};
-use std::cell::RefCell;
+use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};
+use std::cell::{Cell, RefCell};
 use std::fmt;
-use std::io;
 use std::os::fd::{AsRawFd, RawFd};
 use std::ptr::NonNull;
 use std::sync::Arc;
@@ -22,59 +22,6 @@ use std::task::Context;
 
 /// A thread that is busy looks at its files each time it has polled so often: it costs half a microsecond.
 const ROUNDS_PER_LOOK: u32 = 64;
-
-/// In how many lists the waits lie.
-const LISTS: usize = 256;
-
-/// Why a process cannot wait for a file.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum FileError {
-    /// This thread runs no process of LUNA, so it never looks at files.
-    NoProcess,
-    /// The system cannot watch the file, or no file at all.
-    Refused(ReactorError),
-}
-
-impl FileError {
-    /// Whether this platform cannot wait for any file: then a blocking call can ([`blocking`](crate::blocking)).
-    pub fn is_unsupported(&self) -> bool {
-        *self == FileError::Refused(ReactorError::Unsupported)
-    }
-}
-
-impl fmt::Display for FileError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            FileError::NoProcess => f.write_str(
-                "a file was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a System, or use \
-                 your runtime's own means",
-            ),
-            FileError::Refused(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for FileError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            FileError::NoProcess => None,
-            FileError::Refused(error) => Some(error),
-        }
-    }
-}
-
-impl From<FileError> for io::Error {
-    fn from(error: FileError) -> io::Error {
-        let kind = match &error {
-            FileError::Refused(ReactorError::Unsupported | ReactorError::AlwaysReady { .. }) => {
-                io::ErrorKind::Unsupported
-            }
-            _ => io::ErrorKind::Other,
-        };
-        io::Error::new(kind, error)
-    }
-}
 
 /// Makes what this thread needs to wait for files, so that its first wait does not have to on the real-time path: three descriptors
 /// and 4 KiB. Does nothing where a wait was made before.
@@ -97,6 +44,21 @@ pub fn prepare_files() -> Result<(), FileError> {
 thread_local! {
     /// The bell of this thread and its files, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
+    /// Whether this thread has files to look at: what a round asks, in one load. Its address stands for the thread.
+    static HAS_FILES: Cell<bool> = const { Cell::new(false) };
+}
+
+/// This thread, among those that live.
+fn this_thread() -> usize {
+    HAS_FILES.with(|flag| std::ptr::from_ref(flag).addr())
+}
+
+/// Looks at this thread's files now and then, without sleeping: called in each round of a busy thread. One branch where it has none.
+#[inline]
+pub(crate) fn glance(bell: &Bell) {
+    if HAS_FILES.get() {
+        bell.glance();
+    }
 }
 
 struct Here {
@@ -118,42 +80,9 @@ pub(crate) struct FilesGuard(());
 
 impl Drop for FilesGuard {
     fn drop(&mut self) {
+        HAS_FILES.set(false);
         HERE.take();
     }
-}
-
-/// One who waits.
-#[repr(C)]
-pub(crate) struct Node {
-    wait: WaitNode,
-    fd: RawFd,
-    interest: Interest,
-    listed: bool,
-}
-
-impl Node {
-    pub(crate) fn new(file: BorrowedFd<'_>, interest: Interest) -> Self {
-        Self {
-            wait: WaitNode::new(),
-            fd: file.as_raw_fd(),
-            interest,
-            listed: false,
-        }
-    }
-
-    /// Whether `readiness` is what it waits for.
-    fn wants(&self, readiness: Readiness) -> bool {
-        match self.interest {
-            Interest::Readable => readiness.readable,
-            Interest::Writable => readiness.writable,
-            Interest::Both => readiness.readable || readiness.writable,
-        }
-    }
-}
-
-/// What both together want.
-fn both(one: Interest, other: Interest) -> Interest {
-    if one == other { one } else { Interest::Both }
 }
 
 /// The files of one thread.
@@ -161,10 +90,12 @@ fn both(one: Interest, other: Interest) -> Interest {
 /// Its thread alone enlists, reports and sleeps. A wait that is dropped on another thread withdraws itself from there, hence the
 /// lock; it is free in all other cases.
 pub(crate) struct ThreadFiles {
+    /// The thread, as `this_thread` says it.
+    thread: usize,
     reactor: Reactor,
     /// Held also while the reactor is told, so that it is never told less than what the lists want.
-    waits: PiLock<Box<[WaitList]>>,
-    /// How many wait: changed under the lock, read by the owner without it.
+    waits: PiLock<Waits>,
+    /// How many wait. Read by the owner, to whom a wait of its own is never hidden.
     count: AtomicUsize,
     /// Since the last look; the owner's alone.
     rounds: AtomicU32,
@@ -179,13 +110,15 @@ impl ThreadFiles {
                 return Ok(files.clone());
             }
             let files = Arc::new(ThreadFiles {
+                thread: this_thread(),
                 reactor: Reactor::new().map_err(FileError::Refused)?,
-                waits: PiLock::new((0..LISTS).map(|_| WaitList::new()).collect()),
+                waits: PiLock::new(Waits::new()),
                 count: AtomicUsize::new(0),
                 rounds: AtomicU32::new(0),
             });
             // The thread is awake, since it polls: this is the moment when a watch may be hung.
             here.bell.hang(files.clone());
+            HAS_FILES.set(true);
             here.files = Some(files.clone());
             Ok(files)
         })
@@ -206,7 +139,7 @@ impl ThreadFiles {
         let mut waits = self.waits.lock();
         // SAFETY: the node is the caller's, and in no list.
         let own = unsafe { node.as_ref() }.interest;
-        let interest = wanted_of(&waits, fd).map_or(own, |others| both(own, others));
+        let interest = waits.interest(fd).map_or(own, |others| both(own, others));
         // Mostly it was waited for before. If it was closed since, this is another file by the same number, and the kernel knows it.
         match self.reactor.rearm(file, fd as u64, interest) {
             Err(ReactorError::NotRegistered { .. }) => {
@@ -216,10 +149,7 @@ impl ThreadFiles {
         }
         .map_err(FileError::Refused)?;
         // SAFETY: by the contract it is in no list and pinned; the lock that guards the lists is held.
-        unsafe {
-            list_of(&mut waits, fd).insert(node.cast(), current::priority(), wakeup);
-            (*node.as_ptr()).listed = true;
-        }
+        unsafe { waits.insert(node, current::priority(), wakeup) };
         self.count.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
@@ -257,10 +187,11 @@ impl ThreadFiles {
             if !node.as_ref().listed {
                 return;
             }
-            self.unlist(&mut waits, node);
+            waits.remove(node);
         }
+        self.count.fetch_sub(1, Ordering::Relaxed);
         // While others wait for the same file it stays watched for at least what they want; what they do not want ends nobody's wait.
-        if wanted_of(&waits, file.as_raw_fd()).is_none() {
+        if waits.interest(file.as_raw_fd()).is_none() {
             // It fails if the file was closed behind our back; then the kernel has forgotten it.
             let _ = self.reactor.deregister(file);
         }
@@ -269,31 +200,18 @@ impl ThreadFiles {
         unsafe { *(*node.as_ptr()).wait.wakeup_mut() = None };
     }
 
-    /// # Safety
-    ///
-    /// `node` is listed in `waits`, which are these files'.
-    unsafe fn unlist(&self, waits: &mut [WaitList], node: NonNull<Node>) {
-        // SAFETY: the contract.
-        unsafe {
-            list_of(waits, node.as_ref().fd).remove(node.cast());
-            (*node.as_ptr()).listed = false;
-        }
-        self.count.fetch_sub(1, Ordering::Relaxed);
-    }
-
     /// Readies all who wait for what the file is ready for, the most urgent first.
     fn report(&self, fd: RawFd, readiness: Readiness) {
         self.ready(fd, |node| node.wants(readiness));
         let waits = self.waits.lock();
-        let Some(interest) = wanted_of(&waits, fd) else {
+        let Some(interest) = waits.interest(fd) else {
             return;
         };
         // The report disarmed the file for the others too.
         // SAFETY: a wait that is listed borrows the file. If it was leaked and the file closed, the kernel refuses or watches another
         // file by that number: a hint that nobody takes for more.
-        let outcome =
-            self.reactor
-                .rearm(unsafe { BorrowedFd::borrow_raw(fd) }, fd as u64, interest);
+        let file = unsafe { BorrowedFd::borrow_raw(fd) };
+        let outcome = self.reactor.rearm(file, fd as u64, interest);
         drop(waits);
         if outcome.is_err() {
             // They try again, and are told why not.
@@ -303,26 +221,14 @@ impl ThreadFiles {
 
     /// Readies those of `fd` that are `meant`.
     fn ready(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) {
-        // One by one, so that nobody is woken under the lock.
+        // One by one, so that nobody is woken under the lock. The waits may be gone when they are woken: their wakes are not.
         loop {
-            let mut waits = self.waits.lock();
-            let Some(node) = find(&waits, fd, &meant) else {
+            let ready = self.waits.lock().take(fd, &meant);
+            let Some(ready) = ready else {
                 return;
             };
-            // SAFETY: the node is listed until here, under the lock, so its wait is pending; it may be gone after the lock is
-            // released. It is woken before anything is polled here.
-            let ready = unsafe {
-                self.unlist(&mut waits, node);
-                (*node.as_ptr())
-                    .wait
-                    .wakeup_mut()
-                    .take()
-                    .map(|wakeup| wakeup.take())
-            };
-            drop(waits);
-            if let Some(ready) = ready {
-                ready.wake();
-            }
+            self.count.fetch_sub(1, Ordering::Relaxed);
+            ready.wake();
         }
     }
 }
@@ -343,7 +249,10 @@ impl Watch for ThreadFiles {
     }
 
     fn ring(&self) {
-        self.reactor.wake();
+        // A report that readies the thread's own process rings within its sleep, which is about to end: a ring would end the next.
+        if self.thread != this_thread() {
+            self.reactor.wake();
+        }
     }
 
     fn glance(&self) {
@@ -362,37 +271,5 @@ impl fmt::Debug for ThreadFiles {
         f.debug_struct("ThreadFiles")
             .field("waits", &self.count)
             .finish_non_exhaustive()
-    }
-}
-
-fn list_of(waits: &mut [WaitList], fd: RawFd) -> &mut WaitList {
-    &mut waits[fd as usize % LISTS]
-}
-
-/// The most urgent of those who wait for `fd` and are `meant`.
-fn find(waits: &[WaitList], fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<NonNull<Node>> {
-    let list = &waits[fd as usize % LISTS];
-    let mut next = list.first();
-    while let Some(wait) = next {
-        // SAFETY: what is listed is live and part of a `Node`; who has the lists holds the lock that guards it.
-        unsafe {
-            let node = wait.cast::<Node>();
-            if node.as_ref().fd == fd && meant(node.as_ref()) {
-                return Some(node);
-            }
-            next = list.after(wait);
-        }
-    }
-    None
-}
-
-/// What those who wait for `fd` want together.
-fn wanted_of(waits: &[WaitList], fd: RawFd) -> Option<Interest> {
-    let wants = |wanted: Interest| find(waits, fd, |node| node.interest == wanted).is_some();
-    match (wants(Interest::Readable), wants(Interest::Writable)) {
-        (true, true) => Some(Interest::Both),
-        (true, false) => Some(Interest::Readable),
-        (false, true) => Some(Interest::Writable),
-        (false, false) => None,
     }
 }

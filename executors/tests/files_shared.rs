@@ -11,24 +11,54 @@ use futures_lite::future::or;
 use luna_executors::{Exit, ProcessSpec, ProcessState, block_on, readable, writable, yield_now};
 use std::io::{Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::net::UnixStream;
 use std::pin::pin;
 use std::sync::Arc;
 use support::{Gate, Log, executor, poll_once, until, watchdog};
 
-/// How many epolls of this program know the descriptor, and whether any of them is armed for it.
-fn known(fd: RawFd) -> (usize, bool) {
+/// A file as the kernel tells it from others: the number of its descriptor may have been another's before.
+#[derive(Clone, Copy)]
+struct Identity {
+    fd: RawFd,
+    inode: u64,
+}
+
+fn identity(file: &UnixStream) -> Identity {
+    let fd = file.as_raw_fd();
+    let link = std::fs::read_link(format!("/proc/self/fd/{fd}")).unwrap();
+    // It reads "socket:[4711]".
+    let digits: String = link
+        .to_string_lossy()
+        .chars()
+        .filter(char::is_ascii_digit)
+        .collect();
+    Identity {
+        fd,
+        inode: digits.parse().unwrap(),
+    }
+}
+
+/// How many epolls of this program know the file, and whether any of them is armed for it.
+fn known(file: Identity) -> (usize, bool) {
     let (mut count, mut armed) = (0, false);
-    for file in std::fs::read_dir("/proc/self/fdinfo").unwrap() {
+    for info in std::fs::read_dir("/proc/self/fdinfo").unwrap() {
         // Other tests close files meanwhile.
-        let Ok(text) = std::fs::read_to_string(file.unwrap().path()) else {
+        let Ok(text) = std::fs::read_to_string(info.unwrap().path()) else {
             continue;
         };
+        // "tfd: 5 events: 1d data: 5 pos:0 ino:1267 sdev:8", the last four in hexadecimal.
         for line in text.lines().filter(|line| line.starts_with("tfd:")) {
-            let mut words = line.split_whitespace();
-            if words.nth(1) == Some(&fd.to_string()) {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let inode = line
+                .split("ino:")
+                .nth(1)
+                .unwrap()
+                .split_whitespace()
+                .next()
+                .unwrap();
+            if words[1] == file.fd.to_string() && u64::from_str_radix(inode, 16) == Ok(file.inode) {
                 count += 1;
-                let events = u32::from_str_radix(words.nth(1).unwrap(), 16).unwrap();
-                armed |= events & 0xfff != 0;
+                armed |= u32::from_str_radix(words[3], 16).unwrap() & 0xfff != 0;
             }
         }
     }
@@ -111,14 +141,14 @@ fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
     }
     let (near, mut far) = pair();
     fill(&near);
-    let fd = near.as_raw_fd();
+    let file = identity(&near);
     block_on(async {
         {
             let mut only = pin!(readable(&near));
             assert_eq!(poll_once(&mut only).await, None);
-            assert_eq!(known(fd), (1, true));
+            assert_eq!(known(file), (1, true));
         }
-        assert_eq!(known(fd), (0, false), "nobody waits any more");
+        assert_eq!(known(file), (0, false), "nobody waits any more");
         let mut stays = pin!(readable(&near));
         for round in 0..3 {
             let mut writer = pin!(writable(&near));
@@ -131,17 +161,17 @@ fn a_dropped_wait_is_withdrawn_and_leaves_the_others() {
                 assert_eq!(poll_once(&mut reader).await, None);
             }
         }
-        assert_eq!(known(fd), (1, true));
+        assert_eq!(known(file), (1, true));
         far.write_all(b"x").unwrap();
         stays.await.unwrap();
-        assert_eq!(known(fd), (1, false), "known, and not armed");
+        assert_eq!(known(file), (1, false), "known, and not armed");
         // A ready one that nobody looked at.
         let mut ready = pin!(readable(&near));
         assert_eq!(poll_once(&mut ready).await, None);
         yield_now().await;
     })
     .unwrap();
-    assert_eq!(known(fd), (0, false));
+    assert_eq!(known(file), (0, false));
 }
 
 #[test]
@@ -274,7 +304,7 @@ fn a_wait_moves_to_the_thread_that_polls_it() {
         return;
     }
     let (near, mut far) = pair();
-    let fd = near.as_raw_fd();
+    let file = identity(&near);
     std::thread::scope(|scope| {
         let mut wait = Box::pin(readable(&near));
         assert_eq!(block_on(poll_once(&mut wait)), Ok(None));
@@ -300,8 +330,8 @@ fn a_wait_moves_to_the_thread_that_polls_it() {
             std::thread::scope(|scope| drop(scope.spawn(move || drop(left)).join()));
         })
         .unwrap();
-        assert_eq!(known(silent.as_raw_fd()), (0, false));
+        assert_eq!(known(identity(&silent)), (0, false));
     });
     drop(near);
-    assert_eq!(known(fd), (0, false));
+    assert_eq!(known(file), (0, false));
 }

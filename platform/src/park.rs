@@ -16,7 +16,9 @@ use std::{
 };
 
 const EMPTY: u32 = 0;
+/// The thread sleeps or is about to. It takes this away itself, when it is awake.
 const PARKED: u32 = 1;
+/// Somebody has woken it.
 const NOTIFIED: u32 = 2;
 
 /// Lets one thread sleep until others wake it. A wake that comes first is kept. Real-time path: yes; a system call only to sleep,
@@ -69,7 +71,7 @@ impl Parker {
                 waited = self.bell.wait(deadline);
             }
             // Acquire: who is woken sees what happened before the wake.
-            if self.state.swap(EMPTY, Ordering::Acquire) == NOTIFIED {
+            if self.state.swap(EMPTY, Ordering::Acquire) & NOTIFIED != 0 {
                 return true;
             }
             if waited == Waited::TimedOut {
@@ -79,9 +81,12 @@ impl Parker {
     }
 
     /// Wakes the thread, or lets its next `park` return at once. From any thread.
+    ///
+    /// Everybody who finds it parked rings, not the first alone: that one may be preempted before it does, and a more urgent one must not
+    /// have to wait for it.
     #[inline]
     pub fn unpark(&self) {
-        if self.state.swap(NOTIFIED, Ordering::AcqRel) == PARKED {
+        if self.state.fetch_or(NOTIFIED, Ordering::AcqRel) & PARKED != 0 {
             self.bell.ring();
         }
     }

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
-use luna::{Policy, ProcessBuilder, System};
+use luna::{Error, Policy, ProcessBuilder, SetupError, System};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::mpsc;
@@ -110,6 +110,26 @@ impl Random {
     }
 }
 
+/// The set-up error that it came to, after a look for parts of its message.
+#[track_caller]
+pub(crate) fn setup_error<T: std::fmt::Debug>(
+    outcome: luna::Result<T>,
+    parts: &[&str],
+) -> SetupError {
+    let error = match outcome.unwrap_err() {
+        Error::Process { source, .. } => *source,
+        error => error,
+    };
+    let text = error.to_string();
+    for part in parts {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+    match error {
+        Error::Setup(error) => error,
+        other => panic!("expected a set-up error, got {other:?}"),
+    }
+}
+
 const PART: &str = "LUNA_TEST_PART";
 
 /// Which part this program is to play, if it is a child of a test. To be asked by a test called `part`.
@@ -186,11 +206,6 @@ impl Program {
         .unwrap();
     }
 
-    /// Says something to it.
-    pub(crate) fn say(&mut self, text: &str) {
-        writeln!(self.child.stdin.as_mut().unwrap(), "{text}").unwrap();
-    }
-
     /// Waits for its end. Its standard input stays open until then.
     pub(crate) fn end(mut self) -> Ended {
         let mut errors = self.child.stderr.take().unwrap();
@@ -222,4 +237,71 @@ impl Ended {
             .map(|line| line.strip_prefix("test part ... ").unwrap_or(line));
         said.filter(|line| lines.contains(line)).collect()
     }
+}
+
+/// A command that runs a program as a user without privileges.
+#[cfg(unix)]
+fn as_nobody(program: &std::path::Path) -> Command {
+    let mut command = Command::new("setpriv");
+    command
+        .args(["--reuid=65534", "--regid=65534", "--clear-groups", "--"])
+        .arg(program)
+        .current_dir("/");
+    command
+}
+
+/// Runs a part as a user without privileges, if that can be; this program may run as one already.
+#[cfg(unix)]
+pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt;
+    if !has_real_time() {
+        return Some(Program::start(part).end());
+    }
+    if !nix::unistd::geteuid().is_root() {
+        skip("this user is given real-time policies and is not root");
+        return None;
+    }
+    // One at a time: a program that another thread makes meanwhile would for a moment keep the copy open for writing, and then it cannot be run.
+    static ALONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    let _alone = ALONE.lock().unwrap();
+    // Where that user can read it.
+    let folder = std::env::temp_dir().join(format!(
+        "luna-{}-{}",
+        std::process::id(),
+        part.replace(' ', "-")
+    ));
+    let copy = folder.join("program");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(std::env::current_exe().unwrap(), &copy).unwrap();
+    for path in [&folder, &copy] {
+        std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
+    }
+    let can = as_nobody(&copy)
+        .arg("--list")
+        .output()
+        .is_ok_and(|output| output.status.success());
+    let ended = can.then(|| Program::start_by(as_nobody(&copy), part).end());
+    std::fs::remove_dir_all(folder).unwrap();
+    if !can {
+        skip("no program can be run as another user with setpriv");
+    }
+    ended
+}
+
+/// Runs a part until it is ready, sends it a signal, and waits for its end.
+#[cfg(unix)]
+pub(crate) fn end_by(part: &str, signal: i32) -> Ended {
+    let mut program = Program::start(part);
+    program.wait_for("ready");
+    program.signal(signal);
+    program.end()
+}
+
+/// Whether there are no signals here; says so for the calling test.
+pub(crate) fn has_no_signals() -> bool {
+    if !COMPLETE {
+        skip("the portable layer has no signals");
+    }
+    !COMPLETE
 }

@@ -28,7 +28,10 @@ thread_local! {
 /// Whether this is the program's first thread, where the test harness does things of its own beside the tests.
 fn is_main() -> bool {
     IS_MAIN.get().unwrap_or_else(|| {
-        let is_main = cfg!(target_os = "linux") && nix::unistd::gettid() == nix::unistd::getpid();
+        #[cfg(target_os = "linux")]
+        let is_main = nix::unistd::gettid() == nix::unistd::getpid();
+        #[cfg(not(target_os = "linux"))]
+        let is_main = false;
         IS_MAIN.set(Some(is_main));
         is_main
     })

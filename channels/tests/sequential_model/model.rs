@@ -221,7 +221,7 @@ impl Model {
         let op = self.ops.remove(&op).unwrap();
         match (op.value, op.state) {
             (Some(value), State::New | State::Listed | State::Failed(_)) => {
-                drop(self.dropped.insert(value))
+                self.dropped.insert(value);
             }
             (None, State::Done(Some(value)) | State::GaveWay(Some(value))) => self.give_back(value),
             _ => {}

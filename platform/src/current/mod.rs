@@ -133,14 +133,10 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
 /// Calls `f` with the current process, if there is one.
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
+    let current = THREAD.with(|thread| thread.process.get());
     // SAFETY: `with_process` sets the pointer from a reference that lives until it restores the one before, and the closure
     // cannot keep what it is lent.
-    THREAD.with(|thread| {
-        f(thread
-            .process
-            .get()
-            .map(|process| unsafe { process.as_ref() }))
-    })
+    f(current.map(|process| unsafe { process.as_ref() }))
 }
 
 /// How urgent the current process is; the lowest priority where there is none.

@@ -1,0 +1,132 @@
+//! Who waits for which file, found by the number of the file's descriptor.
+
+use luna_platform::current::{Priority, Ready, Wakeup};
+use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
+use luna_platform::wait_list::{WaitList, WaitNode};
+use std::os::fd::{AsRawFd, RawFd};
+use std::ptr::NonNull;
+
+/// In how many lists the waits lie.
+const LISTS: usize = 256;
+
+/// One who waits.
+#[repr(C)]
+pub(crate) struct Node {
+    pub(crate) wait: WaitNode,
+    fd: RawFd,
+    pub(crate) interest: Interest,
+    pub(crate) listed: bool,
+}
+
+impl Node {
+    pub(crate) fn new(file: BorrowedFd<'_>, interest: Interest) -> Self {
+        Self {
+            wait: WaitNode::new(),
+            fd: file.as_raw_fd(),
+            interest,
+            listed: false,
+        }
+    }
+
+    /// Whether `readiness` is what it waits for.
+    pub(crate) fn wants(&self, readiness: Readiness) -> bool {
+        match self.interest {
+            Interest::Readable => readiness.readable,
+            Interest::Writable => readiness.writable,
+            Interest::Both => readiness.readable || readiness.writable,
+        }
+    }
+}
+
+/// What both together want.
+pub(crate) fn both(one: Interest, other: Interest) -> Interest {
+    if one == other { one } else { Interest::Both }
+}
+
+/// All who wait at one thread: in 256 lists by the number of the descriptor, most urgent first. It belongs to a lock, which guards
+/// the nodes in it too.
+///
+/// # Invariants
+///
+/// A node that is `listed` is live, pinned, and in the list of its descriptor's number; no other is in any.
+pub(crate) struct Waits(Box<[WaitList]>);
+
+impl Waits {
+    pub(crate) fn new() -> Self {
+        Self((0..LISTS).map(|_| WaitList::new()).collect())
+    }
+
+    fn list(&mut self, fd: RawFd) -> &mut WaitList {
+        &mut self.0[fd as usize % LISTS]
+    }
+
+    /// # Safety
+    ///
+    /// `node` is in no list, stays where it is, and is removed before it dies.
+    pub(crate) unsafe fn insert(
+        &mut self,
+        node: NonNull<Node>,
+        priority: Priority,
+        wakeup: Wakeup,
+    ) {
+        // SAFETY: the contract.
+        unsafe {
+            let fd = node.as_ref().fd;
+            self.list(fd).insert(node.cast(), priority, wakeup);
+            (*node.as_ptr()).listed = true;
+        }
+    }
+
+    /// # Safety
+    ///
+    /// `node` is listed here.
+    pub(crate) unsafe fn remove(&mut self, node: NonNull<Node>) {
+        // SAFETY: the contract.
+        unsafe {
+            let fd = node.as_ref().fd;
+            self.list(fd).remove(node.cast());
+            (*node.as_ptr()).listed = false;
+        }
+    }
+
+    /// Removes the most urgent of those who wait for `fd` and are `meant`, and gives its wake.
+    pub(crate) fn take(&mut self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<Ready> {
+        let node = self.find(fd, meant)?;
+        // SAFETY: it was found here, so it is listed, and live.
+        let wakeup = unsafe {
+            self.remove(node);
+            (*node.as_ptr()).wait.wakeup_mut().take()
+        };
+        Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
+    }
+
+    /// The most urgent of those who wait for `fd` and are `meant`. O(those whose descriptors are equal modulo 256).
+    fn find(&self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<NonNull<Node>> {
+        let list = &self.0[fd as usize % LISTS];
+        let mut next = list.first();
+        while let Some(wait) = next {
+            let node = wait.cast::<Node>();
+            // SAFETY: by the invariant what is listed is live and part of a `Node`.
+            let (is_it, after) = unsafe {
+                let fields = node.as_ref();
+                (fields.fd == fd && meant(fields), list.after(wait))
+            };
+            if is_it {
+                return Some(node);
+            }
+            next = after;
+        }
+        None
+    }
+
+    /// What those who wait for `fd` want together.
+    pub(crate) fn interest(&self, fd: RawFd) -> Option<Interest> {
+        let wants = |wanted| self.find(fd, |node| node.interest == wanted).is_some();
+        match (wants(Interest::Readable), wants(Interest::Writable)) {
+            (true, true) => Some(Interest::Both),
+            (true, false) => Some(Interest::Readable),
+            (false, true) => Some(Interest::Writable),
+            (false, false) => None,
+        }
+    }
+}

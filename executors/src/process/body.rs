@@ -1,0 +1,81 @@
+//! The body of a process, and what is done around each of its polls.
+
+use super::ProcessState;
+use super::record::{RawExit, Record};
+use luna_platform::clock::Instant;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::task::{Context, Poll};
+
+/// A process' body, with all that the framework does around each of its polls.
+pub(crate) struct Body<F> {
+    /// `None` once it has ended.
+    future: Option<F>,
+    record: Arc<Record>,
+}
+
+impl<F: Future<Output = ()>> Body<F> {
+    pub(crate) fn new(future: F, record: Arc<Record>) -> Self {
+        Self {
+            future: Some(future),
+            record,
+        }
+    }
+}
+
+impl<F: Future<Output = ()>> Future for Body<F> {
+    type Output = ();
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: `future` is never moved: it is polled pinned, and dropped in place.
+        let this = unsafe { self.get_unchecked_mut() };
+        let record = &*this.record;
+        if !record.cancelled.load(Ordering::Acquire) {
+            let Some(future) = this.future.as_mut() else {
+                return Poll::Ready(());
+            };
+            record.set_state(ProcessState::Running);
+            record
+                .polls
+                .store(record.polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
+            let started = record.timed.then(Instant::now);
+            // SAFETY: see above.
+            let future = unsafe { Pin::new_unchecked(future) };
+            // A body that panicked is dropped and never polled again, so nobody sees what it left half done.
+            let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| future.poll(cx)));
+            if let Some(started) = started {
+                let took = Instant::now().nanos_since(started);
+                if took > record.longest_poll.load(Ordering::Relaxed) {
+                    record.longest_poll.store(took, Ordering::Relaxed);
+                }
+            }
+            match polled {
+                // A wake during the poll schedules after this store, so it has the last word.
+                Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => {
+                    record.set_state(ProcessState::Waiting);
+                    return Poll::Pending;
+                }
+                Ok(Poll::Pending) => {}
+                Ok(Poll::Ready(())) => return this.end(RawExit::Completed),
+                Err(payload) => return this.end(RawExit::Panicked(payload)),
+            }
+        }
+        this.end(RawExit::Cancelled)
+    }
+}
+
+impl<F> Body<F> {
+    fn end(&mut self, exit: RawExit) -> Poll<()> {
+        // Dropping the body ends its channels before anybody learns that the process has ended.
+        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.future = None));
+        let exit = match (exit, dropped) {
+            (RawExit::Panicked(payload), _) | (_, Err(payload)) => RawExit::Panicked(payload),
+            (exit, Ok(())) => exit,
+        };
+        self.record.finish(exit);
+        Poll::Ready(())
+    }
+}

@@ -1,0 +1,100 @@
+//! Waiting for the end of a process.
+
+use super::Exit;
+use super::record::Record;
+use luna_platform::current::{self, Wakeup};
+use luna_platform::wait_list::WaitNode;
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug)]
+#[repr(C)]
+/// The node of one who waits, in the list of the process' end.
+pub(super) struct JoinNode {
+    /// First, so that the list's node leads back to this.
+    pub(super) wait: WaitNode,
+    pub(super) listed: bool,
+}
+
+/// Waits for the end of a process: see [`ProcessHandle::join`](crate::ProcessHandle::join).
+///
+/// # Invariants
+///
+/// `node` is accessed under the lock of the record's end alone, once it is listed; while `listed` it is in that end's list.
+#[must_use = "a join does nothing unless awaited"]
+pub struct Join<'a> {
+    record: &'a Record,
+    node: UnsafeCell<JoinNode>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: the node is guarded by the record's lock, wherever the future is.
+unsafe impl Send for Join<'_> {}
+// SAFETY: `&Join` gives access to nothing.
+unsafe impl Sync for Join<'_> {}
+
+impl<'a> Join<'a> {
+    pub(super) fn new(record: &'a Record) -> Self {
+        Self {
+            record,
+            node: UnsafeCell::new(JoinNode {
+                wait: WaitNode::new(),
+                listed: false,
+            }),
+            _pinned: PhantomPinned,
+        }
+    }
+}
+
+impl Future for Join<'_> {
+    type Output = Exit;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
+        let mut end = self.record.end.lock();
+        if let Some(exit) = end.exit() {
+            return Poll::Ready(exit);
+        }
+        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
+        let former = unsafe {
+            if (*node.as_ptr()).listed {
+                (*node.as_ptr()).wait.wakeup_mut().replace(Wakeup::of(cx))
+            } else {
+                end.joining
+                    .insert(node.cast(), current::priority(), Wakeup::of(cx));
+                (*node.as_ptr()).listed = true;
+                None
+            }
+        };
+        drop(end);
+        // Dropping a waker is the user's code, which may drop a join.
+        drop(former);
+        Poll::Pending
+    }
+}
+
+impl Drop for Join<'_> {
+    fn drop(&mut self) {
+        let mut end = self.record.end.lock();
+        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        // SAFETY: the lock is held, and `listed` says whether the node is in the list.
+        unsafe {
+            if (*node.as_ptr()).listed {
+                end.joining.remove(node.cast());
+            }
+        }
+    }
+}
+
+impl fmt::Debug for Join<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Join")
+            .field("process", &self.record.name)
+            .finish()
+    }
+}

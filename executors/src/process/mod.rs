@@ -1,0 +1,203 @@
+//! A process as others see it: its name, state and end.
+
+mod body;
+mod join;
+mod living;
+mod record;
+
+pub(crate) use body::Body;
+pub use join::Join;
+pub use living::Living;
+pub(crate) use record::Record;
+
+use luna_platform::current::{self, ProcessId};
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// What a process is to be: its name, its level, and whether its polls are timed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProcessSpec {
+    id: ProcessId,
+    name: String,
+    level: u8,
+    timed: bool,
+}
+
+impl ProcessSpec {
+    /// The level of a process for which none was stated: the middle.
+    pub const DEFAULT_LEVEL: u8 = 16;
+
+    /// A process called `name`, at [`DEFAULT_LEVEL`](Self::DEFAULT_LEVEL).
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            id: ProcessId::new(),
+            name: name.into(),
+            level: Self::DEFAULT_LEVEL,
+            timed: false,
+        }
+    }
+
+    /// The number that the process will have.
+    pub fn id(&self) -> ProcessId {
+        self.id
+    }
+
+    /// At `level`, 0 (lowest) to 31; a greater one counts as 31.
+    #[must_use]
+    pub fn level(mut self, level: u8) -> Self {
+        self.level = level.min(current::LEVELS - 1);
+        self
+    }
+
+    /// Measures how long each poll takes, at two clock reads a poll (about 50 ns).
+    #[must_use]
+    pub fn timed(mut self, timed: bool) -> Self {
+        self.timed = timed;
+        self
+    }
+}
+
+/// What a process is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ProcessState {
+    /// Made, and not started yet.
+    Created,
+    /// Able to run, and waiting for its executor.
+    Ready,
+    /// Running.
+    Running,
+    /// Waiting for a communication, a deadline, or another event.
+    Waiting,
+    /// Ended, in whatever way.
+    Ended,
+}
+
+impl ProcessState {
+    fn from_number(number: u8) -> Self {
+        match number {
+            0 => ProcessState::Created,
+            1 => ProcessState::Ready,
+            2 => ProcessState::Running,
+            _ => ProcessState::Waiting,
+        }
+    }
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Exit {
+    /// Its body returned.
+    Completed,
+    /// It was cancelled: its body was dropped where it waited.
+    Cancelled,
+    /// Its body panicked, with this message.
+    Panicked(String),
+}
+
+impl fmt::Display for Exit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Exit::Completed => f.write_str("completed"),
+            Exit::Cancelled => f.write_str("cancelled"),
+            Exit::Panicked(message) => write!(f, "panicked: {message}"),
+        }
+    }
+}
+
+/// A process, seen from outside. Cloning it is cheap; dropping it does nothing to the process.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use luna_executors::{Executor, Exit, ProcessSpec, ProcessState};
+/// use luna_platform::thread::Attributes;
+///
+/// let executor = Executor::start(Attributes::new("work"))?;
+/// let process = executor.spawn(ProcessSpec::new("greeter").level(20), || async { println!("hello") });
+/// executor.release();
+/// assert_eq!(process.wait(), Exit::Completed);
+/// assert_eq!((process.name(), process.priority(), process.polls()), ("greeter", 20, 1));
+/// assert_eq!(process.state(), ProcessState::Ended);
+/// executor.stop();
+/// # Ok(()) }
+/// ```
+#[derive(Clone)]
+pub struct ProcessHandle(pub(crate) Arc<Record>);
+
+impl ProcessHandle {
+    /// The process' name.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// The process' number.
+    pub fn id(&self) -> ProcessId {
+        self.0.id
+    }
+
+    /// The level on its executor, 0 (lowest) to 31.
+    pub fn priority(&self) -> u8 {
+        self.0.level
+    }
+
+    /// What the process was doing at some instant during this call.
+    pub fn state(&self) -> ProcessState {
+        self.0.state()
+    }
+
+    /// How often it has been polled: how often it was given the processor.
+    pub fn polls(&self) -> u64 {
+        self.0.polls.load(Ordering::Relaxed)
+    }
+
+    /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.
+    pub fn longest_poll(&self) -> Option<Duration> {
+        (self.0.timed && self.polls() > 0)
+            .then(|| Duration::from_nanos(self.0.longest_poll.load(Ordering::Relaxed)))
+    }
+
+    /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.
+    ///
+    /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its next await. Does nothing to one that
+    /// has ended. Real-time path: yes; O(1), a system call only if its thread sleeps.
+    pub fn cancel(&self) {
+        self.0.cancel();
+    }
+
+    /// Waits until the process has ended, and says how. Cancel-safe. Real-time path: yes, but for the message of a panic,
+    /// which is allocated here.
+    pub fn join(&self) -> Join<'_> {
+        Join::new(&self.0)
+    }
+
+    /// Blocks this thread until the process has ended, and says how. Not for processes of an executor: they [`join`](Self::join).
+    pub fn wait(&self) -> Exit {
+        luna_platform::park::block_on(self.join())
+    }
+
+    /// How it ended, if it has.
+    pub fn exit(&self) -> Option<Exit> {
+        self.0.end.lock().exit()
+    }
+}
+
+impl fmt::Debug for ProcessHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// What a panic said.
+pub fn panic_message(payload: &(dyn Any + Send)) -> String {
+    if let Some(text) = payload.downcast_ref::<&str>() {
+        (*text).to_owned()
+    } else if let Some(text) = payload.downcast_ref::<String>() {
+        text.clone()
+    } else {
+        "(a panic whose message is no text)".to_owned()
+    }
+}

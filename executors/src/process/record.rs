@@ -1,0 +1,168 @@
+//! What outlives the body of a process: its name, what it does, and how it ended.
+
+use super::join::JoinNode;
+use super::living::Living;
+use super::{Exit, ProcessSpec, ProcessState, panic_message};
+use luna_platform::current::ProcessId;
+use luna_platform::lock::PiLock;
+use luna_platform::wait_list::WaitList;
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::task::Waker;
+
+/// How it ended, before anybody asked: the message of a panic is made off the real-time path.
+pub(super) enum RawExit {
+    Completed,
+    Cancelled,
+    Panicked(Box<dyn Any + Send>),
+}
+
+/// What outlives the body of a process.
+pub(crate) struct Record {
+    pub(super) name: String,
+    pub(super) id: ProcessId,
+    pub(super) level: u8,
+    pub(super) timed: bool,
+    /// What it is doing, as last said: a late wake may say that it is ready when it has ended, so `ended` has the last word.
+    state: AtomicU8,
+    ended: AtomicBool,
+    pub(super) cancelled: AtomicBool,
+    /// Written by the process' thread alone.
+    pub(super) polls: AtomicU64,
+    pub(super) longest_poll: AtomicU64,
+    waker: PiLock<Option<Waker>>,
+    pub(super) end: PiLock<End>,
+    living: Arc<Living>,
+}
+
+/// How it ended, and who waits for that.
+pub(super) struct End {
+    exit: Option<RawExit>,
+    pub(super) joining: WaitList,
+}
+
+impl Record {
+    pub(crate) fn new(spec: ProcessSpec, living: Arc<Living>) -> Arc<Self> {
+        living.enter();
+        Arc::new(Self {
+            name: spec.name,
+            id: spec.id,
+            level: spec.level,
+            timed: spec.timed,
+            state: AtomicU8::new(ProcessState::Created as u8),
+            ended: AtomicBool::new(false),
+            cancelled: AtomicBool::new(false),
+            polls: AtomicU64::new(0),
+            longest_poll: AtomicU64::new(0),
+            waker: PiLock::new(None),
+            end: PiLock::new(End {
+                exit: None,
+                joining: WaitList::new(),
+            }),
+            living,
+        })
+    }
+
+    pub(crate) fn id(&self) -> ProcessId {
+        self.id
+    }
+
+    pub(crate) fn level(&self) -> u8 {
+        self.level
+    }
+
+    #[inline]
+    pub(crate) fn set_state(&self, state: ProcessState) {
+        self.state.store(state as u8, Ordering::Relaxed);
+    }
+
+    /// Whether the body has ended.
+    #[inline]
+    pub(crate) fn has_ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn state(&self) -> ProcessState {
+        if self.has_ended() {
+            return ProcessState::Ended;
+        }
+        ProcessState::from_number(self.state.load(Ordering::Relaxed))
+    }
+
+    pub(crate) fn set_waker(&self, waker: Waker) {
+        *self.waker.lock() = Some(waker);
+    }
+
+    pub(crate) fn drop_waker(&self) {
+        let waker = self.waker.lock().take();
+        drop(waker);
+    }
+
+    pub(crate) fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Release);
+        let waker = self.waker.lock().clone();
+        if let Some(waker) = waker {
+            waker.wake();
+        }
+    }
+
+    /// Ends a process whose body never ran.
+    pub(crate) fn end_unstarted(&self) {
+        self.finish(RawExit::Cancelled);
+    }
+
+    /// Ends a process whose body could not be made.
+    pub(crate) fn end_panicked(&self, payload: Box<dyn Any + Send>) {
+        self.finish(RawExit::Panicked(payload));
+    }
+
+    pub(super) fn finish(&self, exit: RawExit) {
+        let mut end = self.end.lock();
+        if end.exit.is_some() {
+            return;
+        }
+        end.exit = Some(exit);
+        self.ended.store(true, Ordering::Release);
+        // One by one, so that the lock is never held for more than a few steps.
+        while let Some(node) = end.joining.pop() {
+            // SAFETY: a node in the list is live and guarded by the lock that is held; its join is pending until `gone` is set.
+            let ready = unsafe {
+                let node = &mut *node.cast::<JoinNode>().as_ptr();
+                let ready = node.wait.wakeup_mut().take().map(|wakeup| wakeup.take());
+                node.listed = false;
+                ready
+            };
+            drop(end);
+            if let Some(ready) = ready {
+                ready.wake();
+            }
+            end = self.end.lock();
+        }
+        drop(end);
+        self.living.leave();
+    }
+}
+
+impl fmt::Debug for Record {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Process")
+            .field("name", &self.name)
+            .field("id", &self.id.get())
+            .field("level", &self.level)
+            .field("state", &self.state())
+            .finish_non_exhaustive()
+    }
+}
+
+impl End {
+    /// How it ended, if it has. The message of a panic is made here.
+    pub(super) fn exit(&self) -> Option<Exit> {
+        Some(match self.exit.as_ref()? {
+            RawExit::Completed => Exit::Completed,
+            RawExit::Cancelled => Exit::Cancelled,
+            RawExit::Panicked(payload) => Exit::Panicked(panic_message(&**payload)),
+        })
+    }
+}

@@ -1,0 +1,149 @@
+//! `post_run` runs once, off the executor's thread, whatever ended the body.
+
+mod common;
+
+use common::{PLACES, watchdog};
+use luna::prelude::*;
+use luna::{Error, Exit};
+use std::sync::{Arc, Mutex};
+use std::thread::ThreadId;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ending {
+    Returns,
+    Fails,
+    Panics,
+    IsCancelled,
+}
+
+/// Where its phases ran, and how often.
+#[derive(Default)]
+struct Traces {
+    pre_run: Option<ThreadId>,
+    run: Option<(ThreadId, Option<String>)>,
+    body_drops: usize,
+    post_run: Option<ThreadId>,
+    post_runs: usize,
+    drops: usize,
+}
+
+struct Traced {
+    ending: Ending,
+    traces: Arc<Mutex<Traces>>,
+}
+
+/// Counts the body's end.
+struct InBody(Arc<Mutex<Traces>>);
+
+impl Drop for InBody {
+    fn drop(&mut self) {
+        let mut traces = self.0.lock().unwrap();
+        assert_eq!(traces.post_runs, 0, "the body has ended before post_run");
+        traces.body_drops += 1;
+    }
+}
+
+impl Process for Traced {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        assert!(!luna::on_path());
+        self.traces.lock().unwrap().pre_run = Some(std::thread::current().id());
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        assert!(luna::on_path());
+        let _in_body = InBody(self.traces.clone());
+        let thread = std::thread::current();
+        self.traces.lock().unwrap().run = Some((thread.id(), thread.name().map(str::to_owned)));
+        match self.ending {
+            Ending::Returns => Ok(()),
+            Ending::Fails => Err(Error::other("on purpose")),
+            Ending::Panics => panic!("on purpose"),
+            Ending::IsCancelled => std::future::pending().await,
+        }
+    }
+
+    fn post_run(&mut self) {
+        assert!(!luna::on_path());
+        let mut traces = self.traces.lock().unwrap();
+        traces.post_run = Some(std::thread::current().id());
+        traces.post_runs += 1;
+    }
+}
+
+impl Drop for Traced {
+    fn drop(&mut self) {
+        let mut traces = self.traces.lock().unwrap();
+        assert_eq!(traces.post_runs, 1);
+        traces.drops += 1;
+    }
+}
+
+#[test]
+fn post_run_runs_once_off_the_executors_thread_whatever_ended_the_body() {
+    let _watch = watchdog();
+    for place in PLACES {
+        for ending in [
+            Ending::Returns,
+            Ending::Fails,
+            Ending::Panics,
+            Ending::IsCancelled,
+        ] {
+            let traces = Arc::new(Mutex::new(Traces::default()));
+            let mut system = System::new("traced");
+            let process = place.process(&mut system, "place of traced", "traced");
+            let id = process
+                .spawn(Traced {
+                    ending,
+                    traces: traces.clone(),
+                })
+                .unwrap();
+            if ending == Ending::IsCancelled {
+                let other = system.executor("other").build().unwrap();
+                let own = other.clone();
+                other
+                    .process("canceller")
+                    .spawn(async move {
+                        let handle = own.process_handle(id).unwrap();
+                        while handle.state() != luna::ProcessState::Waiting {
+                            luna::after(std::time::Duration::from_micros(100)).await;
+                        }
+                        handle.cancel();
+                        assert_eq!(handle.join().await, Exit::Cancelled);
+                        Ok(())
+                    })
+                    .unwrap();
+            }
+            let outcome = system.run();
+
+            let expected = match ending {
+                Ending::Returns => None,
+                Ending::Fails => Some("process `traced`: on purpose"),
+                Ending::Panics => Some("process `traced`: panicked: on purpose"),
+                Ending::IsCancelled => {
+                    Some("process `traced`: cancelled before its body had ended")
+                }
+            };
+            assert_eq!(
+                outcome.err().map(|error| error.to_string()).as_deref(),
+                expected,
+                "{place:?} {ending:?}"
+            );
+            let here = Some(std::thread::current().id());
+            let traces = traces.lock().unwrap();
+            let (ran_on, name) = traces.run.clone().unwrap();
+            assert_eq!(name.as_deref(), Some("place of traced"));
+            assert_ne!(Some(ran_on), here);
+            assert_eq!(
+                (traces.pre_run, traces.post_run),
+                (here, here),
+                "{place:?} {ending:?}"
+            );
+            assert_eq!(
+                (traces.body_drops, traces.post_runs, traces.drops),
+                (1, 1, 1),
+                "{place:?} {ending:?}"
+            );
+        }
+    }
+}
