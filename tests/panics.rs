@@ -212,6 +212,44 @@ fn where_a_body_is_made() {
 }
 
 #[test]
+fn where_a_cancelled_body_is_dropped() {
+    let _watch = watchdog();
+    struct Bad;
+    impl Drop for Bad {
+        fn drop(&mut self) {
+            panic!("in a drop");
+        }
+    }
+    for place in PLACES {
+        let log = Log::default();
+        let own = log.clone();
+        let (begun, has_begun) = luna::channel();
+        let mut system = System::new("dropped");
+        system.on_emergency("neutral", move || {
+            own.lock().unwrap().push("neutral".into())
+        });
+        let waiting = place.process(&mut system, "place", "culprit");
+        let waits = async move {
+            let _bad = Bad;
+            begun.send(()).await?;
+            std::future::pending().await
+        };
+        let id = waiting.spawn(waits).unwrap();
+        let other = system.executor("other").build().unwrap();
+        let handles = other.clone();
+        let cancels = async move {
+            has_begun.recv().await?;
+            handles.process_handle(id).unwrap().cancel();
+            std::future::pending().await
+        };
+        other.process("canceller").spawn(cancels).unwrap();
+        let error = system.run().unwrap_err();
+        assert_eq!(error, panicked("culprit", "in a drop"), "{place:?}");
+        assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
+    }
+}
+
+#[test]
 fn the_panic_counts_and_not_the_errors_that_follow_from_it() {
     let _watch = watchdog();
     let (sender, receiver) = luna::channel::<()>();

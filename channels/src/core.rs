@@ -109,6 +109,26 @@ impl<T> Waiter<T> {
         self.value.with_mut(|value| unsafe { (*value).write(new) });
     }
 
+    /// Takes out whom to wake.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and the lock is held that guards it.
+    #[inline]
+    unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> Ready {
+        // SAFETY: the contract.
+        unsafe {
+            // loom does not watch the wakeup: to it, this is an access to the value beside it, which must be over when the outcome is set.
+            #[cfg(loom)]
+            (*node.as_ptr()).value.with_mut(|_| ());
+            (*node.as_ptr())
+                .wait
+                .wakeup_mut()
+                .take()
+                .map_or(Ready::NOBODY, Wakeup::take)
+        }
+    }
+
     /// Settles a waiting operation that was just unlisted, and says whom to ready. The node is not to be touched after this.
     ///
     /// # Safety
@@ -119,11 +139,7 @@ impl<T> Waiter<T> {
     unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> Ready {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
-            let ready = (*node.as_ptr())
-                .wait
-                .wakeup_mut()
-                .take()
-                .map_or(Ready::NOBODY, Wakeup::take);
+            let ready = Self::take_wakeup(node);
             // Release: the value and all that came before is visible to who sees the outcome.
             (*node.as_ptr())
                 .outcome
@@ -315,7 +331,7 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side that `of_sender` says, and was not withdrawn.
+    /// `node` was listed in this channel, on the side that `of_sender` says.
     pub(crate) unsafe fn withdraw(&self, node: NonNull<Waiter<T>>, of_sender: bool) -> Outcome {
         let mut state = self.lock();
         // SAFETY: under the lock a waiting node is listed.
@@ -329,6 +345,10 @@ impl<T> Channel<T> {
                 };
                 list.remove(node.cast());
                 let unused = (*node.as_ptr()).wait.wakeup_mut().take();
+                // Whatever it says but that it waits: withdrawing again, should the waker's drop panic, then does nothing.
+                (*node.as_ptr())
+                    .outcome
+                    .store(Outcome::Closed as u8, Ordering::Relaxed);
                 // Dropping a waker can run anything, so not under the lock.
                 drop(state);
                 drop(unused);
@@ -365,10 +385,11 @@ impl<T> Channel<T> {
     }
 
     /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
-    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. Allocates only if more than
-    /// [`SPARE`] values, or one for each receiver, are back at once.
+    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. An overwriting buffer that has become
+    /// full in the meantime drops what it would have dropped had the value never left. Allocates only if more than [`SPARE`] values, or
+    /// one for each receiver, are back at once.
     pub(crate) fn give_back(&self, value: T) {
-        let ready = {
+        let (ready, overwritten) = {
             let mut state = self.lock();
             if state.ending == Ending::Poisoned {
                 drop(state);
@@ -379,18 +400,32 @@ impl<T> Channel<T> {
                 Some(receiver) => {
                     let receiver = receiver.cast::<Waiter<T>>();
                     // SAFETY: as in `send_now`.
-                    unsafe {
+                    let ready = unsafe {
                         receiver.as_ref().put_value(value);
                         Waiter::settle(receiver, Outcome::Done)
-                    }
+                    };
+                    (ready, None)
                 }
                 None => {
                     state.store.push_front(value);
-                    Ready::NOBODY
+                    let length = state.store.len();
+                    let overwritten = match self.buffer.when_full {
+                        WhenFull::DropOldest if length > self.buffer.capacity => {
+                            state.store.pop_front()
+                        }
+                        // The newest stays, which has replaced the one before it.
+                        WhenFull::DropNewest if length > self.buffer.capacity => {
+                            state.store.remove(length - 2)
+                        }
+                        _ => None,
+                    };
+                    (Ready::NOBODY, overwritten)
                 }
             }
         };
         ready.wake();
+        // The user's code, so not under the lock.
+        drop(overwritten);
     }
 
     /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.

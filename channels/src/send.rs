@@ -331,6 +331,8 @@ impl<T> Future for SendOp<'_, T> {
         let value = unsafe { this.waiter().take_value() };
         match channel.send_now(&mut state, value) {
             Sent::Done(ready, dropped) => {
+                // Before the user's code below (a waker, a drop) can panic: the value is gone.
+                this.phase = Phase::Over;
                 drop(state);
                 ready.wake();
                 drop(dropped);
@@ -338,7 +340,6 @@ impl<T> Future for SendOp<'_, T> {
                     this.phase = Phase::GaveWay;
                     return Poll::Pending;
                 }
-                this.phase = Phase::Over;
                 Poll::Ready(Ok(()))
             }
             Sent::Full(value) => {

@@ -3,13 +3,7 @@
 mod common;
 
 use common::{Ledger, Wakes, pending, poll_with, ready};
-use luna_channels::{Buffer, Receiver, Sender, TryRecvError, buffered, channel};
-use luna_executors::{Executor, ProcessSpec};
-use luna_platform::thread::Attributes;
-use std::future::poll_fn;
-use std::pin::Pin;
-use std::sync::{Arc, Mutex, mpsc};
-use std::task::{Poll, Wake, Waker};
+use luna_channels::{Buffer, Receiver, TryRecvError, buffered, channel};
 use std::thread;
 
 #[test]
@@ -85,22 +79,49 @@ fn a_send_that_was_taken_and_not_polled_again_stays_sent() {
     ledger.assert_all_dropped_once();
 }
 
+/// A receive is given 0, three more are sent, then the receive is dropped: what is received instead of it.
+fn received_after_a_give_back(buffer: Buffer) -> Vec<usize> {
+    let ledger = Ledger::new(4);
+    let (sender, receiver) = buffered(buffer);
+    let mut recv = Box::pin(receiver.recv());
+    pending(&mut recv);
+    for n in 0..4 {
+        sender.try_send(ledger.token(n)).unwrap();
+    }
+    drop(recv);
+    let received: Vec<usize> = std::iter::from_fn(|| receiver.try_recv().ok())
+        .map(|token| token.id)
+        .collect();
+    ledger.assert_all_dropped_once();
+    received
+}
+
 #[test]
 fn a_value_that_was_received_and_not_handed_on_goes_back_to_the_head() {
-    for buffer in [
-        Buffer::fifo(2),
-        Buffer::overwrite_oldest(2),
-        Buffer::overwrite_newest(2),
-    ] {
-        let (sender, receiver) = buffered(buffer);
-        let mut recv = Box::pin(receiver.recv());
-        pending(&mut recv);
-        for n in 0..3 {
-            sender.try_send(n).unwrap(); // the first is given to the receive, two fill the buffer
-        }
-        drop(recv);
-        assert_eq!([(); 3].map(|()| receiver.try_recv().unwrap()), [0, 1, 2]);
-    }
+    assert_eq!(received_after_a_give_back(Buffer::fifo(4)), [0, 1, 2, 3]);
+    assert_eq!(received_after_a_give_back(Buffer::fifo(3)), [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_value_that_came_back_is_overwritten_as_if_it_had_never_left() {
+    assert_eq!(
+        received_after_a_give_back(Buffer::overwrite_oldest(4)),
+        [0, 1, 2, 3]
+    );
+    assert_eq!(
+        received_after_a_give_back(Buffer::overwrite_oldest(3)),
+        [1, 2, 3]
+    );
+    assert_eq!(received_after_a_give_back(Buffer::overwrite_oldest(1)), [3]);
+    assert_eq!(
+        received_after_a_give_back(Buffer::overwrite_newest(4)),
+        [0, 1, 2, 3]
+    );
+    assert_eq!(
+        received_after_a_give_back(Buffer::overwrite_newest(3)),
+        [0, 1, 3]
+    );
+    assert_eq!(received_after_a_give_back(Buffer::overwrite_newest(1)), [3]);
 }
 
 #[test]
@@ -223,103 +244,4 @@ fn a_drop_that_races_with_the_partner_neither_loses_nor_doubles_the_value() {
         assert_eq!(receiver.try_recv().is_ok(), sent, "round {n}");
         ledger.assert_all_dropped_once();
     }
-}
-
-/// Polls an operation once within a process of `executor`, or on a thread of its own, lets that end, and gives the operation.
-fn polled_by_a_process_that_has_ended<F: Future + Send + 'static>(
-    on_executor: bool,
-    mut operation: Pin<Box<F>>,
-) -> Pin<Box<F>> {
-    let (hand_out, handed_out) = mpsc::channel();
-    let body = async move || {
-        poll_fn(|cx| {
-            assert!(operation.as_mut().poll(cx).is_pending());
-            Poll::Ready(())
-        })
-        .await;
-        hand_out.send(operation).unwrap();
-    };
-    if on_executor {
-        let executor = Executor::start(Attributes::new("short-lived")).unwrap();
-        executor.spawn(ProcessSpec::new("polls once"), body);
-        executor.release();
-        let operation = handed_out.recv().unwrap();
-        executor.stop();
-        operation
-    } else {
-        thread::spawn(|| luna_executors::block_on(body()).unwrap())
-            .join()
-            .unwrap();
-        handed_out.recv().unwrap()
-    }
-}
-
-#[test]
-fn an_operation_may_outlive_the_process_that_polled_it() {
-    // Its node then names whom to wake, and that one is gone: a memory checker sees what this test alone may not.
-    let _watchdog = common::Watchdog::new();
-    for on_executor in [true, false] {
-        for dropped in [true, false] {
-            let (sender, receiver) = channel::<u32>();
-            let (sender, receiver) = (Arc::new(sender), Arc::new(receiver));
-            let (its_sender, its_receiver) = (sender.clone(), receiver.clone());
-            let recv = Box::pin(async move { its_receiver.recv().await });
-            let mut recv = polled_by_a_process_that_has_ended(on_executor, recv);
-            if dropped {
-                drop(recv);
-                assert!(sender.try_send(1).unwrap_err().is_full());
-            } else {
-                sender.try_send(1).unwrap();
-                assert_eq!(ready(&mut recv), Ok(1));
-            }
-            let send = Box::pin(async move { its_sender.send(2).await });
-            let mut send = polled_by_a_process_that_has_ended(on_executor, send);
-            if dropped {
-                drop(send);
-                assert_eq!(receiver.try_recv(), Err(TryRecvError::Empty));
-            } else {
-                assert_eq!(receiver.try_recv(), Ok(2));
-                assert_eq!(ready(&mut send), Ok(()));
-            }
-        }
-    }
-}
-
-/// A waker that does what it was told to as it is dropped: as the last reference to another task might.
-struct Last<F: FnMut() + Send + 'static>(Mutex<F>);
-
-impl<F: FnMut() + Send + 'static> Wake for Last<F> {
-    fn wake(self: Arc<Self>) {}
-}
-
-impl<F: FnMut() + Send + 'static> Drop for Last<F> {
-    fn drop(&mut self) {
-        (self.0.get_mut().unwrap())();
-    }
-}
-
-#[test]
-fn no_waker_is_dropped_under_the_lock() {
-    fn waker(sender: &Sender<u8>) -> Waker {
-        let sender = sender.clone();
-        Waker::from(Arc::new(Last(Mutex::new(move || {
-            assert!(sender.try_send(9).is_err())
-        }))))
-    }
-    let _watchdog = common::Watchdog::new();
-    let (sender, receiver) = channel::<u8>();
-    // Replaced by another one.
-    let mut send = Box::pin(sender.send(1));
-    let first = waker(&sender);
-    assert!(poll_with(&mut send, &first).is_pending());
-    drop(first);
-    pending(&mut send);
-    drop(send);
-    // Withdrawn with its operation.
-    let mut send = Box::pin(sender.send(1));
-    let last = waker(&sender);
-    assert!(poll_with(&mut send, &last).is_pending());
-    drop(last);
-    drop(send);
-    assert_eq!(receiver.try_recv(), Err(TryRecvError::Empty));
 }

@@ -72,17 +72,23 @@ fn a_partner_that_comes_between_the_last_look_and_the_withdrawal_counts() {
 }
 
 #[test]
-fn one_that_has_communicated_and_lets_others_run_does_not_time_out_meanwhile() {
+fn one_that_has_communicated_lets_the_more_urgent_run_though_its_time_is_over() {
     let _watchdog = Watchdog::new();
     let executor = Executor::start(Attributes::new("gives way")).unwrap();
     let ((numbers, from_high), (to_high, received)) = (channel(), channel());
+    let steps = Arc::new(AtomicUsize::new(0));
+    let of_high = steps.clone();
     let high = executor.spawn(ProcessSpec::new("high").level(20), move || async move {
         numbers.send(1).await.unwrap();
+        of_high.store(1, Ordering::Relaxed);
         assert_eq!(received.recv().await, Ok(2));
+        of_high.store(2, Ordering::Relaxed);
     });
     let low = executor.spawn(ProcessSpec::new("low").level(5), move || async move {
         assert_eq!(from_high.recv_timeout(Duration::ZERO).await, Ok(1));
+        assert_eq!(steps.load(Ordering::Relaxed), 1);
         assert_eq!(to_high.send_timeout(2, Duration::ZERO).await, Ok(()));
+        assert_eq!(steps.load(Ordering::Relaxed), 2);
     });
     executor.release();
     assert_eq!(

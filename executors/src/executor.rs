@@ -306,9 +306,25 @@ fn run(shared: Arc<Shared>) {
     let _home = current::enter_home(shared.home, timers.clone(), false);
     let _files = watch::enter(shared.inbound.bell());
     let mut members = Vec::new();
+    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers, &mut members)));
+    // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know
+    // what that left half done, so it polls nobody any more: its processes have panicked with it, and their memory is not touched.
+    if lived.is_err() {
+        current::set_on_path(false);
+        shared.close();
+        for record in members {
+            record.end_panicked(Box::new(
+                "the executor's thread panicked outside of any process",
+            ));
+        }
+    }
+}
+
+/// From the set-up to the end of all processes.
+fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>>) {
     loop {
         shared.inbound.take_attention();
-        shared.take_in(&mut members);
+        shared.take_in(members);
         if shared.phase() != Phase::HELD {
             break;
         }
@@ -316,15 +332,15 @@ fn run(shared: Arc<Shared>) {
     }
     current::set_on_path(true);
     while shared.phase() == Phase::RELEASED {
-        round(&shared, &timers, &mut members, true);
+        round(shared, timers, members, true);
     }
     current::set_on_path(false);
     shared.close();
-    for record in &members {
+    for record in members.iter() {
         record.cancel();
     }
     while task::count() > 0 {
-        round(&shared, &timers, &mut members, false);
+        round(shared, timers, members, false);
     }
 }
 

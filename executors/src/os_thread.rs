@@ -243,14 +243,15 @@ impl Held {
             }
         }
         let (id, level) = (record.id(), record.level());
-        run(
-            body.as_mut(),
-            &self.parker,
-            id,
-            self.thread_priority.load(Ordering::Relaxed),
-            level,
-            true,
-        );
+        let priority = self.thread_priority.load(Ordering::Relaxed);
+        let ran = catch_unwind(AssertUnwindSafe(|| {
+            run(body.as_mut(), &self.parker, id, priority, level, true);
+        }));
+        if let Err(payload) = ran {
+            // Not the body's panic, which is caught where it is polled: a foreign waker's, say.
+            drop(body);
+            record.end_panicked(payload);
+        }
         record.drop_waker();
         reclaim::collect();
     }

@@ -13,6 +13,9 @@
 //!               \ (link `direct`)              +--> run queue ------------------> poll_in_place -+
 //! ```
 //!
+//! What remains of others' progress: async-task marks a task as scheduled before it is handed over, so a second waker of the *same* task
+//! relies on the first one to go on. Wakers of different tasks do not rely on each other.
+//!
 //! When the future has ended in a direct poll, async-task is told by one last run, which finds it ended. From its making until it
 //! is retired a task holds a reference to itself (the wakers in its [`current::Process`] and in its record), so that no waker's
 //! drop frees it on the real-time path.

@@ -7,7 +7,7 @@
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicPtr, Ordering};
 
-/// The head of an allocation that can be freed later. It must be the allocation's first field, with `repr(C)`.
+/// The head of an allocation that can be freed later: a field of it, from which its `free` finds the whole.
 #[derive(Debug)]
 pub struct Retired {
     next: AtomicPtr<Retired>,

@@ -1,7 +1,7 @@
 //! What can be a process, and how the framework starts and ends it.
 
 use crate::error::{Error, Result};
-use crate::safety::{Cause, Emergency};
+use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::lock::PiLock;
@@ -11,6 +11,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomData;
+use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -151,6 +152,12 @@ impl fmt::Debug for Prepared {
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
+}
+
+/// Runs `pre_run`. Its panic is an error as any other.
+pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
+    catch_unwind(AssertUnwindSafe(|| resident.pre_run()))
+        .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
 }
 
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic hook tells, must not keep the other processes
@@ -309,7 +316,7 @@ pub(crate) async fn fail_current(failure: Failure) -> ! {
 
 /// A body with the failures that the framework finds in it.
 pub(crate) struct Supervised<F> {
-    body: F,
+    body: ManuallyDrop<F>,
     frame: Frame,
 }
 
@@ -320,7 +327,10 @@ impl<F> Supervised<F> {
         let alarm = Alarm(&frame.emergency);
         let body = make();
         std::mem::forget(alarm);
-        Self { body, frame }
+        Self {
+            body: ManuallyDrop::new(body),
+            frame,
+        }
     }
 }
 
@@ -332,7 +342,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
         // SAFETY: the body is pinned with the whole, and never moved.
         let (body, frame) = unsafe {
             let this = self.get_unchecked_mut();
-            (Pin::new_unchecked(&mut this.body), &this.frame)
+            (Pin::new_unchecked(&mut *this.body), &this.frame)
         };
         let alarm = Alarm(&frame.emergency);
         let polled = poll_until_failure(body, cx);
@@ -347,12 +357,22 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
     }
 }
 
-/// A panic in a process is an emergency: triggered here, on the spot, not when somebody finds the process ended.
+impl<F> Drop for Supervised<F> {
+    fn drop(&mut self) {
+        // Also a panic of what a cancelled body leaves.
+        let alarm = Alarm(&self.frame.emergency);
+        // SAFETY: dropped here, in its place, and nowhere else.
+        unsafe { ManuallyDrop::drop(&mut self.body) };
+        std::mem::forget(alarm);
+    }
+}
+
+/// A panic in a process is an emergency: triggered here, as it leaves the body, not when somebody finds the process ended.
 struct Alarm<'a>(&'a Emergency);
 
 impl Drop for Alarm<'_> {
     fn drop(&mut self) {
-        self.0.trigger(Cause::Panic);
+        self.0.trigger();
     }
 }
 
@@ -361,6 +381,8 @@ fn poll_until_failure<F: Future>(
     body: Pin<&mut F>,
     cx: &mut Context<'_>,
 ) -> Poll<Result<F::Output, Failure>> {
+    // One that a panic has left behind is nobody's.
+    FAILURE.set(None);
     let polled = body.poll(cx);
     // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
     match FAILURE.take() {

@@ -4,19 +4,12 @@ use crate::error::{Error, Result};
 use luna_executors::Living;
 use luna_platform::clock::Instant;
 use luna_platform::shortfall::Shortfall;
-use luna_platform::signals::{self, Signal, SignalWatch};
+use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
 use luna_platform::thread::{self, Attributes, EMERGENCY_PRIORITY, Policy, Thread};
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-
-/// What made an emergency.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Cause {
-    /// A process panicked.
-    Panic,
-}
 
 const NORMAL: u8 = 0;
 /// Triggered by a process, or a signal was seen: the functions run.
@@ -41,12 +34,8 @@ impl Emergency {
     }
 
     /// Wakes the thread; the first trigger counts. From any thread, on the real-time path too: O(1), one system call.
-    pub(crate) fn trigger(&self, cause: Cause) {
-        match cause {
-            Cause::Panic => {
-                self.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
-            }
-        }
+    pub(crate) fn trigger(&self) {
+        self.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
         signals::announce_event();
     }
 
@@ -86,8 +75,12 @@ impl EmergencyThread {
         living: Arc<Living>,
         real_time: bool,
     ) -> Result<Self> {
-        // A platform without signals has the functions all the same, for panics.
-        let watch = SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]).ok();
+        let watch = match SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]) {
+            Ok(watch) => Some(watch),
+            // A platform without signals has the functions all the same, for panics.
+            Err(SignalError::Unsupported) => None,
+            Err(error) => return Err(error.into()),
+        };
         let policy = if real_time {
             Policy::fifo(EMERGENCY_PRIORITY)
         } else {
@@ -143,27 +136,31 @@ fn watch_over(
 ) -> Option<i32> {
     let received = || watch.as_ref().and_then(SignalWatch::received);
     let mut seen = signals::event_count();
-    loop {
+    // A signal that comes as the system ends is seen all the same.
+    while received().is_none() && emergency.phase.load(Ordering::Acquire) != TRIGGERED {
         if emergency.phase.load(Ordering::Acquire) == ENDED {
-            return None;
-        }
-        if emergency.phase.load(Ordering::Acquire) == TRIGGERED || received().is_some() {
-            break;
+            return received();
         }
         seen = signals::wait_for_event(seen, Instant::NEVER);
     }
     emergency.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
-    let signal = received();
+    let mut panicked = Vec::new();
     for Function { name, run } in &mut functions {
         // The others must run whatever this one does.
-        if catch_unwind(AssertUnwindSafe(run)).is_err() {
-            eprintln!("luna: emergency function `{name}` panicked; the next ones run");
+        if let Err(payload) = catch_unwind(AssertUnwindSafe(run)) {
+            // Its drop is the user's code too.
+            std::mem::forget(payload);
+            panicked.push(name.as_str());
         }
     }
     emergency.phase.fetch_max(SAFE, Ordering::AcqRel);
     living.announce();
+    // Only now: standard error may be a pipe that nobody reads.
+    for name in panicked {
+        eprintln!("luna: emergency function `{name}` panicked; the others ran");
+    }
     while emergency.phase.load(Ordering::Acquire) != ENDED {
         seen = signals::wait_for_event(seen, Instant::NEVER);
     }
-    signal
+    received()
 }

@@ -2,4 +2,4 @@
 
 mod emergency;
 
-pub(crate) use emergency::{Cause, Emergency, EmergencyThread, Function};
+pub(crate) use emergency::{Emergency, EmergencyThread, Function};

@@ -83,9 +83,11 @@ impl ExecutorBuilder {
     /// use luna::{Error, Policy, SetupError, System};
     ///
     /// let mut system = System::new("wrong");
-    /// let error = system.executor("control").core(9999).build().unwrap_err();
-    /// assert!(matches!(error, Error::Setup(SetupError::NoSuchCore { core: 9999, .. })));
-    /// assert!(system.executor("control").policy(Policy::fifo(98)).build().is_err());
+    /// let refused = system.executor("control").policy(Policy::fifo(98)).build();
+    /// assert!(matches!(refused, Err(Error::Setup(SetupError::Attributes(_))))); // 1 to 97 are the user's
+    /// assert!(system.executor("control").build().is_ok());
+    /// let twice = system.executor("control").build();
+    /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
     /// ```
     pub fn build(self) -> Result<Executor> {
         self.attributes.validate()?;

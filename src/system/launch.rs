@@ -1,7 +1,7 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
 use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running};
-use crate::csp::process::clean_up;
+use crate::csp::process::{clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
 use crate::time::Scope;
@@ -185,12 +185,7 @@ fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
         let Some(resident) = &mut process.prepared.resident else {
             continue;
         };
-        let prepared =
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| resident.pre_run()));
-        let outcome = prepared.unwrap_or_else(|payload| {
-            Err(Error::Panicked(luna_executors::panic_message(&*payload)))
-        });
-        if let Err(error) = outcome {
+        if let Err(error) = prepare(&mut **resident) {
             let error = error.in_process(&process.name);
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());

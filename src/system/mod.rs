@@ -82,6 +82,9 @@ impl System {
     ///
     /// In an emergency (SIGINT, SIGTERM, a panic in a process) they run once, first to last registered, on a thread of the highest
     /// priority; then the system ends. One that panics does not keep the next from running.
+    ///
+    /// A panic makes an emergency as it leaves the process' body, that is after the panic hook, which by default writes to standard error. A
+    /// program built with `panic = "abort"`, or that panics again while it unwinds, ends without them.
     pub fn on_emergency(
         &mut self,
         name: &str,

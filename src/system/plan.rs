@@ -1,6 +1,6 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
-use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up};
+use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, Function};
 use crate::time::Scope;
@@ -251,9 +251,7 @@ impl Plan {
     fn start_late(&self, running: &Running, mut plan: ProcessPlan) -> Result<()> {
         let name = plan.name.clone();
         if let Some(resident) = &mut plan.prepared.resident {
-            resident
-                .pre_run()
-                .map_err(|error| error.in_process(&name))?;
+            prepare(&mut **resident).map_err(|error| error.in_process(&name))?;
         }
         let started = match plan.place {
             // Nothing of the user's runs here, so the lock is kept from the look at the phase to the start: the end cannot come in between.

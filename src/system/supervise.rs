@@ -142,6 +142,10 @@ fn bury(plan: &Plan, tell: bool) {
         // One at a time and without the lock, since `post_run` may take long, and spawn.
         let next = {
             let mut members = plan.members();
+            let emergency = members
+                .running
+                .as_ref()
+                .map(|running| running.emergency.clone());
             let found = members
                 .started
                 .iter_mut()
@@ -149,6 +153,12 @@ fn bury(plan: &Plan, tell: bool) {
             found.map(|member| {
                 member.buried = true;
                 member.error = error_of(member);
+                // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
+                if matches!(member.handle.exit(), Some(Exit::Panicked(_)))
+                    && let Some(emergency) = &emergency
+                {
+                    emergency.trigger();
+                }
                 if let Some(error) = &member.error
                     && tell
                 {

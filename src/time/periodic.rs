@@ -175,9 +175,10 @@ impl Periodic {
     /// ```
     pub async fn next(&mut self) -> Cycle {
         let asked = Instant::now();
-        let mut target = self
+        let target = self
             .origin
             .plus_nanos(self.period.saturating_mul(self.number.saturating_add(1)));
+        let mut missed = 0;
         if let Some(began) = self.began
             && std::mem::take(&mut self.in_cycle)
         {
@@ -195,18 +196,23 @@ impl Periodic {
                     .await;
                 }
                 if self.overrun == Overrun::Rephase {
-                    self.leave_grid(asked);
-                    target = asked;
+                    missed = self.leave_grid(asked);
                 }
             } else {
                 self.consecutive = 0;
             }
         }
-        Sleep::until(target).await;
-        self.begin_cycle(target, Instant::now())
+        if target <= asked {
+            // Behind time: still a scheduling point, else it would keep the executor from timers, wakes and its own cancellation.
+            luna_executors::yield_now().await;
+        } else {
+            Sleep::until(target).await;
+        }
+        self.begin_cycle(target, missed, Instant::now())
     }
 
-    fn begin_cycle(&mut self, target: Instant, now: Instant) -> Cycle {
+    /// Begins a cycle that was scheduled for `target`, `missed` slots having been missed on a grid that was left.
+    fn begin_cycle(&mut self, target: Instant, missed: u64, now: Instant) -> Cycle {
         let before = self.number;
         let due = now.nanos_since(self.origin) / self.period;
         self.number = match self.overrun {
@@ -214,7 +220,7 @@ impl Periodic {
             // The slot that lasts at this moment: later than the one waited for if the wake-up itself came that late.
             Overrun::SkipToGrid | Overrun::Rephase => due.max(before + 1),
         };
-        let missed = self.number - before - 1;
+        let skipped = self.number - before - 1;
         let deadline = self
             .origin
             .plus_nanos(self.period.saturating_mul(self.number));
@@ -223,7 +229,7 @@ impl Periodic {
         let number = self.number;
         let statistics = self.statistics();
         statistics.kept += 1;
-        statistics.missed += missed;
+        statistics.missed += skipped;
         statistics.wake_latency.record(now.nanos_since(target));
         if let Some(previous) = previous {
             statistics.cycle_time.record(now.nanos_since(previous));
@@ -232,24 +238,28 @@ impl Periodic {
             number,
             deadline,
             lateness: now - deadline,
-            missed,
+            missed: missed + skipped,
         }
     }
 
-    /// Closes the present grid and begins one on which slot 1 is due at `now`.
-    fn leave_grid(&mut self, now: Instant) {
-        self.close_grid(now);
-        self.origin = Instant::from_nanos(now.as_nanos().saturating_sub(self.period));
+    /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots were missed on the old one. The slot that
+    /// lasts at `now` is not among them: it is served late, as the first of the new grid.
+    fn leave_grid(&mut self, now: Instant) -> u64 {
+        let first = Instant::from_nanos(now.as_nanos().saturating_sub(self.period));
+        let missed = self.close_grid(first);
+        self.origin = first;
         self.number = 0;
+        missed
     }
 
-    /// Accounts for all slots of the present grid up to `until`: those that were not served are missed.
-    fn close_grid(&mut self, until: Instant) {
+    /// Accounts for all slots of the present grid up to `until`: those that were not served are missed. Gives their number.
+    fn close_grid(&mut self, until: Instant) -> u64 {
         let elapsed = until.nanos_since(self.origin) / self.period;
         let unserved = elapsed.saturating_sub(self.number);
         let statistics = self.statistics();
         statistics.slots_elapsed += elapsed;
         statistics.missed += unserved;
+        unserved
     }
 
     fn statistics(&mut self) -> &mut Statistics {

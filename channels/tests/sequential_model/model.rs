@@ -122,6 +122,15 @@ impl Model {
             self.dropped.insert(value);
         } else if self.receivers.is_empty() {
             self.store.push_front(value);
+            if self.store.len() > self.capacity {
+                // As if the value had never left.
+                let overwritten = match self.kind {
+                    Kind::Fifo => None,
+                    Kind::Oldest => self.store.pop_front(),
+                    Kind::Newest => self.store.remove(self.store.len() - 2),
+                };
+                self.dropped.extend(overwritten);
+            }
         } else {
             let (_, receiver) = self.receivers.remove(0);
             self.settle(receiver, State::Done(Some(value)));

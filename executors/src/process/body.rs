@@ -72,7 +72,12 @@ impl<F> Body<F> {
         // Dropping the body ends its channels before anybody learns that the process has ended.
         let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.future = None));
         let exit = match (exit, dropped) {
-            (RawExit::Panicked(payload), _) | (_, Err(payload)) => RawExit::Panicked(payload),
+            (RawExit::Panicked(payload), Err(second)) => {
+                // The first one counts, and dropping the other could panic in turn.
+                std::mem::forget(second);
+                RawExit::Panicked(payload)
+            }
+            (_, Err(payload)) => RawExit::Panicked(payload),
             (exit, Ok(())) => exit,
         };
         self.record.finish(exit);

@@ -100,6 +100,15 @@ pub fn timers() -> Option<Arc<TimerQueue>> {
     TIMERS.with(|slot| slot.borrow().clone())
 }
 
+/// Whether `timers` are other ones than those of this thread, which runs processes.
+pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
+    TIMERS.with(|slot| {
+        slot.borrow()
+            .as_ref()
+            .is_some_and(|own| !Arc::ptr_eq(own, timers))
+    })
+}
+
 /// Runs `poll` with `process` as the current one.
 ///
 /// # Safety

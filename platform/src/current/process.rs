@@ -3,9 +3,9 @@
 use super::references::References;
 use std::cell::UnsafeCell;
 use std::fmt;
-use std::num::NonZeroU32;
+use std::num::{NonZeroU32, NonZeroU64};
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// The number of priority levels within one executor: 0 (lowest) to 31.
@@ -38,15 +38,16 @@ impl fmt::Display for ProcessId {
 
 /// One thread that runs processes: an executor's, or that of an OS-thread process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Home(NonZeroU32);
+pub struct Home(NonZeroU64);
 
 impl Home {
     /// A home not given out before.
     #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
-        static NEXT: AtomicU32 = AtomicU32::new(1);
+        static NEXT: AtomicU64 = AtomicU64::new(1);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        Self(NonZeroU32::new(number).unwrap_or(NonZeroU32::MIN))
+        // 64 bits do not wrap, and homes must differ: what is counted without atomics relies on it.
+        Self(NonZeroU64::new(number).unwrap_or(NonZeroU64::MIN))
     }
 }
 
@@ -87,7 +88,7 @@ pub struct Process {
     id: ProcessId,
     home: Home,
     thread_priority: u8,
-    level: AtomicU8,
+    level: u8,
     waker: UnsafeCell<Option<Waker>>,
     owner: UnsafeCell<Option<(NonNull<()>, &'static Methods)>>,
     pub(super) references: References,
@@ -105,7 +106,7 @@ impl Process {
             id,
             home,
             thread_priority,
-            level: AtomicU8::new(level),
+            level,
             waker: UnsafeCell::new(None),
             owner: UnsafeCell::new(None),
             references: References::new(),
@@ -212,7 +213,7 @@ impl Process {
     /// The level that the process runs at.
     #[inline]
     pub fn level(&self) -> u8 {
-        self.level.load(Ordering::Relaxed)
+        self.level
     }
 
     /// How urgent the process is.

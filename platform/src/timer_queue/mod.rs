@@ -151,7 +151,10 @@ impl Sleep {
                 if !(*node.as_ptr()).fired.load(Ordering::Relaxed) {
                     heap.remove(node);
                     queue.publish_next(&heap);
-                    (*node.as_ptr()).wakeup = None;
+                    let former = (*node.as_ptr()).wakeup.take();
+                    drop(heap);
+                    // Dropping a waker can run anything, so not under the lock.
+                    drop(former);
                 }
             }
         }
@@ -172,20 +175,40 @@ impl Future for Sleep {
                 this.deadline = Instant::from_nanos(0);
                 return Poll::Ready(());
             }
-            if let Some(queue) = &this.queue {
-                let heap = queue.heap.lock();
-                // SAFETY: the lock that guards the node is held.
-                unsafe {
-                    let node = &mut *node.as_ptr();
-                    if node.wakeup.as_ref().is_some_and(|wakeup| !wakeup.is_of(cx)) {
-                        node.wakeup = Some(Wakeup::of(cx));
-                    }
+            match &this.queue {
+                // A deadline belongs to the thread that polls it: another one's may have ended.
+                Some(queue) if current::has_other_timers(queue) => self.as_mut().disarm(),
+                Some(queue) => {
+                    let heap = queue.heap.lock();
+                    // SAFETY: the lock that guards the node is held.
+                    let former = unsafe {
+                        let node = &mut *node.as_ptr();
+                        match &node.wakeup {
+                            Some(wakeup) if !wakeup.is_of(cx) => {
+                                node.wakeup.replace(Wakeup::of(cx))
+                            }
+                            _ => None,
+                        }
+                    };
+                    drop(heap);
+                    // Dropping a waker can run anything, so not under the lock.
+                    drop(former);
+                    return Poll::Pending;
                 }
-                drop(heap);
+                None => return Poll::Pending,
             }
-            return Poll::Pending;
+        }
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.as_mut().get_unchecked_mut() };
+        if this.queue.as_ref().is_some_and(current::has_other_timers) {
+            this.queue = None;
         }
         if Instant::now() >= this.deadline {
+            if !current::count_operation() {
+                // One of too many operations in a row that did not have to wait: the next poll begins a new count.
+                current::ready_again(cx, current::Place::Last);
+                return Poll::Pending;
+            }
             return Poll::Ready(());
         }
         if this.queue.is_none() {
