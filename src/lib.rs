@@ -55,7 +55,7 @@ pub use luna_executors::{
 };
 pub use luna_platform::current::{ProcessId, on_path};
 pub use luna_platform::shortfall::Shortfall;
-pub use luna_platform::thread::Policy;
+pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use report::{End, ProcessReport, Report, ThreadReport};
 pub use system::{Executor, ExecutorBuilder, ProcessBuilder, System, Thread};
 pub use time::{

@@ -223,3 +223,23 @@ fn many_join_and_wait() {
     system.run().unwrap();
     assert_eq!(waiting.join().unwrap(), Exit::Completed);
 }
+
+#[test]
+fn exits_after_a_panic() {
+    let _watch = watchdog();
+    let mut system = System::new("exits");
+    let executor = system.executor("main").build().unwrap();
+    let waiting = executor
+        .process("waiting")
+        .spawn(std::future::pending::<luna::Result<()>>())
+        .unwrap();
+    let culprit = executor
+        .process("culprit")
+        .priority(0)
+        .spawn(async { panic!("{}", "formatted") })
+        .unwrap();
+    system.run().unwrap_err();
+    let exit = |id| system.process_handle(id).unwrap().exit().unwrap();
+    assert_eq!(exit(culprit), Exit::Panicked("formatted".to_owned()));
+    assert_eq!(exit(waiting), Exit::Cancelled);
+}

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{PLACES, Place, has_real_time, skip, watchdog};
+use luna::Error;
 use luna::prelude::*;
-use luna::{Error, Exit};
 use std::sync::{Arc, Mutex};
 
 type Log = Arc<Mutex<Vec<String>>>;
@@ -330,24 +330,4 @@ fn functions_run_on_a_thread_above_all_others() {
         return skip("its priority: no privilege");
     }
     assert_eq!(policy, Policy::fifo(99));
-}
-
-#[test]
-fn exits_in_the_handles() {
-    let _watch = watchdog();
-    let mut system = System::new("exits");
-    let executor = system.executor("main").build().unwrap();
-    let waiting = executor
-        .process("waiting")
-        .spawn(std::future::pending::<luna::Result<()>>())
-        .unwrap();
-    let culprit = executor
-        .process("culprit")
-        .priority(0)
-        .spawn(async { panic!("{}", "formatted") })
-        .unwrap();
-    system.run().unwrap_err();
-    let exit = |id| system.process_handle(id).unwrap().exit().unwrap();
-    assert_eq!(exit(culprit), Exit::Panicked("formatted".to_owned()));
-    assert_eq!(exit(waiting), Exit::Cancelled);
 }

@@ -226,7 +226,7 @@ enum Phase {
 /// # Invariants
 ///
 /// The waiter holds a value in `GaveWay`, and in `Listed` once its outcome is `Done`. In `Listed` it is pinned.
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[must_use = "an operation does nothing unless awaited: add `.await`"]
 pub struct RecvOp<'a, T> {
     receiver: &'a Receiver<T>,
     waiter: UnsafeCell<Waiter<T>>,

@@ -217,7 +217,7 @@ enum Phase {
 /// # Invariants
 ///
 /// The waiter holds the value in `New`, and in `Listed` unless its outcome is `Done`. In `Listed` it is pinned.
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[must_use = "an operation does nothing unless awaited: add `.await`"]
 pub struct SendOp<'a, T> {
     sender: &'a Sender<T>,
     waiter: UnsafeCell<Waiter<T>>,

@@ -1,5 +1,7 @@
 //! Which auto traits the types have, and which they must not have. All of it is checked by the compiler.
 
+#![cfg(not(loom))]
+
 use luna_channels::{
     Incoming, Receiver, RecvError, RecvOp, RecvTimeout, SendError, SendOp, SendTimeout, Sender,
     TrySendError,

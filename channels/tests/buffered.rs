@@ -1,5 +1,7 @@
 //! Channels with a buffer: first in, first out; and the two that overwrite.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Wakes, pending, poll_with, ready};

@@ -1,5 +1,7 @@
 //! The end of a channel: by the drop of its last sender or its last receiver, seen from both sides.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Token, Wakes, Watchdog, pending, poll_with, ready};

@@ -1,6 +1,8 @@
 //! Operations inside combinators of other crates, and of our own with wakers of their own: the waker that polled is the one that is woken,
 //! also within a process of LUNA, which would else be readied without it.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::Watchdog;

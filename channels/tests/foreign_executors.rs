@@ -1,5 +1,7 @@
 //! The same network under every executor, and one network across all of them.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::Watchdog;

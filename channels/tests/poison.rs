@@ -1,5 +1,7 @@
 //! Poison: all who wait and all who come fail; what was communicated stays communicated.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Wakes, Watchdog, pending, poll_with, ready};

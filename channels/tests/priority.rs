@@ -1,5 +1,7 @@
 //! Who waits is served by priority, then by arrival; and a communication lets the more urgent run. Golden orders on one executor.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::Watchdog;

@@ -1,5 +1,7 @@
 //! Channels without a buffer: a send ends when a receiver has taken the value, not before.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Wakes, Watchdog, pending, poll_with, ready};

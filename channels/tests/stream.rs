@@ -1,5 +1,7 @@
 //! A receiver as a stream.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Wakes, Watchdog, pending};

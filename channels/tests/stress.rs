@@ -1,5 +1,7 @@
 //! Many threads on one channel: nothing is lost, nothing doubled, and what one sender sent arrives in order.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Random, Token, Watchdog, poll};

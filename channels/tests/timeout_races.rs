@@ -1,5 +1,7 @@
 //! Timeouts that race with partners: what one side reports, the other side has seen.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Random, Watchdog, poll_with, ready};

@@ -1,5 +1,7 @@
 //! The wakers of waiting operations: what they do as they wake or are dropped harms nobody, and they may outlive whom they wake.
 
+#![cfg(not(loom))]
+
 mod common;
 
 use common::{Ledger, Watchdog, pending, poll, poll_with, ready};
@@ -155,23 +157,13 @@ impl Wake for PanicsAsItWakes {
 }
 
 #[test]
-fn a_value_is_communicated_once_though_the_wake_of_the_partner_panics() {
-    let ledger = Ledger::new(2);
+fn a_receive_that_fails_as_it_wakes_its_sender_drops_the_value_once() {
+    let ledger = Ledger::new(1);
     let (sender, receiver) = channel();
     let waker = Waker::from(Arc::new(PanicsAsItWakes));
-
-    let mut recv = Box::pin(receiver.recv());
-    assert!(poll_with(&mut recv, &waker).is_pending());
     let mut send = Box::pin(sender.send(ledger.token(0)));
-    assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut send))).is_err());
-    drop(send);
-    assert_eq!(ready(&mut recv).unwrap().id, 0);
-    assert_eq!(ledger.dropped(), [0]);
-
-    let mut send = Box::pin(sender.send(ledger.token(1)));
     assert!(poll_with(&mut send, &waker).is_pending());
     let mut recv = Box::pin(receiver.recv());
-    // Here the value goes with the receive that failed half way.
     assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut recv))).is_err());
     drop(recv);
     assert!(ready(&mut send).is_ok());

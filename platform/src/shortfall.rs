@@ -210,12 +210,12 @@ impl PolicyRefusal {
             Self::NotPermitted { .. } => format!(
                 "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - rtprio {}` into \
                  /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add SYS_NICE --ulimit rtprio={0})",
-                asked.priority().max(95)
+                asked.priority().max(99)
             ),
             Self::UserNamespace => format!(
                 "start it outside of the namespace (a container that is not rootless), or with a limit raised before it starts \
                  (--ulimit rtprio={})",
-                asked.priority().max(95)
+                asked.priority().max(99)
             ),
             Self::NoGroupBudget { file } => {
                 format!("write a budget in µs to it and to those above it (echo 950000 > {file}), or start it in the root group")

@@ -6,13 +6,20 @@ use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{lock_memory, prefault_heap};
 use luna_platform::shortfall::Shortfall;
 
+/// To standard error itself, since the harness keeps what `println!` writes.
+macro_rules! tell {
+    ($($text:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
+    }};
+}
+
 #[test]
 fn a_latency_is_held_or_a_shortfall() {
     match DmaLatency::hold() {
         // A second one beside it is no conflict.
         Ok(_held) => assert!(DmaLatency::hold().is_ok()),
         Err(shortfall @ Shortfall::DmaLatency(_)) => {
-            println!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}")
+            tell!("skipped: a_latency_is_held_or_a_shortfall: {shortfall}")
         }
         Err(other) => panic!("{other:?}"),
     }
@@ -51,7 +58,7 @@ mod linux {
             Ok(lock) => lock,
             Err(shortfall @ Shortfall::MemoryLock(_)) => {
                 assert_eq!(locked(), 0, "a refusal changes nothing");
-                println!("skipped: memory_is_locked_until_the_last_lock_is_dropped: {shortfall}");
+                tell!("skipped: memory_is_locked_until_the_last_lock_is_dropped: {shortfall}");
                 return;
             }
             Err(other) => panic!("{other:?}"),

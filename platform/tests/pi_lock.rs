@@ -5,6 +5,13 @@
 use luna_platform::lock::PiLock;
 use std::sync::Arc;
 
+/// To standard error itself, since the harness keeps what `println!` writes.
+macro_rules! tell {
+    ($($text:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
+    }};
+}
+
 /// Numbers that look random; the same in each run.
 struct Random(u64);
 
@@ -108,7 +115,7 @@ mod linux {
         match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
             Ok(thread) => thread.join().is_ok(),
             Err(error) => {
-                println!("skipped: {test}: {error}");
+                tell!("skipped: {test}: {error}");
                 false
             }
         }

@@ -10,6 +10,13 @@ use std::convert::Infallible;
 use std::rc::Rc;
 use std::sync::mpsc;
 
+/// To standard error itself, since the harness keeps what `println!` writes.
+macro_rules! tell {
+    ($($text:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stderr(), format_args!("{}\n", format_args!($($text)*)));
+    }};
+}
+
 /// Runs `look` as the body of a thread with `attributes`.
 fn on<T: Send + 'static>(attributes: Attributes, look: impl FnOnce() -> T + Send + 'static) -> T {
     let thread = spawn(attributes, |_| Ok::<_, Infallible>(()), |()| look())
@@ -25,7 +32,7 @@ fn real_time(test: &str) -> bool {
     match spawn(attributes, |_| Ok::<_, Infallible>(()), |()| ()) {
         Ok(thread) => thread.join().is_ok(),
         Err(error) => {
-            println!("skipped: {test}: {error}");
+            tell!("skipped: {test}: {error}");
             false
         }
     }
@@ -279,7 +286,7 @@ mod linux {
         });
         match child.join().unwrap() {
             Some(policy) => assert_eq!(policy, Policy::Other),
-            None => println!(
+            None => tell!(
                 "skipped: a_child_of_a_thread_without_the_reset_is_ordinary_too: no chrt here"
             ),
         }

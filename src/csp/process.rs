@@ -89,7 +89,7 @@ pub struct ViaClosure;
     message = "`{Self}` cannot be spawned as a process",
     label = "not a process",
     note = "a process is a future or a closure that makes one, with output `luna::Result<()>`, or a type that implements \
-            `luna::Process`; it must be `Send + 'static`"
+            `luna::Process`; it must be `Send + 'static`, and an async block must end in `Ok(())`"
 )]
 pub trait IntoProcess<M> {
     #[doc(hidden)]

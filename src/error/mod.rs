@@ -13,7 +13,10 @@ use std::sync::Arc;
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// What can go wrong in a process or a system. Every error of a channel turns into it with `?`.
-#[derive(Debug, Clone, PartialEq)]
+///
+/// Its `Debug` is its `Display`: what a `main` that returns it prints, and what an `unwrap` says, is the text and what to do. An error of your
+/// own becomes one with `.map_err(luna::Error::other)?`.
+#[derive(Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Error {
     /// The channel was poisoned, or a sibling in a parallel construct failed.
@@ -96,6 +99,12 @@ impl Error {
             name: name.as_str().to_owned(),
             consecutive,
         }
+    }
+}
+
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
     }
 }
 

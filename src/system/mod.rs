@@ -100,6 +100,23 @@ impl System {
         self
     }
 
+    /// The report of the run that has ended, also when it ended in an error.
+    ///
+    /// ```
+    /// use luna::{End, prelude::*};
+    ///
+    /// let mut system = System::new("fails");
+    /// let main = system.executor("main").build()?;
+    /// main.process("drive").spawn(async { Err(luna::Error::other("no encoder")) })?;
+    /// let error = system.run().unwrap_err();
+    /// assert_eq!(error.to_string(), "process `drive`: no encoder");
+    /// assert_eq!(system.report().unwrap().end, End::Completed);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn report(&self) -> Option<Report> {
+        self.plan.members().report.clone()
+    }
+
     /// A spawned process, to look at and to cancel, from when the system runs. Also from [`Executor::process_handle`].
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
@@ -116,7 +133,7 @@ impl System {
     /// # Errors
     ///
     /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
-    /// with its process' name. A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
+    /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
     /// fails is told on standard error at once, and the others go on.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan)

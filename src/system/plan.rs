@@ -2,6 +2,7 @@
 
 use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
+use crate::report::Report;
 use crate::safety::{Emergency, Function};
 use crate::time::Scope;
 use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
@@ -157,6 +158,8 @@ pub(crate) struct Members {
     pub(crate) started: Vec<Member>,
     pub(crate) threads: Vec<NamedThread>,
     pub(crate) running: Option<Running>,
+    /// Of the run that has ended.
+    pub(crate) report: Option<Report>,
     names: HashSet<(&'static str, String)>,
 }
 

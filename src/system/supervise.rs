@@ -43,7 +43,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         shortfalls,
         ..
     } = launched;
-    let threads = end_threads(executors, threads);
+    let threads = end_threads(plan, executors, threads);
     bury(plan, false);
     let signal = guard.stop();
 
@@ -51,7 +51,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     for left_behind in members.started.iter_mut().filter(|member| !member.buried) {
         if left_behind.handle.state() == ProcessState::Running {
             eprintln!(
-                "luna: process `{}` computes or blocks without an await, so it could not be ended",
+                "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name
             );
         }
@@ -72,6 +72,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         loops: running.scope.take_reports(),
         shortfalls,
     };
+    members.report = Some(report.clone());
     match first_error(&mut members.started, report.end) {
         Some(error) => Err(error),
         None => Ok(report),
@@ -187,7 +188,12 @@ fn error_of(member: &Member) -> Option<Error> {
 }
 
 /// Asks all threads to end, waits for them a bounded time, and leaves behind who does not.
-fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<NamedThread>) -> Vec<ThreadReport> {
+/// Processes that have ended do not wait for those that have not: they are buried meanwhile.
+fn end_threads(
+    plan: &Plan,
+    executors: Vec<(String, Executor)>,
+    threads: Vec<NamedThread>,
+) -> Vec<ThreadReport> {
     for (_, executor) in &executors {
         executor.request_stop();
     }
@@ -197,7 +203,7 @@ fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<NamedThread>) ->
     let deadline = Instant::now() + GRACE;
     let mut reports = Vec::new();
     for (name, executor) in executors {
-        let ended = wait_until(deadline, || executor.has_stopped());
+        let ended = wait_until(plan, deadline, || executor.has_stopped());
         reports.push(thread_report(name, executor.obtained(), !ended));
         if ended {
             executor.stop();
@@ -206,7 +212,7 @@ fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<NamedThread>) ->
         }
     }
     for (name, thread) in threads {
-        let ended = wait_until(deadline, || thread.has_stopped());
+        let ended = wait_until(plan, deadline, || thread.has_stopped());
         reports.push(thread_report(name, thread.obtained(), !ended));
         if ended {
             drop(thread);
@@ -223,10 +229,11 @@ fn end_threads(executors: Vec<(String, Executor)>, threads: Vec<NamedThread>) ->
     reports
 }
 
-/// Waits for a thread's end. There is no event for it, and nobody is in a hurry: so it looks now and then.
-fn wait_until(deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
+/// Waits for a thread's end, and buries who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
+fn wait_until(plan: &Plan, deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
+        bury(plan, false);
         if Instant::now() >= deadline {
             return false;
         }

@@ -60,7 +60,7 @@ pub fn at(deadline: Instant) -> After {
 
 /// A delay: see [`after`] and [`at`].
 #[derive(Debug)]
-#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[must_use = "a delay does nothing unless awaited: add `.await`"]
 pub struct After {
     sleep: Sleep,
 }

@@ -1,6 +1,8 @@
 //! Random sequences of operations, polled by hand on one thread, held against a sequential model of a channel: after each step the
 //! results, the wakes, what was dropped and what is buffered are as the model says.
 
+#![cfg(not(loom))]
+
 #[path = "../common/mod.rs"]
 mod common;
 mod model;
