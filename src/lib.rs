@@ -53,6 +53,8 @@ pub use luna_channels::{
 pub use luna_executors::{
     Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
 };
+#[cfg(unix)]
+pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
 pub use luna_platform::current::{ProcessId, on_path};
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};

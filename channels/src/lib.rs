@@ -36,6 +36,7 @@ mod error;
 mod recv;
 mod send;
 mod stream;
+mod waiter;
 
 #[cfg(all(test, loom))]
 mod loom_tests;

@@ -1,8 +1,9 @@
 //! Receiving.
 
-use crate::core::{Channel, Ending, Outcome, Received, Waiter};
+use crate::core::{Channel, Ending, Received};
 use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
 use crate::stream::Incoming;
+use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Wakeup};
 use luna_platform::timer_queue::Sleep;

@@ -1,7 +1,8 @@
 //! Sending.
 
-use crate::core::{Channel, Ending, Outcome, Sent, Waiter};
+use crate::core::{Channel, Ending, Sent};
 use crate::error::{SendError, SendTimeoutError, TrySendError};
+use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Wakeup};
 use luna_platform::timer_queue::Sleep;

@@ -125,6 +125,13 @@ impl From<channels::BufferError> for Error {
     }
 }
 
+#[cfg(unix)]
+impl From<luna_executors::FileError> for Error {
+    fn from(error: luna_executors::FileError) -> Error {
+        Error::other(error)
+    }
+}
+
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Error {
         Error::other(error)
