@@ -102,20 +102,28 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
         .map(|one| ("system", one))
         .chain(of_all)
         .collect();
-    if let Some((_, first)) = all.first() {
-        let what: Vec<String> = all
-            .iter()
-            .map(|(name, one)| format!("{name}: no {}", one.what()))
-            .collect();
-        eprintln!(
-            "luna: system `{}` runs with best effort, without {} of what it asked for ({}): {}; {}",
-            plan.name(),
-            all.len(),
-            what.join(", "),
-            first.why(),
-            first.remedy()
-        );
+    if all.is_empty() {
+        return;
     }
+    let what: Vec<String> = all
+        .iter()
+        .map(|(name, one)| format!("{name}: no {}", one.what()))
+        .collect();
+    // The same reason and remedy often serve several.
+    let mut reasons: Vec<String> = Vec::new();
+    for (_, one) in &all {
+        let reason = format!("{}: {}", one.why(), one.remedy());
+        if !reasons.contains(&reason) {
+            reasons.push(reason);
+        }
+    }
+    eprintln!(
+        "luna: system `{}` runs with best effort, without {} of what it asked for ({}). {}",
+        plan.name(),
+        all.len(),
+        what.join(", "),
+        reasons.join(". ")
+    );
 }
 
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
