@@ -117,7 +117,7 @@ impl Executor {
         ProcessBuilder::new(self.plan.clone(), name, Ok(Place::Executor(self.number)))
     }
 
-    /// A spawned process of this system, from when it runs.
+    /// A spawned process of this system, from when it runs. Not for the real-time path, as [`System::process_handle`](crate::System::process_handle).
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }

@@ -117,7 +117,8 @@ impl System {
         self.plan.members().report.clone()
     }
 
-    /// A spawned process, to look at and to cancel, from when the system runs. Also from [`Executor::process_handle`].
+    /// A spawned process, to look at and to cancel, from when the system runs. Not for the real-time path: it takes the plan's plain
+    /// lock, so a process asks for its handles before its loop. Also from [`Executor::process_handle`].
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }

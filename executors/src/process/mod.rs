@@ -163,7 +163,8 @@ impl ProcessHandle {
     /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.
     ///
     /// What it waited for is withdrawn. A body that computes or blocks without awaiting ends at its next await. Does nothing to one that
-    /// has ended. Real-time path: yes; O(1), a system call only if its thread sleeps.
+    /// has ended. Real-time path: yes for a process that lives; O(1), a system call only if its thread sleeps. If the process ends at the same
+    /// moment, this call may be the last to refer to its memory, and frees it.
     pub fn cancel(&self) {
         self.0.cancel();
     }
