@@ -13,6 +13,7 @@
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
 //! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
+//! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
 //! - [`signals`]: requests to end, as events.
 //!
@@ -21,11 +22,17 @@
 //!
 //! A system call is made on the real-time path only where a function's documentation says so.
 
+// The model is the same whoever checks it: shuttle has loom's names.
+#[cfg(shuttle)]
+extern crate shuttle as loom;
+
 pub mod bell;
 pub mod clock;
 pub mod current;
 #[cfg(not(loom))]
 pub mod facts;
+#[cfg(all(unix, not(loom)))]
+pub mod file;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]

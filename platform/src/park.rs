@@ -60,6 +60,30 @@ impl Parker {
 
     /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone.
     pub fn park(&self, deadline: Instant) -> bool {
+        self.park_between(deadline, || (), || ())
+    }
+
+    /// As [`park`](Self::park). Each time that it sleeps for that it calls `before` when wakers know it already, and `after` when it has
+    /// woken and the wake is not taken yet: [`is_woken`](Self::is_woken) turns false after `after` alone, and who sees that sees
+    /// what `after` did.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// use luna_platform::park::Parker;
+    /// use std::cell::Cell;
+    ///
+    /// let (parker, asleep) = (Parker::new(), Cell::new(0));
+    /// let before = || asleep.set(asleep.get() + 1);
+    /// assert!(!parker.park_between(Instant::now(), before, || ())); // the deadline came
+    /// assert!(asleep.get() > 0);
+    /// ```
+    #[inline]
+    pub fn park_between(
+        &self,
+        deadline: Instant,
+        mut before: impl FnMut(),
+        mut after: impl FnMut(),
+    ) -> bool {
         loop {
             self.bell.quiet();
             let mut waited = Waited::Woken;
@@ -68,16 +92,24 @@ impl Parker {
                 .compare_exchange(EMPTY, PARKED, Ordering::AcqRel, Ordering::Relaxed)
                 .is_ok()
             {
+                before();
                 waited = self.bell.wait(deadline);
+                after();
             }
-            // Acquire: who is woken sees what happened before the wake.
-            if self.state.swap(EMPTY, Ordering::Acquire) & NOTIFIED != 0 {
+            // Acquire: who is woken sees what happened before the wake. Release: for `is_woken`.
+            if self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0 {
                 return true;
             }
             if waited == Waited::TimedOut {
                 return false;
             }
         }
+    }
+
+    /// Whether there is a wake that the thread has not taken. From any thread; one load.
+    #[inline]
+    pub fn is_woken(&self) -> bool {
+        self.state.load(Ordering::Acquire) & NOTIFIED != 0
     }
 
     /// Wakes the thread, or lets its next `park` return at once. From any thread.

@@ -33,6 +33,13 @@ pub enum Shortfall {
         /// Why it was refused.
         why: CoreRefusal,
     },
+    /// A priority that a thread was to inherit from one for whom it works; it works at its own.
+    Inheritance {
+        /// The priority, of SCHED_FIFO.
+        asked: u8,
+        /// Why it was refused.
+        why: PolicyRefusal,
+    },
     /// Locked memory; a page may have to be fetched when it is used.
     MemoryLock(MemoryRefusal),
     /// Short wake-ups; an idle core may sleep deeply.
@@ -143,6 +150,7 @@ impl Shortfall {
         match self {
             Shortfall::Policy { asked, .. } => format!("policy {asked}"),
             Shortfall::Core { asked, .. } => format!("core {asked}"),
+            Shortfall::Inheritance { asked, .. } => format!("inherited priority {asked}"),
             Shortfall::MemoryLock(_) => "locked memory".to_owned(),
             Shortfall::DmaLatency(_) => "short wake-ups (/dev/cpu_dma_latency at 0)".to_owned(),
         }
@@ -153,6 +161,7 @@ impl Shortfall {
         match self {
             Shortfall::Policy { asked, why } => why.text(*asked),
             Shortfall::Core { why, .. } => why.text(),
+            Shortfall::Inheritance { asked, why } => why.text(Policy::fifo(*asked)),
             Shortfall::MemoryLock(why) => why.text(),
             Shortfall::DmaLatency(why) => why.text(),
         }
@@ -163,6 +172,7 @@ impl Shortfall {
         match self {
             Shortfall::Policy { asked, why } => why.remedy(*asked),
             Shortfall::Core { why, .. } => why.remedy(),
+            Shortfall::Inheritance { asked, why } => why.remedy(Policy::fifo(*asked)),
             Shortfall::MemoryLock(why) => why.remedy(),
             Shortfall::DmaLatency(why) => why.remedy(),
         }

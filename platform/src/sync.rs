@@ -1,4 +1,4 @@
-//! The one door to atomics: the standard library's, or loom's when a protocol is checked.
+//! The one door to atomics: the standard library's, or the checker's (loom's or shuttle's) when a protocol is checked.
 
 #[cfg(not(loom))]
 pub use std::sync::{Arc, atomic};
@@ -8,13 +8,13 @@ pub use loom::sync::{Arc, atomic};
 
 /// A cell whose accesses the model checker watches.
 ///
-/// Outside the model it is `std::cell::UnsafeCell` with loom's closure interface, and compiles to nothing.
-#[cfg(not(loom))]
+/// Outside loom's models it is `std::cell::UnsafeCell` with loom's closure interface, and compiles to nothing.
+#[cfg(any(not(loom), shuttle))]
 #[derive(Debug)]
 #[repr(transparent)]
 pub struct UnsafeCell<T>(std::cell::UnsafeCell<T>);
 
-#[cfg(not(loom))]
+#[cfg(any(not(loom), shuttle))]
 impl<T> UnsafeCell<T> {
     /// A cell that holds `value`.
     #[inline]
@@ -35,5 +35,5 @@ impl<T> UnsafeCell<T> {
     }
 }
 
-#[cfg(loom)]
+#[cfg(all(loom, not(shuttle)))]
 pub use loom::cell::UnsafeCell;

@@ -3,7 +3,7 @@
 //! The nodes lie in the waiting futures, so waiting allocates nothing and a future that is dropped takes its node with it. The
 //! list belongs to a lock: every method is called with that lock held.
 
-use crate::current::{Priority, Wakeup};
+use crate::current::{self, Priority, User, Wakeup};
 use std::ptr::NonNull;
 
 /// One who waits. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a list's node leads back to it.
@@ -12,6 +12,7 @@ pub struct WaitNode {
     before: Option<NonNull<WaitNode>>,
     after: Option<NonNull<WaitNode>>,
     priority: Priority,
+    user: User,
     wakeup: Option<Wakeup>,
 }
 
@@ -25,8 +26,21 @@ impl WaitNode {
                 thread: 0,
                 level: 0,
             },
+            user: User::Outside,
             wakeup: None,
         }
+    }
+
+    /// How urgent it was when it was put into its list.
+    #[inline]
+    pub fn priority(&self) -> Priority {
+        self.priority
+    }
+
+    /// Who waits: whoever put it into its list.
+    #[inline]
+    pub fn user(&self) -> User {
+        self.user
     }
 
     /// Whom to wake; to be changed only under the list's lock.
@@ -45,7 +59,8 @@ impl Default for WaitNode {
 ///
 /// # Invariants
 ///
-/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes, whose priorities never rise from first to last.
+/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes. Where they came by `insert` alone, priorities never rise from
+/// first to last.
 #[derive(Debug)]
 pub struct WaitList {
     first: Option<NonNull<WaitNode>>,
@@ -87,29 +102,107 @@ impl WaitList {
         unsafe { node.as_ref() }.after
     }
 
-    /// Puts `node` behind all of its priority or higher. O(1) if none of lower priority waits, else O(those of lower priority).
+    /// Puts `node` behind all of its priority or higher, for the current process. O(1) if none of lower priority waits, else O(those of
+    /// lower priority). Without a wakeup, its owner is woken by other means.
     ///
     /// # Safety
     ///
     /// `node` is in no list, stays where it is, and is removed before it dies.
     #[inline]
-    pub unsafe fn insert(&mut self, node: NonNull<WaitNode>, priority: Priority, wakeup: Wakeup) {
+    pub unsafe fn insert(
+        &mut self,
+        node: NonNull<WaitNode>,
+        priority: Priority,
+        wakeup: impl Into<Option<Wakeup>>,
+    ) {
+        // SAFETY: the contract.
+        unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
+    }
+
+    /// Puts `node`, which was in another list of the same lock, behind all of its priority or higher: it waits for something else now, and is
+    /// still who it was. Cost as for [`insert`](Self::insert).
+    ///
+    /// # Safety
+    ///
+    /// As for `insert`.
+    #[inline]
+    pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract.
+        unsafe { self.link(self.last_of(node.as_ref().priority), node) };
+    }
+
+    /// As [`insert_again`](Self::insert_again), but before all of its priority: it had its turn, and it came to nothing. O(those of higher
+    /// priority).
+    ///
+    /// # Safety
+    ///
+    /// As for `insert`.
+    pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract; by the invariant all in the list are live.
+        unsafe {
+            let priority = node.as_ref().priority;
+            let mut before = None;
+            let mut next = self.first;
+            while let Some(other) = next
+                && other.as_ref().priority > priority
+            {
+                before = next;
+                next = other.as_ref().after;
+            }
+            self.link(before, node);
+        }
+    }
+
+    /// The last one of this priority or higher.
+    #[inline]
+    fn last_of(&self, priority: Priority) -> Option<NonNull<WaitNode>> {
+        let mut last = self.last;
+        while let Some(node) = last {
+            // SAFETY: by the invariant all in the list are live.
+            let node = unsafe { node.as_ref() };
+            if node.priority >= priority {
+                break;
+            }
+            last = node.before;
+        }
+        last
+    }
+
+    /// Puts `node` right behind `before`, or first, for the current process: for a list in another order than that of priority. O(1).
+    ///
+    /// # Safety
+    ///
+    /// As for [`insert`](Self::insert); and `before` is in this list.
+    #[inline]
+    pub unsafe fn insert_after(
+        &mut self,
+        before: Option<NonNull<WaitNode>>,
+        node: NonNull<WaitNode>,
+        priority: Priority,
+        wakeup: impl Into<Option<Wakeup>>,
+    ) {
+        // SAFETY: by the contract the node is live and ours.
+        unsafe {
+            let fields = &mut *node.as_ptr();
+            fields.priority = priority;
+            fields.user = current::user();
+            fields.wakeup = wakeup.into();
+            self.link(before, node);
+        }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`insert_after`](Self::insert_after).
+    #[inline]
+    unsafe fn link(&mut self, before: Option<NonNull<WaitNode>>, node: NonNull<WaitNode>) {
         // SAFETY: by the contract the new node is live and ours; by the invariant so are all in the list.
         unsafe {
-            let mut before = self.last;
-            while let Some(other) = before {
-                if other.as_ref().priority >= priority {
-                    break;
-                }
-                before = other.as_ref().before;
-            }
             let after = match before {
                 Some(before) => before.as_ref().after,
                 None => self.first,
             };
             let fields = &mut *node.as_ptr();
-            fields.priority = priority;
-            fields.wakeup = Some(wakeup);
             fields.before = before;
             fields.after = after;
             match before {
@@ -121,6 +214,24 @@ impl WaitList {
                 None => self.last = Some(node),
             }
         }
+    }
+
+    /// Puts all of `other` behind those in this list, and leaves it empty. O(1).
+    pub fn append(&mut self, other: &mut WaitList) {
+        let Some(first) = other.first.take() else {
+            return;
+        };
+        // SAFETY: by the invariant all nodes of both lists are live; both belong to this lock.
+        unsafe {
+            match self.last {
+                Some(last) => {
+                    (*last.as_ptr()).after = Some(first);
+                    (*first.as_ptr()).before = Some(last);
+                }
+                None => self.first = Some(first),
+            }
+        }
+        self.last = other.last.take();
     }
 
     /// Takes `node` out. O(1).
@@ -202,6 +313,35 @@ mod tests {
         }
         assert_eq!(order(&mut list, &nodes), [2, 4, 3, 0, 1, 5]);
         assert!(list.is_empty());
+    }
+
+    #[test]
+    fn who_comes_again_as_the_first_is_before_its_equals_alone() {
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let mut list = WaitList::new();
+        for (index, level) in [3, 3, 9, 0].into_iter().enumerate() {
+            insert(&mut list, &mut nodes[index], 0, level);
+        }
+        // SAFETY: it is in the list, and then in none.
+        unsafe {
+            list.remove(NonNull::from(&mut *nodes[1]));
+            list.insert_again_first(NonNull::from(&mut *nodes[1]));
+        }
+        assert_eq!(order(&mut list, &nodes), [2, 1, 0, 3]);
+    }
+
+    #[test]
+    fn lists_are_joined() {
+        let mut nodes: Vec<Box<WaitNode>> = (0..4).map(|_| Box::default()).collect();
+        let (mut list, mut other) = (WaitList::new(), WaitList::new());
+        list.append(&mut other);
+        assert!(list.is_empty());
+        for (index, node) in nodes.iter_mut().enumerate() {
+            insert(if index < 2 { &mut list } else { &mut other }, node, 0, 0);
+        }
+        other.append(&mut list);
+        assert!(list.is_empty());
+        assert_eq!(order(&mut other, &nodes), [2, 3, 0, 1]);
     }
 
     #[test]

@@ -4,15 +4,25 @@
 //! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`Wakeup`]). On a thread that runs no
 //! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
 
+mod branches;
+mod home_thread;
+mod inherit;
+mod lone;
 mod process;
 mod references;
 mod wakeup;
 
-pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId};
+pub use branches::Branches;
+#[cfg(not(loom))]
+pub use home_thread::{RefusedBoosts, refused_boosts};
+pub use inherit::Heir;
+pub use lone::Lone;
+pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
 pub use wakeup::{Ready, Wakeup};
 
 use crate::sync::Arc;
 use crate::timer_queue::TimerQueue;
+use home_thread::HomeThread;
 use std::cell::{Cell, RefCell};
 use std::ptr::NonNull;
 use std::task::Context;
@@ -22,13 +32,43 @@ use std::task::Context;
 /// A process whose operations always find a partner would else keep its executor from its timers and from wakes from elsewhere.
 pub const OPERATIONS_PER_POLL: u32 = 64;
 
+/// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
+/// runs below its process, in the others. One byte, since it is saved and restored around each poll.
+#[derive(Clone, Copy)]
+struct Branch(u8);
+
+impl Branch {
+    /// No branch, but the process itself.
+    const WHOLE: Branch = Branch(0);
+    const FAILED: u8 = 1 << 7;
+
+    #[inline]
+    fn has_failed(self) -> bool {
+        self.0 & Self::FAILED != 0
+    }
+
+    #[inline]
+    fn lowered(self) -> u8 {
+        self.0 & !Self::FAILED
+    }
+
+    /// A branch of this one.
+    #[inline]
+    fn branch(self, failed: bool, levels: u8) -> Branch {
+        // More than all levels is as good as all, and stays clear of the bit.
+        let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS);
+        Branch(self.0 & Self::FAILED | u8::from(failed) << 7 | lowered)
+    }
+}
+
 /// What a thread that runs processes keeps beside the current one.
 struct Thread {
     process: Cell<Option<NonNull<Process>>>,
     home: Cell<Option<Home>>,
     ready_levels: Cell<u32>,
     operations_left: Cell<u32>,
-    branch_failed: Cell<bool>,
+    branch: Cell<Branch>,
+    branch_ended: Cell<bool>,
     may_block: Cell<bool>,
     on_path: Cell<bool>,
 }
@@ -40,12 +80,14 @@ thread_local! {
             home: Cell::new(None),
             ready_levels: Cell::new(0),
             operations_left: Cell::new(0),
-            branch_failed: Cell::new(false),
+            branch: Cell::new(Branch::WHOLE),
+            branch_ended: Cell::new(false),
             may_block: Cell::new(true),
             on_path: Cell::new(false),
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
+    static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
 }
 
 /// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
@@ -62,6 +104,7 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         thread.may_block.set(may_block);
     });
     TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
+    HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(HomeThread::new()));
     HomeGuard { _private: () }
 }
 
@@ -81,6 +124,9 @@ impl Drop for HomeGuard {
             thread.on_path.set(false);
         });
         TIMERS.with(|slot| slot.borrow_mut().take());
+        if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take()) {
+            thread.leave();
+        }
     }
 }
 
@@ -88,6 +134,11 @@ impl Drop for HomeGuard {
 #[inline]
 pub fn home() -> Option<Home> {
     THREAD.with(|thread| thread.home.get())
+}
+
+/// What is known of the thread of `home`, if this is it.
+fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
+    (self::home() == Some(home)).then(|| HOME_THREAD.with(|slot| slot.borrow().clone()))?
 }
 
 /// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
@@ -118,14 +169,14 @@ pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
 pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     struct Restore {
         process: Option<NonNull<Process>>,
-        branch_failed: bool,
+        branch: Branch,
     }
     impl Drop for Restore {
         #[inline]
         fn drop(&mut self) {
             THREAD.with(|thread| {
                 thread.process.set(self.process);
-                thread.branch_failed.set(self.branch_failed);
+                thread.branch.set(self.branch);
             });
         }
     }
@@ -133,7 +184,7 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
         thread.operations_left.set(OPERATIONS_PER_POLL);
         Restore {
             process: thread.process.replace(Some(NonNull::from(process))),
-            branch_failed: thread.branch_failed.replace(false),
+            branch: thread.branch.replace(Branch::WHOLE),
         }
     });
     poll()
@@ -148,10 +199,26 @@ pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
     f(current.map(|process| unsafe { process.as_ref() }))
 }
 
-/// How urgent the current process is; the lowest priority where there is none.
+/// Who is at work on this thread: the current process, or somebody outside of all.
+#[inline]
+pub fn user() -> User {
+    process(|process| process.map_or(User::Outside, |process| User::Process(process.id())))
+}
+
+/// How urgent the current process is, or the branch of it that is being polled; the lowest priority where there is none.
 #[inline]
 pub fn priority() -> Priority {
-    process(|process| process.map(Process::priority).unwrap_or_default())
+    process(|process| {
+        process
+            .map(|process| process.lowered_priority(lowered()))
+            .unwrap_or_default()
+    })
+}
+
+/// How many levels the branch that is being polled runs below its process.
+#[inline]
+fn lowered() -> u8 {
+    THREAD.with(|thread| thread.branch.get().lowered())
 }
 
 /// The levels at which this thread's executor has a ready process, one bit each. Written by its run queue.
@@ -166,13 +233,17 @@ pub fn set_ready_levels(bits: u32) {
     THREAD.with(|thread| thread.ready_levels.set(bits));
 }
 
-/// Whether a process of higher level than the current one is ready on its executor: then a completed communication lets it run.
+/// Whether a process of higher level than the current one, or the current branch, is ready on its executor: then a completed
+/// communication lets it run.
 #[inline]
 pub fn is_outranked() -> bool {
     THREAD.with(|thread| {
         thread.process.get().is_some_and(|process| {
             // SAFETY: as in `process`.
-            let level = unsafe { process.as_ref() }.level();
+            let process = unsafe { process.as_ref() };
+            let level = process
+                .lowered_priority(thread.branch.get().lowered())
+                .level;
             // Two shifts, since a shift by 32 is none.
             (thread.ready_levels.get() >> level) >> 1 != 0
         })
@@ -184,6 +255,14 @@ pub fn is_outranked() -> bool {
 #[inline]
 pub fn ready_again(cx: &Context<'_>, place: Place) {
     Wakeup::of(cx).wake_here(place);
+}
+
+/// Lets those run before the current branch that outrank it: if there are any, the process is ready again already, and the caller returns
+/// `Pending`. A branch whose process can be readied at its own level alone (it is polled by a combinator with wakers of its own) does not:
+/// the process would come again before them.
+#[inline]
+pub fn give_way(cx: &Context<'_>) -> bool {
+    is_outranked() && Wakeup::of(cx).wake_at_its_level(Place::First)
 }
 
 /// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
@@ -204,22 +283,49 @@ pub fn count_operation() -> bool {
 /// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.
 #[inline]
 pub fn branch_failed() -> bool {
-    THREAD.with(|thread| thread.branch_failed.get())
+    THREAD.with(|thread| thread.branch.get().has_failed())
+}
+
+/// Ends the branch that is being polled, one of whose siblings has failed: for an operation that then cannot go on, and has no error to
+/// return. The caller returns `Pending`; the construct drops the branch where it waits, unless another of the branch's operations has an error to give
+/// in the same poll ([`stay_in_branch`]). In case that changes nothing, the branch is polled once more.
+pub fn end_branch(cx: &Context<'_>) {
+    THREAD.with(|thread| thread.branch_ended.set(true));
+    ready_again(cx, Place::Last);
+}
+
+/// Takes [`end_branch`] back: an operation gives the branch the error by which it learns of the failure, and may do what it has to.
+#[inline]
+pub fn stay_in_branch() {
+    THREAD.with(|thread| thread.branch_ended.set(false));
+}
+
+/// Whether the branch that was just polled is to be dropped. Asked by its construct after each poll in which it knew of a failure.
+#[inline]
+pub fn take_branch_end() -> bool {
+    THREAD.with(|thread| thread.branch_ended.replace(false))
 }
 
 /// Polls a branch of a parallel construct, telling it whether a sibling `failed`. Failure reaches nested constructs too.
 #[inline]
 pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
-    struct Restore(bool);
+    with_branch_below(failed, 0, poll)
+}
+
+/// Polls a branch as [`with_branch`] does, `levels` below whoever polls it, but not below level 0. Its operations wait at that
+/// level, and their wakes queue the process there. In nested constructs the levels add up.
+#[inline]
+pub fn with_branch_below<R>(failed: bool, levels: u8, poll: impl FnOnce() -> R) -> R {
+    struct Restore(Branch);
     impl Drop for Restore {
         #[inline]
         fn drop(&mut self) {
-            THREAD.with(|thread| thread.branch_failed.set(self.0));
+            THREAD.with(|thread| thread.branch.set(self.0));
         }
     }
     let _restore = THREAD.with(|thread| {
-        let before = thread.branch_failed.get();
-        thread.branch_failed.set(before || failed);
+        let before = thread.branch.get();
+        thread.branch.set(before.branch(failed, levels));
         Restore(before)
     });
     poll()
@@ -238,3 +344,6 @@ pub fn on_path() -> bool {
 pub fn set_on_path(on_path: bool) -> bool {
     THREAD.with(|thread| thread.on_path.replace(on_path))
 }
+
+#[cfg(all(test, not(loom)))]
+mod tests;

@@ -1,10 +1,12 @@
 //! What the framework knows of a process.
 
+use super::inherit::Inheritance;
+use super::lone;
 use super::references::References;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
-use std::ptr::NonNull;
+use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::task::Waker;
 
@@ -24,6 +26,11 @@ impl ProcessId {
         Self(NonZeroU32::new(number).unwrap_or(NonZeroU32::MIN))
     }
 
+    /// The process of this number; none is 0.
+    pub fn from_number(number: u32) -> Option<Self> {
+        NonZeroU32::new(number).map(Self)
+    }
+
     /// The number itself.
     pub fn get(self) -> u32 {
         self.0.get()
@@ -34,6 +41,15 @@ impl fmt::Display for ProcessId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
     }
+}
+
+/// Who uses a channel, or waits for something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum User {
+    /// A thread that runs no process of LUNA: a plain one, or another runtime's.
+    Outside,
+    /// This process.
+    Process(ProcessId),
 }
 
 /// One thread that runs processes: an executor's, or that of an OS-thread process.
@@ -72,8 +88,9 @@ pub enum Place {
 /// What an executor does for its processes. Both are given the owner that the process was made with.
 #[derive(Debug)]
 pub struct Methods {
-    /// Readies the process without its waker, on its home's thread. It may have ended: then this does nothing.
-    pub ready_here: unsafe fn(NonNull<()>, Place),
+    /// Readies the process without its waker, on its home's thread, at this level. If it is ready at a lower one, it is moved up, also
+    /// when the place is the last. It may have ended: then this does nothing.
+    pub ready_here: unsafe fn(NonNull<()>, u8, Place),
     /// Frees the owner, on any thread: the process has ended, and nobody refers to it any more.
     pub free: unsafe fn(NonNull<()>),
 }
@@ -84,14 +101,16 @@ pub struct Methods {
 ///
 /// `waker` is written before the process is polled for the first time and when it is freed; in between it is only read. `owner` with
 /// its methods is there for the processes of executors; it stays valid until `free` was called.
+#[repr(align(64))]
 pub struct Process {
     id: ProcessId,
     home: Home,
     thread_priority: u8,
-    level: u8,
+    own_level: u8,
     waker: UnsafeCell<Option<Waker>>,
     owner: UnsafeCell<Option<(NonNull<()>, &'static Methods)>>,
     pub(super) references: References,
+    inheritance: Inheritance,
 }
 
 // SAFETY: by the invariant `waker` and `owner` do not change while others can see them; `references` says itself who may do what.
@@ -106,10 +125,11 @@ impl Process {
             id,
             home,
             thread_priority,
-            level,
+            own_level: level,
             waker: UnsafeCell::new(None),
             owner: UnsafeCell::new(None),
             references: References::new(),
+            inheritance: Inheritance::new(level, super::home_thread_of(home)),
         }
     }
 
@@ -181,20 +201,31 @@ impl Process {
     #[inline]
     pub(super) fn is_owned(&self) -> bool {
         // SAFETY: by the type's invariant it does not change once the process is polled.
-        unsafe { (*self.owner.get()).is_some() }
+        unsafe { *self.owner.get() }.is_some_and(|(_, methods)| !ptr::eq(methods, &lone::METHODS))
     }
 
-    /// Readies the process without its waker, if it can be.
+    /// Whether references to it are counted, and keep its memory.
+    #[inline]
+    pub(super) fn is_counted(&self) -> bool {
+        // SAFETY: as above.
+        unsafe { *self.owner.get() }.is_some()
+    }
+
+    pub(super) fn inheritance(&self) -> &Inheritance {
+        &self.inheritance
+    }
+
+    /// Readies the process without its waker, if it can be, that many levels below its own.
     ///
     /// # Safety
     ///
     /// This is the home's thread.
     #[inline]
-    pub(super) unsafe fn ready_here(&self, place: Place) {
+    pub(super) unsafe fn ready_here(&self, lowered: u8, place: Place) {
         // SAFETY: the contract, and that of `set_owner`.
         unsafe {
             if let Some((owner, methods)) = *self.owner.get() {
-                (methods.ready_here)(owner, place);
+                (methods.ready_here)(owner, self.lowered_priority(lowered).level, place);
             }
         }
     }
@@ -210,18 +241,33 @@ impl Process {
         self.home
     }
 
-    /// The level that the process runs at.
+    /// The level that the process runs at: its own, or a higher one that it [inherits](super::Heir).
     #[inline]
     pub fn level(&self) -> u8 {
-        self.level
+        self.inheritance.level()
     }
 
-    /// How urgent the process is.
+    /// How urgent the process is while it inherits nothing.
     #[inline]
-    pub fn priority(&self) -> Priority {
+    pub(super) fn own_priority(&self) -> Priority {
         Priority {
             thread: self.thread_priority,
-            level: self.level(),
+            level: self.own_level,
+        }
+    }
+
+    /// How urgent the process is. One that inherits from a thread of higher priority counts as of the highest level there.
+    #[inline]
+    pub fn priority(&self) -> Priority {
+        self.lowered_priority(0)
+    }
+
+    /// How urgent a branch of the process is that runs that many levels below it.
+    #[inline]
+    pub(super) fn lowered_priority(&self, lowered: u8) -> Priority {
+        Priority {
+            thread: self.inheritance.thread(self.thread_priority),
+            level: self.level().saturating_sub(lowered),
         }
     }
 }

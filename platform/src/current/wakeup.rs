@@ -1,18 +1,24 @@
 //! Whom to wake.
 
 use super::process::{Place, Process};
-use super::{home, process};
+use super::{LEVELS, home, lowered, process};
 use std::fmt;
 use std::marker::PhantomData;
+use std::num::NonZeroUsize;
 use std::ptr::NonNull;
 use std::task::{Context, Waker};
 
-/// A counted reference to a process of an executor.
+/// A counted reference to a process of an executor, and how many levels below its own the process is to be readied: those of the
+/// branch that waits.
 ///
 /// # Invariants
 ///
-/// It is counted in the process' references, so the process' memory is there.
-struct Reference(NonNull<Process>);
+/// It is counted in the process' references, so the process' memory is there. The levels stand in the pointer's low bits, which are free
+/// since a [`Process`] is aligned to more than there are levels: a wakeup that is longer than two words makes each wait dearer by 15 ns.
+pub(super) struct Reference(NonNull<Process>);
+
+const LOWERED: usize = align_of::<Process>() - 1;
+const _: () = assert!(LOWERED > LEVELS as usize);
 
 // SAFETY: what it leads to is `Sync`, and counting down works from any thread.
 unsafe impl Send for Reference {}
@@ -20,22 +26,51 @@ unsafe impl Send for Reference {}
 unsafe impl Sync for Reference {}
 
 impl Reference {
-    /// Refers to the current process.
+    /// Refers to the current process, at the level of its current branch.
     #[inline]
-    fn to_current(process: &Process) -> Self {
+    pub(super) fn to_current(process: &Process) -> Self {
         process.references.add();
-        Self(NonNull::from(process))
+        Self(Self::packed(process))
     }
 
     #[inline]
-    fn process(&self) -> &Process {
+    fn packed(process: &Process) -> NonNull<Process> {
+        NonNull::from(process).map_addr(|address| address | usize::from(lowered()))
+    }
+
+    #[inline]
+    fn pointer(&self) -> NonNull<Process> {
+        // SAFETY: no process lies in the first bytes of the address space.
+        self.0
+            .map_addr(|address| unsafe { NonZeroUsize::new_unchecked(address.get() & !LOWERED) })
+    }
+
+    /// How many levels below its own the process is to be readied.
+    #[inline]
+    pub(super) fn lowered(&self) -> u8 {
+        (self.0.addr().get() & LOWERED) as u8
+    }
+
+    #[inline]
+    pub(super) fn process(&self) -> &Process {
         // SAFETY: the type's invariant.
-        unsafe { self.0.as_ref() }
+        unsafe { self.pointer().as_ref() }
     }
 
     #[inline]
     fn is_here(&self) -> bool {
         home() == Some(self.process().home())
+    }
+
+    /// Readies the process.
+    ///
+    /// # Safety
+    ///
+    /// This is the home's thread.
+    #[inline]
+    unsafe fn ready_here(&self, place: Place) {
+        // SAFETY: the contract.
+        unsafe { self.process().ready_here(self.lowered(), place) };
     }
 }
 
@@ -45,7 +80,7 @@ impl Drop for Reference {
         let is_here = self.is_here();
         if self.process().references.remove(is_here) {
             // SAFETY: the count says that this was the last.
-            unsafe { Process::free(self.0) };
+            unsafe { Process::free(self.pointer()) };
         }
     }
 }
@@ -95,7 +130,7 @@ impl Wakeup {
             Inner::Waker(waker) => waker.will_wake(cx.waker()),
             Inner::Process(reference) => process(|process| {
                 process.is_some_and(|process| {
-                    NonNull::from(process) == reference.0
+                    Reference::packed(process) == reference.0
                         && process
                             .waker()
                             .is_some_and(|waker| waker.will_wake(cx.waker()))
@@ -125,8 +160,19 @@ impl Wakeup {
         match &self.0 {
             Inner::Waker(waker) => waker.wake_by_ref(),
             // SAFETY: made for the current process, so this is its home's thread.
-            Inner::Process(reference) => unsafe { reference.process().ready_here(place) },
+            Inner::Process(reference) => unsafe { reference.ready_here(place) },
         }
+    }
+
+    /// Readies at once as [`wake_here`](Self::wake_here), but only if that readies the process at the level of the branch that waits;
+    /// else does nothing, and says `false`.
+    #[inline]
+    pub(super) fn wake_at_its_level(&self, place: Place) -> bool {
+        let has_level = matches!(self.0, Inner::Process(_)) || lowered() == 0;
+        if has_level {
+            self.wake_here(place);
+        }
+        has_level
     }
 }
 
@@ -161,7 +207,7 @@ impl Ready {
     pub fn wake(self) {
         match self.0 {
             // SAFETY: `take` saw that this is the home's thread, and this value cannot leave it.
-            Readying::Here(reference, _) => unsafe { reference.process().ready_here(Place::Last) },
+            Readying::Here(reference, _) => unsafe { reference.ready_here(Place::Last) },
             Readying::Elsewhere(waker) => waker.wake(),
             Readying::Nobody => {}
         }

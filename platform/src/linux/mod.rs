@@ -1,7 +1,9 @@
 //! The complete backend: Linux, through `nix` where it has the call and `libc` where it has not.
 
+pub(crate) mod boost;
 pub(crate) mod clock;
 pub(crate) mod facts;
+pub(crate) mod file;
 pub mod futex;
 pub(crate) mod latency;
 pub mod lock;

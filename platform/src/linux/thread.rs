@@ -215,7 +215,7 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
 }
 
 /// Finds out which of the kernel's reasons for `EPERM` it was.
-fn why_no_policy(asked: Policy) -> PolicyRefusal {
+pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
     let limit = getrlimit(Resource::RLIMIT_RTPRIO)
         .ok()
         .map(|(soft, _)| soft);
@@ -237,7 +237,7 @@ fn why_no_policy(asked: Policy) -> PolicyRefusal {
 }
 
 /// The calling thread's policy, with its flags, and its priority.
-fn scheduler() -> (i32, u8) {
+pub(super) fn scheduler() -> (i32, u8) {
     let mut parameter = zeroed_parameter();
     // SAFETY: 0 is the calling thread; the parameter is a valid structure to write to.
     let policy = unsafe {
@@ -251,7 +251,7 @@ fn scheduler() -> (i32, u8) {
     )
 }
 
-fn zeroed_parameter() -> libc::sched_param {
+pub(super) fn zeroed_parameter() -> libc::sched_param {
     // SAFETY: a structure of numbers (one with glibc, more with musl), for which all zeros is a value.
     unsafe { std::mem::zeroed() }
 }

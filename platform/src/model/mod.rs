@@ -1,5 +1,22 @@
 //! loom's clock, lock and wait: what the protocols are checked on. There are no threads' attributes and no files here.
 
+pub(crate) mod boost {
+    //! Threads have no priorities in a model.
+
+    #[derive(Debug)]
+    pub(crate) struct Scheduling;
+
+    pub(crate) fn scheduling() -> Scheduling {
+        Scheduling
+    }
+
+    pub(crate) fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
+        Ok(())
+    }
+
+    pub(crate) fn restore(_: &Scheduling) {}
+}
+
 pub(crate) mod clock {
     /// Time stands still in a model: deadlines never come.
     pub(crate) fn monotonic_nanos() -> u64 {

@@ -1,7 +1,10 @@
 //! The backend on the standard library alone: what every system but Linux gets.
 
+pub(crate) mod boost;
 pub(crate) mod clock;
 pub(crate) mod facts;
+#[cfg(unix)]
+pub(crate) mod file;
 pub mod futex;
 pub(crate) mod latency;
 pub mod lock;

@@ -92,6 +92,11 @@ impl Attributes {
         self.policy
     }
 
+    /// The core that was asked for.
+    pub fn asked_core(&self) -> Option<usize> {
+        self.core
+    }
+
     /// Has a stack of `bytes`, rounded up to whole pages: [`MINIMUM_STACK_SIZE`] to [`MAXIMUM_STACK_SIZE`].
     pub fn stack_size(mut self, bytes: usize) -> Self {
         self.stack_size = bytes;

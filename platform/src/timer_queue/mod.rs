@@ -129,6 +129,11 @@ impl Sleep {
         self.deadline
     }
 
+    /// Whether its instant has come. O(1), one clock read.
+    pub fn has_come(&self) -> bool {
+        Instant::now() >= self.deadline
+    }
+
     /// Waits for another instant from now on, as if it were made anew. O(log n).
     pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
         self.as_mut().disarm();

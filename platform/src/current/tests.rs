@@ -1,0 +1,125 @@
+//! Branches below their process.
+
+use super::*;
+use std::cell::RefCell;
+use std::task::{Wake, Waker};
+
+thread_local! {
+    static READIED: RefCell<Vec<(u8, Place)>> = const { RefCell::new(Vec::new()) };
+}
+
+static METHODS: Methods = Methods {
+    ready_here: |_, level, place| READIED.with(|log| log.borrow_mut().push((level, place))),
+    free: |_| {},
+};
+
+/// Wakes nobody, and is told from all other wakers.
+struct Unused;
+
+impl Wake for Unused {
+    fn wake(self: std::sync::Arc<Self>) {}
+}
+
+fn readied() -> Vec<(u8, Place)> {
+    READIED.with(RefCell::take)
+}
+
+/// Calls `f` within a process of this level.
+fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
+    let home = Home::new();
+    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
+    let process = Process::new(ProcessId::new(), home, 0, level);
+    // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods ignore the owner.
+    unsafe {
+        process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
+        process.set_owner(NonNull::dangling(), &METHODS);
+        let waker = process.waker().expect("it was set above").clone();
+        with_process(&process, || f(&Context::from_waker(&waker)));
+    }
+}
+
+fn level() -> u8 {
+    priority().level
+}
+
+#[test]
+fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
+    within(5, |_| {
+        assert_eq!(level(), 5);
+        with_branch_below(false, 2, || {
+            assert_eq!(level(), 3);
+            with_branch(true, || {
+                assert_eq!((level(), branch_failed()), (3, true));
+                with_branch_below(false, 1, || {
+                    assert_eq!((level(), branch_failed()), (2, true))
+                });
+            });
+            with_branch_below(false, 200, || {
+                with_branch_below(false, 200, || assert_eq!(level(), 0));
+            });
+            assert_eq!((level(), branch_failed()), (3, false));
+        });
+        assert_eq!(level(), 5);
+    });
+}
+
+#[test]
+fn a_branch_is_outranked_by_what_its_process_is_not() {
+    within(5, |_| {
+        set_ready_levels(1 << 4);
+        assert!(!is_outranked());
+        with_branch_below(false, 1, || assert!(!is_outranked()));
+        with_branch_below(false, 2, || assert!(is_outranked()));
+        set_ready_levels(0);
+    });
+}
+
+#[test]
+fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
+    within(5, |cx| {
+        let (own, other) = with_branch_below(false, 2, || (Wakeup::of(cx), Wakeup::of(cx)));
+        assert!(!own.is_of(cx), "the process itself is readied elsewhere");
+        with_branch_below(false, 2, || assert!(own.is_of(cx)));
+        own.take().wake();
+        with_branch_below(false, 9, || ready_again(cx, Place::First));
+        drop(other);
+        ready_again(cx, Place::Last);
+        assert_eq!(
+            readied(),
+            [(3, Place::Last), (0, Place::First), (5, Place::Last)]
+        );
+    });
+}
+
+#[test]
+fn a_process_within_a_branch_is_whole() {
+    within(5, |_| {
+        with_branch_below(true, 3, || {
+            let inner = Process::new(ProcessId::new(), home().unwrap(), 0, 7);
+            // SAFETY: this is its home's thread.
+            unsafe {
+                with_process(&inner, || {
+                    assert_eq!((level(), branch_failed()), (7, false))
+                });
+            }
+            assert_eq!((level(), branch_failed()), (2, true));
+        });
+    });
+}
+
+#[test]
+fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
+    within(5, |cx| {
+        set_ready_levels(1 << 4);
+        assert!(!give_way(cx), "not outranked");
+        with_branch_below(false, 2, || {
+            assert!(give_way(cx));
+            assert!(!give_way(&Context::from_waker(Waker::noop())));
+        });
+        set_ready_levels(1 << 6);
+        // At the process' own level a waker readies it behind what is more urgent, too.
+        assert!(give_way(&Context::from_waker(Waker::noop())));
+        set_ready_levels(0);
+        assert_eq!(readied(), [(3, Place::First)]);
+    });
+}

@@ -1,0 +1,96 @@
+//! A thread at another priority than its own, for a while.
+
+use super::thread::why_no_policy;
+use crate::shortfall::PolicyRefusal;
+use crate::thread::Policy;
+use nix::errno::Errno;
+use nix::unistd::gettid;
+
+/// A thread and what it runs under when nothing is lent to it.
+#[derive(Debug)]
+pub(crate) struct Scheduling {
+    thread: i32,
+    policy: i32,
+    priority: i32,
+}
+
+/// That of the calling thread. Three system calls.
+pub(crate) fn scheduling() -> Scheduling {
+    let (policy, priority) = super::thread::scheduler();
+    Scheduling {
+        thread: gettid().as_raw(),
+        policy,
+        priority: i32::from(priority),
+    }
+}
+
+impl Scheduling {
+    /// Whether the thread is ranked by priorities. A deadline thread is above them all.
+    fn has_rank(&self) -> bool {
+        let policy = self.policy & !libc::SCHED_RESET_ON_FORK;
+        [
+            libc::SCHED_OTHER,
+            libc::SCHED_BATCH,
+            libc::SCHED_IDLE,
+            libc::SCHED_FIFO,
+            libc::SCHED_RR,
+        ]
+        .contains(&policy)
+    }
+}
+
+/// Lets the thread run under SCHED_FIFO at `priority`. From any thread of the program; one system call.
+///
+/// # Errors
+///
+/// The system's number for why it refused.
+pub(crate) fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
+    if !of.has_rank() {
+        return Ok(());
+    }
+    set(of.thread, libc::SCHED_FIFO, i32::from(priority))
+}
+
+/// Lets the thread run under what was its own. One system call. Going down needs no privilege, so it is not refused.
+pub(crate) fn restore(of: &Scheduling) {
+    if of.has_rank() {
+        let outcome = set(
+            of.thread,
+            of.policy & !libc::SCHED_RESET_ON_FORK,
+            of.priority,
+        );
+        debug_assert!(
+            outcome.is_ok(),
+            "a thread was refused its own priority: {outcome:?}"
+        );
+    }
+}
+
+/// What a thread starts meanwhile is not to inherit the priority; and taking the flag back would need a privilege.
+fn set(thread: i32, policy: i32, priority: i32) -> Result<(), i32> {
+    let mut parameter = super::thread::zeroed_parameter();
+    parameter.sched_priority = priority;
+    // The system call itself: musl's function of this name only fails.
+    // SAFETY: the parameter is a valid structure for the length of the call.
+    let outcome = unsafe {
+        libc::syscall(
+            libc::SYS_sched_setscheduler,
+            thread,
+            policy | libc::SCHED_RESET_ON_FORK,
+            &raw const parameter,
+        )
+    };
+    Errno::result(outcome)
+        .map(drop)
+        .map_err(|error| error as i32)
+}
+
+/// Finds out why a boost to `priority` was refused with this number.
+pub(crate) fn why_refused(priority: u8, number: i32) -> PolicyRefusal {
+    match Errno::from_raw(number) {
+        Errno::EPERM => why_no_policy(Policy::fifo(priority)),
+        error => PolicyRefusal::Kernel {
+            message: error.to_string(),
+        },
+    }
+}
