@@ -3,6 +3,7 @@
 //! One pool for the program. A buddy that takes the last call nobody else could take starts another buddy first, so that calls that
 //! wait for each other do not get stuck, and so that no thread is ever started by a process, save for the very first.
 
+use crate::calls::UnderWay;
 use luna_platform::clock::Instant;
 use luna_platform::current::{Ready, Wakeup};
 use luna_platform::futex::Futex;
@@ -198,7 +199,12 @@ where
                 state: PiLock::new(CallState::Running(Some(Wakeup::of(cx)))),
             });
             self.running = Some(running.clone());
-            submit(Box::new(move || running.make(call)));
+            let under_way = UnderWay::begin();
+            submit(Box::new(move || {
+                // Ends after the wake, also if the call's result panics as it is dropped.
+                let _under_way = under_way;
+                running.make(call);
+            }));
             return Poll::Pending;
         }
         let Some(running) = &self.running else {

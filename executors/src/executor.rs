@@ -4,8 +4,10 @@
 //! (if any was ever waited for, every so many rounds), and at the highest level of its run queue, whose first process it polls. With
 //! nothing to do it sleeps until the next deadline.
 
+use crate::calls;
 use crate::inbound::Inbound;
-use crate::process::{Living, ProcessHandle, ProcessSpec, Record};
+use crate::presence::{Presence, Sleeper};
+use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record};
 use crate::task::{self, with_queue};
 use crate::watch;
 use luna_platform::clock::Instant;
@@ -45,6 +47,7 @@ pub(crate) struct Shared {
     /// How many arrivals were taken in: what `settle` waits for.
     settled: Futex,
     living: Arc<Living>,
+    presence: Arc<Presence>,
 }
 
 struct Arrivals {
@@ -175,6 +178,7 @@ impl Executor {
             }),
             settled: Futex::new(0),
             living,
+            presence: Arc::new(Presence::new()),
         });
         let own = shared.clone();
         let thread = thread::spawn(
@@ -182,9 +186,10 @@ impl Executor {
             move |obtained: &Obtained| {
                 own.thread_priority
                     .store(obtained.policy.priority(), Ordering::Relaxed);
-                Ok(own)
+                let enrolled = own.living.enroll(own.home, own.clone());
+                Ok((own, enrolled))
             },
-            run,
+            |(shared, enrolled)| run(shared, enrolled),
         )?;
         Ok(Executor {
             handle: ExecutorHandle { shared },
@@ -300,11 +305,22 @@ impl ExecutorHandle {
     }
 }
 
+impl Sleeper for Shared {
+    fn presence(&self) -> &Presence {
+        &self.presence
+    }
+
+    fn is_woken(&self) -> bool {
+        self.inbound.is_signalled()
+    }
+}
+
 /// The thread of an executor.
-fn run(shared: Arc<Shared>) {
+fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let timers = Arc::new(TimerQueue::new());
     let _home = current::enter_home(shared.home, timers.clone(), false);
     let _files = watch::enter(shared.inbound.bell());
+    let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
     let mut members = Vec::new();
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers, &mut members)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know
@@ -381,7 +397,18 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
     match with_queue(|queue| queue.pop()) {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(link) => unsafe { (link.as_ref().run())(link) },
-        None => shared.inbound.sleep(timers.next_deadline()),
+        None => sleep(shared, timers.next_deadline()),
+    }
+}
+
+/// Sleeps until a wake or `deadline`. Without a deadline or files only others can end it, which who looks after the system is to know.
+fn sleep(shared: &Shared, deadline: Instant) {
+    if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
+        shared.inbound.sleep(deadline);
+    } else {
+        shared
+            .inbound
+            .sleep_still(&shared.presence, || shared.living.announce());
     }
 }
 

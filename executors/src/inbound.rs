@@ -17,6 +17,7 @@
 //! protocol of the [`Bell`], which says what the bell is.
 
 use crate::link::Link;
+use crate::presence::Presence;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
 use luna_platform::current::LEVELS;
@@ -148,16 +149,43 @@ impl Inbound {
         Taken(turned)
     }
 
+    /// Whether something was pushed or asked for that the owner has not taken. From any thread.
+    pub(crate) fn is_signalled(&self) -> bool {
+        // Acquire: who sees that the owner has taken it sees what the owner did before.
+        self.signals.load(Ordering::Acquire) & !ASLEEP != 0
+    }
+
     /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.
     pub(crate) fn sleep(&self, deadline: Instant) {
+        self.sleep_between(deadline, || (), || ());
+    }
+
+    /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and `ring`s if it is watched.
+    pub(crate) fn sleep_still(&self, presence: &Presence, ring: impl FnOnce()) {
+        self.sleep_between(
+            Instant::NEVER,
+            || {
+                if presence.fall_still() {
+                    ring();
+                }
+            },
+            || presence.wake(),
+        );
+    }
+
+    /// Sleeps, with `before` when others know it already, and `after` when what they have signalled is not taken yet.
+    #[inline]
+    fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {
         self.bell.quiet();
         if self
             .signals
             .compare_exchange(0, ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
             .is_ok()
         {
+            before();
             // Whatever ended it, the owner looks again.
             self.bell.wait(deadline);
+            after();
             self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
         }
     }

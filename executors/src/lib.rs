@@ -26,10 +26,14 @@ mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod link;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
+mod presence;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod run_queue;
 
 #[cfg(not(loom))]
 mod blocking;
+#[cfg(not(loom))]
+mod calls;
 #[cfg(not(loom))]
 mod executor;
 #[cfg(all(unix, not(loom)))]
@@ -57,6 +61,10 @@ mod watch {
     pub(crate) fn enter(_: &Bell) {}
 
     pub(crate) fn glance(_: &Bell) {}
+
+    pub(crate) fn is_waiting(_: &Bell) -> bool {
+        false
+    }
 }
 
 #[cfg(all(test, loom))]
@@ -66,8 +74,10 @@ mod loom_tests;
 pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
     executor::{Executor, ExecutorHandle},
-    os_thread::{Nested, OsThread, block_on},
-    process::{Exit, Join, Living, ProcessHandle, ProcessSpec, ProcessState, panic_message},
+    os_thread::{Nested, OsThread, block_on, block_on_patiently},
+    process::{
+        Exit, Join, Living, ProcessHandle, ProcessSpec, ProcessState, Stillness, panic_message,
+    },
     yield_now::{YieldNow, yield_now},
 };
 #[cfg(all(unix, not(loom)))]

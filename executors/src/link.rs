@@ -5,10 +5,12 @@
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
-/// The link to the next in a queue, and what to do when its turn comes.
+/// The links to the neighbours in a queue, and what to do when its turn comes. On a stack there is no previous one.
 #[derive(Debug)]
 pub(crate) struct Link {
     next: AtomicPtr<Link>,
+    /// Touched by the run queue's thread alone, so the model checker need not watch it.
+    previous: std::sync::atomic::AtomicPtr<Link>,
     run: unsafe fn(NonNull<Link>),
 }
 
@@ -17,6 +19,7 @@ impl Link {
     pub(crate) fn new(run: unsafe fn(NonNull<Link>)) -> Self {
         Self {
             next: AtomicPtr::new(ptr::null_mut()),
+            previous: std::sync::atomic::AtomicPtr::new(ptr::null_mut()),
             run,
         }
     }
@@ -37,6 +40,20 @@ impl Link {
     pub(crate) fn set_next(&self, next: Option<NonNull<Link>>) {
         self.next.store(
             next.map_or(ptr::null_mut(), NonNull::as_ptr),
+            Ordering::Relaxed,
+        );
+    }
+
+    /// Who comes before, in a run queue.
+    #[inline]
+    pub(crate) fn previous(&self) -> Option<NonNull<Link>> {
+        NonNull::new(self.previous.load(Ordering::Relaxed))
+    }
+
+    #[inline]
+    pub(crate) fn set_previous(&self, previous: Option<NonNull<Link>>) {
+        self.previous.store(
+            previous.map_or(ptr::null_mut(), NonNull::as_ptr),
             Ordering::Relaxed,
         );
     }

@@ -1,7 +1,9 @@
 //! OS-thread processes: one process blocked on its own thread.
 
+use crate::calls;
 use crate::executor::Phase;
-use crate::process::{Body, Living, ProcessHandle, ProcessSpec, Record};
+use crate::presence::{Presence, Sleeper};
+use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record};
 use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home, ProcessId};
@@ -17,6 +19,7 @@ use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::task::{Context, Poll, Waker};
+use std::time::Duration;
 
 /// [`block_on`] was called inside a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,37 +49,101 @@ pub fn block_on<F: Future>(future: F) -> Result<F::Output, Nested> {
     if current::home().is_some() {
         return Err(Nested);
     }
-    let parker = Arc::new(Parker::new());
-    let priority = thread::current_policy().priority();
-    let future = pin!(future);
-    Ok(run(
-        future,
-        &parker,
-        ProcessId::new(),
-        priority,
-        ProcessSpec::DEFAULT_LEVEL,
-        false,
-    ))
+    Ok(run_here(future, |_, _, parker, deadline| {
+        parker.park(deadline)
+    }))
 }
 
-/// Polls until done, asleep in between: `on_path`, once all that it needs for this is there.
+/// As [`block_on`], and tells `stuck` when the process has waited for `patience`, and neither a deadline, nor a file, nor a call on the pool
+/// is there to wake it: then only another thread can. `stuck` is given the process' number, and says whether it has heard enough;
+/// if not, it is told again after the next such wait. It runs between two polls, so it may take its time.
+///
+/// # Errors
+///
+/// As for `block_on`.
+///
+/// ```
+/// use std::sync::{Arc, Mutex};
+/// use std::task::Poll;
+/// use std::time::Duration;
+///
+/// let waiting = Arc::new(Mutex::new(None));
+/// let seen = waiting.clone();
+/// let mut polls = 0;
+/// let process = std::future::poll_fn(move |cx| {
+///     polls += 1;
+///     *waiting.lock().unwrap() = Some(cx.waker().clone());
+///     if polls == 1 { Poll::Pending } else { Poll::Ready(polls) }
+/// });
+/// // Nobody would ever wake it, so whoever is told does.
+/// let outcome = luna_executors::block_on_patiently(process, Duration::from_millis(1), |_| {
+///     seen.lock().unwrap().take().map(std::task::Waker::wake);
+///     true
+/// });
+/// assert_eq!(outcome, Ok(2));
+/// ```
+pub fn block_on_patiently<F: Future>(
+    future: F,
+    patience: Duration,
+    mut stuck: impl FnMut(ProcessId) -> bool,
+) -> Result<F::Output, Nested> {
+    if current::home().is_some() {
+        return Err(Nested);
+    }
+    let mut has_heard = false;
+    Ok(run_here(future, |id, presence, parker, deadline| {
+        if !has_heard && only_others_can_wake(parker, deadline) && !presence.has_calls() {
+            if parker.park(Instant::now() + patience) {
+                return true;
+            }
+            has_heard = stuck(id);
+        }
+        parker.park(deadline)
+    }))
+}
+
+/// Whether nothing that the thread has of its own can wake it.
+fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
+    deadline == Instant::NEVER && !watch::is_waiting(parker.bell())
+}
+
+/// Runs `future` on this thread, which is no home yet.
+fn run_here<F: Future>(
+    future: F,
+    mut sleep: impl FnMut(ProcessId, &Presence, &Parker, Instant) -> bool,
+) -> F::Output {
+    let parker = Arc::new(Parker::new());
+    let _files = watch::enter(parker.bell());
+    let presence = Arc::new(Presence::new());
+    let _calls = calls::enter(presence.clone(), None);
+    let id = ProcessId::new();
+    let priority = thread::current_policy().priority();
+    let spec = (id, priority, ProcessSpec::DEFAULT_LEVEL);
+    run(
+        pin!(future),
+        &parker,
+        Home::new(),
+        spec,
+        false,
+        |parker, deadline| sleep(id, &presence, parker, deadline),
+    )
+}
+
+/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a wake. `on_path`, once all that it needs for this
+/// is there. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Arc<Parker>,
-    id: ProcessId,
-    thread_priority: u8,
-    level: u8,
+    home: Home,
+    (id, thread_priority, level): (ProcessId, u8, u8),
     on_path: bool,
+    mut sleep: impl FnMut(&Parker, Instant) -> bool,
 ) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
-    let home = Home::new();
     let _home = current::enter_home(home, timers.clone(), true);
-    let _files = watch::enter(parker.bell());
     // Alone on its thread it needs no way around its waker.
-    let process = current::Process::new(id, home, thread_priority, level);
     let waker = Waker::from(parker.clone());
-    // SAFETY: nobody else has seen the process yet.
-    unsafe { process.set_waker(waker.clone()) };
+    let process = current::Lone::new(id, home, thread_priority, level, waker.clone());
     let mut cx = Context::from_waker(&waker);
     current::set_on_path(on_path);
     loop {
@@ -92,7 +159,7 @@ fn run<F: Future>(
                 timers.expire(Instant::now());
             }
             watch::glance(parker.bell());
-            if parker.park(timers.next_deadline()) {
+            if sleep(parker, timers.next_deadline()) {
                 break;
             }
         }
@@ -124,6 +191,19 @@ struct Held {
     phase: AtomicU8,
     parker: Arc<Parker>,
     thread_priority: AtomicU8,
+    home: Home,
+    presence: Arc<Presence>,
+    living: Arc<Living>,
+}
+
+impl Sleeper for Held {
+    fn presence(&self) -> &Presence {
+        &self.presence
+    }
+
+    fn is_woken(&self) -> bool {
+        self.parker.is_woken()
+    }
 }
 
 impl OsThread {
@@ -163,6 +243,9 @@ impl OsThread {
             phase: AtomicU8::new(Phase::HELD),
             parker: Arc::new(Parker::new()),
             thread_priority: AtomicU8::new(0),
+            home: Home::new(),
+            presence: Arc::new(Presence::new()),
+            living: living.clone(),
         });
         let record = Record::new(spec, living);
         record.set_waker(Waker::from(shared.parker.clone()));
@@ -173,13 +256,16 @@ impl OsThread {
             move |obtained: &Obtained| {
                 own.thread_priority
                     .store(obtained.policy.priority(), Ordering::Relaxed);
+                // Before the body is built, which may prepare to wait for files.
+                let files = watch::enter(own.parker.bell());
+                let enrolled = own.living.enroll(own.home, own.clone());
                 // Boxed, so that it does not move from here on; once for the process' life, and freed off the real-time path.
                 let body = catch_unwind(AssertUnwindSafe(build))
                     .map(|future| Box::pin(Body::new(future, of_body)));
-                Ok((own, body))
+                Ok((own, files, enrolled, body))
             },
-            move |(shared, body)| match body {
-                Ok(body) => shared.run(of_thread, body),
+            move |(shared, _files, enrolled, body)| match body {
+                Ok(body) => shared.run(of_thread, body, enrolled),
                 Err(payload) => of_thread.end_panicked(payload),
             },
         );
@@ -234,7 +320,13 @@ impl OsThread {
 }
 
 impl Held {
-    fn run<F: Future<Output = ()>>(&self, record: Arc<Record>, mut body: Pin<Box<Body<F>>>) {
+    fn run<F: Future<Output = ()>>(
+        &self,
+        record: Arc<Record>,
+        mut body: Pin<Box<Body<F>>>,
+        _enrolled: Enrolled,
+    ) {
+        let _calls = calls::enter(self.presence.clone(), Some(self.living.clone()));
         // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
         loop {
             self.parker.park(Instant::NEVER);
@@ -245,7 +337,15 @@ impl Held {
         let (id, level) = (record.id(), record.level());
         let priority = self.thread_priority.load(Ordering::Relaxed);
         let ran = catch_unwind(AssertUnwindSafe(|| {
-            run(body.as_mut(), &self.parker, id, priority, level, true);
+            let spec = (id, priority, level);
+            run(
+                body.as_mut(),
+                &self.parker,
+                self.home,
+                spec,
+                true,
+                |_, deadline| self.sleep(deadline),
+            );
         }));
         if let Err(payload) = ran {
             // Not the body's panic, which is caught where it is polled: a foreign waker's, say.
@@ -254,6 +354,22 @@ impl Held {
         }
         record.drop_waker();
         reclaim::collect();
+    }
+}
+
+impl Held {
+    /// Sleeps until a wake or `deadline`; says whether it was a wake. Where only others can end it, who looks after the system is to know.
+    fn sleep(&self, deadline: Instant) -> bool {
+        if !only_others_can_wake(&self.parker, deadline) {
+            return self.parker.park(deadline);
+        }
+        let fall_still = || {
+            if self.presence.fall_still() {
+                self.living.announce();
+            }
+        };
+        self.parker
+            .park_between(deadline, fall_still, || self.presence.wake())
     }
 }
 

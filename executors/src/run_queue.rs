@@ -10,7 +10,8 @@ use std::ptr::NonNull;
 ///
 /// # Invariants
 ///
-/// A level's `first` and `last` are the ends of a chain of live links that are in no other queue, and its bit says whether there is one.
+/// A level's `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and its bit says whether
+/// there is one.
 #[derive(Debug)]
 pub(crate) struct RunQueue {
     levels: [Level; LEVELS as usize],
@@ -52,7 +53,9 @@ impl RunQueue {
         // SAFETY: the new node is live by the contract, the last one by the invariant.
         unsafe {
             node.as_ref().set_next(None);
-            match queue.last.replace(Some(node)) {
+            let last = queue.last.replace(Some(node));
+            node.as_ref().set_previous(last);
+            match last {
                 Some(last) => last.as_ref().set_next(Some(node)),
                 None => {
                     queue.first.set(Some(node));
@@ -70,11 +73,42 @@ impl RunQueue {
     #[inline]
     pub(crate) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
         let queue = &self.levels[usize::from(level)];
-        // SAFETY: the new node is live by the contract.
-        unsafe { node.as_ref() }.set_next(queue.first.get());
-        if queue.first.replace(Some(node)).is_none() {
-            queue.last.set(Some(node));
-            current::set_ready_levels(current::ready_levels() | 1 << level);
+        // SAFETY: the new node is live by the contract, the first one by the invariant.
+        unsafe {
+            let first = queue.first.replace(Some(node));
+            node.as_ref().set_next(first);
+            node.as_ref().set_previous(None);
+            match first {
+                Some(first) => first.as_ref().set_previous(Some(node)),
+                None => {
+                    queue.last.set(Some(node));
+                    current::set_ready_levels(current::ready_levels() | 1 << level);
+                }
+            }
+        }
+    }
+
+    /// Takes a process out, wherever it stands in its level.
+    ///
+    /// # Safety
+    ///
+    /// `node` is in this queue, at `level`.
+    pub(crate) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
+        let queue = &self.levels[usize::from(level)];
+        // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are live.
+        unsafe {
+            let (previous, next) = (node.as_ref().previous(), node.as_ref().next());
+            match previous {
+                Some(previous) => previous.as_ref().set_next(next),
+                None => queue.first.set(next),
+            }
+            match next {
+                Some(next) => next.as_ref().set_previous(previous),
+                None => queue.last.set(previous),
+            }
+        }
+        if queue.first.get().is_none() {
+            current::set_ready_levels(current::ready_levels() & !(1 << level));
         }
     }
 
@@ -87,9 +121,13 @@ impl RunQueue {
         // SAFETY: a queued node is live.
         let next = unsafe { node.as_ref() }.next();
         queue.first.set(next);
-        if next.is_none() {
-            queue.last.set(None);
-            current::set_ready_levels(current::ready_levels() & !(1 << level));
+        match next {
+            // SAFETY: as above.
+            Some(next) => unsafe { next.as_ref() }.set_previous(None),
+            None => {
+                queue.last.set(None);
+                current::set_ready_levels(current::ready_levels() & !(1 << level));
+            }
         }
         Some(node)
     }
@@ -132,5 +170,38 @@ mod tests {
         }
         let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
         assert_eq!(order, [2, 1, 0].map(|index| NonNull::from(&links[index])));
+    }
+
+    #[test]
+    fn who_is_taken_out_leaves_the_others_in_order() {
+        for gone in 0..4 {
+            let links: Vec<Link> = (0..4).map(|_| Link::new(|_| {})).collect();
+            let queue = RunQueue::new();
+            // SAFETY: the links outlive the queue and are pushed once; the one that is taken out is queued.
+            unsafe {
+                // 2 0 1 3, and one that is alone at its level.
+                queue.push_back(3, NonNull::from(&links[0]));
+                queue.push_back(3, NonNull::from(&links[1]));
+                queue.push_front(3, NonNull::from(&links[2]));
+                queue.push_back(5, NonNull::from(&links[3]));
+                let level = if gone == 3 { 5 } else { 3 };
+                queue.remove(level, NonNull::from(&links[gone]));
+                assert_eq!(current::ready_levels() & 1 << 5 != 0, gone != 3);
+                // And comes again, as the last.
+                queue.push_back(3, NonNull::from(&links[gone]));
+            }
+            let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
+            let mut expected: Vec<usize> =
+                [3, 2, 0, 1].into_iter().filter(|&n| n != gone).collect();
+            expected.push(gone);
+            assert_eq!(
+                order,
+                expected
+                    .into_iter()
+                    .map(|n| NonNull::from(&links[n]))
+                    .collect::<Vec<_>>()
+            );
+            assert_eq!(current::ready_levels(), 0);
+        }
     }
 }

@@ -58,12 +58,13 @@ type PollInPlace = unsafe fn(NonNull<()>, &mut Context<'_>) -> bool;
 /// # Invariants
 ///
 /// `scheduled` is queued exactly while async-task has it scheduled; `raw` is then its runnable. `direct` is queued exactly while
-/// `is_ready`. The cells are touched by the home's thread alone. `body` leads to the task's future from its first poll
+/// `is_ready`, at the level `ready_level`. The cells are touched by the home's thread alone. `body` leads to the task's future from its first poll
 /// through async-task on, which is before any direct one.
 struct Task {
     scheduled: Link,
     direct: Link,
     is_ready: Cell<bool>,
+    ready_level: Cell<u8>,
     /// async-task has completed the task.
     is_completed: Cell<bool>,
     body: Cell<Option<(NonNull<()>, PollInPlace)>>,
@@ -108,6 +109,7 @@ where
         scheduled: Link::new(run_scheduled),
         direct: Link::new(run_direct),
         is_ready: Cell::new(false),
+        ready_level: Cell::new(0),
         is_completed: Cell::new(false),
         body: Cell::new(None),
         raw: AtomicPtr::new(ptr::null_mut()),
@@ -256,24 +258,34 @@ unsafe fn free(owner: NonNull<()>) {
     unsafe { reclaim::retire(field_of!(retired, owner.cast::<Task>())) };
 }
 
-/// Puts a process of this thread's executor into the run queue, if it is not there: no atomics.
+/// Puts a process of this thread's executor into the run queue at `level`, if it is not there at that level or a higher one: no atomics.
 ///
 /// # Safety
 ///
 /// As `Methods::ready_here` says: `owner` is a task that is still referred to, and this is its home's thread.
-unsafe fn ready_here(owner: NonNull<()>, place: Place) {
-    // SAFETY: the contract; a task that is not ready is not queued by its direct link.
+unsafe fn ready_here(owner: NonNull<()>, level: u8, place: Place) {
+    // SAFETY: the contract; a task that is not ready is not queued by its direct link, and one that is ready is.
     unsafe {
         let task = owner.cast::<Task>();
         let this = task.as_ref();
-        if this.record.has_ended() || this.is_ready.replace(true) {
+        if this.record.has_ended() {
             return;
         }
-        this.record.set_state(ProcessState::Ready);
         let link = field_of!(direct, task);
+        if this.is_ready.replace(true) {
+            let queued = this.ready_level.get();
+            if queued >= level {
+                return;
+            }
+            // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
+            with_queue(|queue| queue.remove(queued, link));
+        } else {
+            this.record.set_state(ProcessState::Ready);
+        }
+        this.ready_level.set(level);
         with_queue(|queue| match place {
-            Place::First => queue.push_front(this.process.level(), link),
-            Place::Last => queue.push_back(this.process.level(), link),
+            Place::First => queue.push_front(level, link),
+            Place::Last => queue.push_back(level, link),
         });
     }
 }

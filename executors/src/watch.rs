@@ -61,6 +61,16 @@ pub(crate) fn glance(bell: &Bell) {
     }
 }
 
+/// Whether processes of this thread, which sleeps by `bell`, wait for files.
+#[inline]
+pub(crate) fn is_waiting(_: &Bell) -> bool {
+    HAS_FILES.get()
+        && HERE.with_borrow(|here| {
+            let files = here.as_ref().and_then(|here| here.files.as_ref());
+            files.is_some_and(|files| files.count.load(Ordering::Acquire) > 0)
+        })
+}
+
 struct Here {
     bell: Bell,
     files: Option<Arc<ThreadFiles>>,
@@ -189,7 +199,7 @@ impl ThreadFiles {
             }
             waits.remove(node);
         }
-        self.count.fetch_sub(1, Ordering::Relaxed);
+        let is_last = self.count.fetch_sub(1, Ordering::Release) == 1;
         // While others wait for the same file it stays watched for at least what they want; what they do not want ends nobody's wait.
         if waits.interest(file.as_raw_fd()).is_none() {
             // It fails if the file was closed behind our back; then the kernel has forgotten it.
@@ -198,6 +208,10 @@ impl ThreadFiles {
         drop(waits);
         // SAFETY: an unlisted node is its wait's alone.
         unsafe { *(*node.as_ptr()).wait.wakeup_mut() = None };
+        if is_last && self.thread != this_thread() {
+            // It may sleep in the belief that a file can wake it.
+            self.reactor.wake();
+        }
     }
 
     /// Readies all who wait for what the file is ready for, the most urgent first.

@@ -2,7 +2,7 @@
 
 use super::Exit;
 use super::record::Record;
-use luna_platform::current::{self, Wakeup};
+use luna_platform::current::{self, ProcessId, User, Wakeup};
 use luna_platform::wait_list::WaitNode;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -88,6 +88,37 @@ impl Drop for Join<'_> {
                 end.joining.remove(node.cast());
             }
         }
+    }
+}
+
+/// The processes that wait for the end of `record`'s.
+pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
+    // Room is made without the lock, for as many as were there when it was held.
+    let mut joiners = Vec::new();
+    loop {
+        let room = joiners.capacity();
+        let mut count = 0;
+        {
+            let end = record.end.lock();
+            let mut next = end.joining.first();
+            while let Some(node) = next {
+                // SAFETY: a node in the list is live, and guarded by the lock that is held.
+                let user = unsafe {
+                    next = end.joining.after(node);
+                    node.as_ref().user()
+                };
+                count += 1;
+                if let User::Process(id) = user
+                    && count <= room
+                {
+                    joiners.push(id);
+                }
+            }
+        }
+        if count <= room {
+            return joiners;
+        }
+        joiners = Vec::with_capacity(count);
     }
 }
 

@@ -7,7 +7,8 @@ mod record;
 
 pub(crate) use body::Body;
 pub use join::Join;
-pub use living::Living;
+pub(crate) use living::Enrolled;
+pub use living::{Living, Stillness};
 pub(crate) use record::Record;
 
 use luna_platform::current::{self, ProcessId};
@@ -43,6 +44,11 @@ impl ProcessSpec {
     /// The number that the process will have.
     pub fn id(&self) -> ProcessId {
         self.id
+    }
+
+    /// The level that the process will have.
+    pub fn priority(&self) -> u8 {
+        self.level
     }
 
     /// At `level`, 0 (lowest) to 31; a greater one counts as 31.
@@ -178,6 +184,11 @@ impl ProcessHandle {
     /// Blocks this thread until the process has ended, and says how. Not for processes of an executor: they [`join`](Self::join).
     pub fn wait(&self) -> Exit {
         luna_platform::park::block_on(self.join())
+    }
+
+    /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path: it allocates.
+    pub fn joiners(&self) -> Vec<ProcessId> {
+        join::joiners(&self.0)
     }
 
     /// How it ended, if it has.

@@ -1,0 +1,222 @@
+//! Whether a thread that runs processes sleeps with nothing of its own that could wake it: what a deadlock report is founded on.
+//!
+//! A home (an executor's thread, or that of an OS-thread process) is *still* while it sleeps without a deadline and without files to wait
+//! for. It says so in a word of its own, which nobody else writes on the path:
+//!
+//! ```text
+//!   home                                        who looks (not real-time)
+//!   1 says asleep where wakes are pushed        a reads every word: all still?
+//!   2 sets STILL (read-modify-write);           b no wake pushed anywhere, no call on the pool anywhere?
+//!     was it WATCHED? rings                     c reads every word again: as in a?
+//!   3 sleeps                                    if not: sets WATCHED at one that is not still, and sleeps
+//!   4 clears STILL, counts the wake
+//!   5 takes what was pushed
+//! ```
+//!
+//! **If a, b and c hold, there is an instant, between a and c, at which every home slept and nothing was under way among them.** The count
+//! makes every value of a word last for one stretch of time, so each home was still from its a to its c: all of them
+//! between the last a and the first c. What a home did before its step 2 is seen by whoever saw that step (release, acquire), so in b
+//! every wake that a home has pushed to another is seen, or that the other has taken it since. It takes in step 5 alone,
+//! after step 4 or before it fell still: in the first case c sees another count; in the second the wake was followed before. A call on
+//! the pool is counted by its home before step 2, and its end after the wake that it leads to. What remains are wakes from threads that
+//! are no homes: they may come at any time, and the look that follows finds them.
+//!
+//! **Nothing is missed:** the steps on a word are read-modify-write operations, so either 2 comes before WATCHED was set, and who
+//! looks sees STILL, or the home sees WATCHED and rings.
+//!
+//! A home that never sleeps without a deadline, as one with a periodic loop, does nothing of all this; any other pays two read-modify-write
+//! operations for a sleep, on a word that others write only to watch it. A count of those awake would be one word for all of them, and
+//! would touch zero whenever one home wakes another and sleeps before that one has woken.
+
+use luna_platform::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+
+const STILL: u64 = 1;
+/// The next time that the home falls still, it rings.
+const WATCHED: u64 = 2;
+/// One wake. The rest of the word counts them.
+const WAKE: u64 = 4;
+
+/// What a home says of itself.
+#[derive(Debug)]
+pub(crate) struct Presence {
+    word: AtomicU64,
+    /// Calls on the pool that this home's processes have begun.
+    calls: AtomicUsize,
+}
+
+/// A value of the word: one stretch of sleep.
+pub(crate) type Stretch = u64;
+
+impl Presence {
+    pub(crate) fn new() -> Self {
+        Self {
+            word: AtomicU64::new(0),
+            calls: AtomicUsize::new(0),
+        }
+    }
+
+    /// The home is about to sleep until others wake it; says whether to ring. Owner only.
+    #[must_use = "who watches sleeps until the ring"]
+    pub(crate) fn fall_still(&self) -> bool {
+        self.word.fetch_or(STILL, Ordering::AcqRel) & WATCHED != 0 && self.take_watch()
+    }
+
+    /// The home has woken, and has not yet taken what was pushed. Owner only, after `fall_still`.
+    pub(crate) fn wake(&self) {
+        self.word.fetch_add(WAKE - STILL, Ordering::AcqRel);
+    }
+
+    /// A process of this home begins a call on the pool. Owner only.
+    pub(crate) fn begin_call(&self) {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Such a call has ended, and has woken who waited for it; says whether to ring.
+    #[must_use = "who watches sleeps until the ring"]
+    pub(crate) fn end_call(&self) -> bool {
+        self.calls.fetch_sub(1, Ordering::AcqRel) == 1 && self.take_watch()
+    }
+
+    /// Whether it was watched; it is no more. One rings for a watch, however many find it.
+    fn take_watch(&self) -> bool {
+        self.word.fetch_and(!WATCHED, Ordering::AcqRel) & WATCHED != 0
+    }
+
+    /// The present stretch of sleep, if the home is still: steps a and c.
+    pub(crate) fn stretch(&self) -> Option<Stretch> {
+        let word = self.word.load(Ordering::Acquire);
+        (word & STILL != 0).then_some(word & !WATCHED)
+    }
+
+    /// Whether calls are under way: part of step b.
+    pub(crate) fn has_calls(&self) -> bool {
+        self.calls.load(Ordering::Acquire) > 0
+    }
+
+    /// Asks for a ring when the home falls still for the next time, or its last call ends.
+    pub(crate) fn watch(&self) {
+        self.word.fetch_or(WATCHED, Ordering::AcqRel);
+    }
+}
+
+/// A home, to who looks.
+pub(crate) trait Sleeper: Send + Sync {
+    fn presence(&self) -> &Presence;
+    /// Whether somebody has woken it and it has not taken the wake: part of step b. Acquire.
+    fn is_woken(&self) -> bool;
+}
+
+/// What was seen of some homes.
+pub(crate) enum Look {
+    /// All were still at one instant, each in the stretch said.
+    Still(Vec<Stretch>),
+    /// One was not; it rings when it falls still.
+    Stirring,
+    /// They changed from look to look: look again.
+    Unclear,
+}
+
+/// How often a look starts anew because a home fell still meanwhile.
+const TRIES: usize = 8;
+
+/// Looks at `homes`. O(homes), a bounded number of times; allocates.
+pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
+    for _ in 0..TRIES {
+        match all_still(homes) {
+            Ok(stretches) => return Look::Still(stretches),
+            Err(stirring) => {
+                stirring.presence().watch();
+                // What it does from here on it does under watch. If it is still without a cause to wake, it fell still just before.
+                if is_stirring(stirring) {
+                    return Look::Stirring;
+                }
+            }
+        }
+    }
+    Look::Unclear
+}
+
+/// Asks every home for a ring when it falls still for the next time.
+pub(crate) fn watch_all<S: Sleeper + ?Sized>(homes: &[&S]) {
+    homes.iter().for_each(|home| home.presence().watch());
+}
+
+fn is_stirring<S: Sleeper + ?Sized>(home: &S) -> bool {
+    home.presence().stretch().is_none() || home.presence().has_calls() || home.is_woken()
+}
+
+/// Steps a, b and c; or a home that is not still, or was not in one of them.
+fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &'a S> {
+    let mut stretches = Vec::with_capacity(homes.len());
+    for &home in homes {
+        stretches.push(home.presence().stretch().ok_or(home)?);
+    }
+    for &home in homes {
+        if home.presence().has_calls() || home.is_woken() {
+            return Err(home);
+        }
+    }
+    for (&home, &before) in homes.iter().zip(&stretches) {
+        if home.presence().stretch() != Some(before) {
+            return Err(home);
+        }
+    }
+    Ok(stretches)
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    struct Home(Presence, bool);
+
+    impl Sleeper for Home {
+        fn presence(&self) -> &Presence {
+            &self.0
+        }
+
+        fn is_woken(&self) -> bool {
+            self.1
+        }
+    }
+
+    #[test]
+    fn all_are_still_only_if_each_is_and_nothing_is_under_way() {
+        let (one, mut two) = (Home(Presence::new(), false), Home(Presence::new(), false));
+        assert!(!one.0.fall_still());
+        assert!(matches!(look(&[&one, &two]), Look::Stirring));
+        assert!(two.0.fall_still(), "the one that was awake is watched");
+        assert!(matches!(look(&[&one, &two]), Look::Still(_)));
+        two.1 = true;
+        assert!(matches!(look(&[&one, &two]), Look::Stirring));
+        two.1 = false;
+        two.0.begin_call();
+        assert!(matches!(look(&[&one, &two]), Look::Stirring));
+        assert!(two.0.end_call());
+        assert!(matches!(look(&[&one, &two]), Look::Still(_)));
+    }
+
+    #[test]
+    fn a_stretch_of_sleep_is_no_other_one() {
+        let home = Home(Presence::new(), false);
+        assert!(!home.0.fall_still());
+        let Look::Still(first) = look(&[&home]) else {
+            panic!("it is still");
+        };
+        home.0.wake();
+        assert!(!home.0.fall_still());
+        let Look::Still(second) = look(&[&home]) else {
+            panic!("it is still");
+        };
+        assert_ne!(first, second);
+    }
+
+    #[test]
+    fn a_watch_rings_once() {
+        let home = Home(Presence::new(), false);
+        home.0.watch();
+        assert!(home.0.fall_still());
+        home.0.wake();
+        assert!(!home.0.fall_still());
+    }
+}
