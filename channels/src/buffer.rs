@@ -24,6 +24,7 @@ pub(crate) enum WhenFull {
     Wait,
     DropOldest,
     DropNewest,
+    Grow,
 }
 
 impl Buffer {
@@ -51,8 +52,36 @@ impl Buffer {
         }
     }
 
+    /// Holds any number of values, and **allocates** as it grows: a send never waits, and is not for the real-time path. What is sent
+    /// faster than it is received fills the memory.
+    ///
+    /// ```
+    /// use luna_channels::{Buffer, buffered};
+    ///
+    /// let (log, lines) = buffered::<u32>(Buffer::allocating_unbounded());
+    /// for n in 0..1000 {
+    ///     log.try_send(n)?; // never full
+    /// }
+    /// assert_eq!(lines.buffered(), 1000);
+    /// # Ok::<(), luna_channels::TrySendError<u32>>(())
+    /// ```
+    pub const fn allocating_unbounded() -> Buffer {
+        Buffer {
+            capacity: usize::MAX,
+            when_full: WhenFull::Grow,
+        }
+    }
+
     /// No buffer at all.
     pub(crate) const RENDEZVOUS: Buffer = Buffer::fifo(0);
+
+    /// How many values room is set aside for.
+    pub(crate) fn reserved(self) -> usize {
+        match self.when_full {
+            WhenFull::Grow => 0,
+            _ => self.capacity,
+        }
+    }
 
     pub(crate) fn validate(self) -> Result<Self, BufferError> {
         if self.capacity == 0 {

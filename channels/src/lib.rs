@@ -30,26 +30,57 @@
 //! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and waking costs no reference counts, and tokio,
 //! smol, or plain threads, where wakers do the waking.
 
+// The models are the same whoever checks them: shuttle has loom's names.
+#[cfg(all(test, shuttle))]
+extern crate shuttle as loom;
+
+mod alternative;
+mod barrier;
 mod buffer;
+mod call;
 mod core;
+mod ended;
 mod error;
+mod extended;
+pub mod inspect;
+mod place;
 mod recv;
+mod selection;
 mod send;
+mod source;
+mod stamp;
 mod stream;
+mod taken;
 mod waiter;
 
 #[cfg(all(test, loom))]
 mod loom_tests;
 
+#[doc(hidden)]
+pub use alternative::Due;
+pub use alternative::{After, Alternative, AlternativeRecv, Guard, When, after, at};
+pub use barrier::{Barrier, LocalBarrier, LocalSync, Party, SyncOp};
 pub use buffer::Buffer;
+pub use call::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
+pub use ended::{ChannelEnd, Ended};
 pub use error::{
     BufferError, RecvError, RecvTimeoutError, SendError, SendTimeoutError, TryRecvError,
     TrySendError,
 };
+pub use extended::Extended;
 pub use recv::{Receiver, RecvOp, RecvTimeout};
 pub use send::{SendOp, SendTimeout, Sender};
+#[doc(hidden)]
+pub use stamp::Stamp;
 pub use stream::Incoming;
 
+#[doc(hidden)]
+pub mod __private {
+    //! What the macros name.
+    pub use crate::alternative::{Cons, Either, Guards, Never, Nil, Select, Skip, guard, select};
+}
+
+use crate::inspect::{Identity, PlaceKind};
 use luna_platform::current::{self, Place};
 use std::task::Context;
 
@@ -62,6 +93,7 @@ use std::task::Context;
 /// assert_eq!(thread.join().unwrap(), Ok(1));
 /// # Ok::<(), luna_channels::SendError<i32>>(())
 /// ```
+#[track_caller]
 pub fn channel<T: Send>() -> (Sender<T>, Receiver<T>) {
     ends(Buffer::RENDEZVOUS)
 }
@@ -99,12 +131,19 @@ pub fn buffered<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
 /// use luna_channels::{Buffer, BufferError, try_buffered};
 /// assert_eq!(try_buffered::<u8>(Buffer::fifo(0)).unwrap_err(), BufferError::ZeroCapacity);
 /// ```
+#[track_caller]
 pub fn try_buffered<T: Send>(buffer: Buffer) -> Result<(Sender<T>, Receiver<T>), BufferError> {
-    buffer.validate().map(ends)
+    let buffer = buffer.validate()?;
+    Ok(ends(buffer))
 }
 
+#[track_caller]
 fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
-    let channel = core::Channel::allocate(buffer);
+    let kind = match buffer.capacity {
+        0 => PlaceKind::Rendezvous,
+        capacity => PlaceKind::Buffered(capacity),
+    };
+    let channel = core::Channel::allocate(buffer, Identity::new(kind));
     // SAFETY: a new channel counts one end of each kind.
     unsafe { (Sender::new(channel), Receiver::new(channel)) }
 }

@@ -1,5 +1,6 @@
 //! The node of a waiting operation, and what it comes to.
 
+use crate::selection::Selection;
 use luna_platform::current::{Ready, Wakeup};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
@@ -15,39 +16,114 @@ pub(crate) enum Outcome {
     Done,
     Closed,
     Poisoned,
+    /// An alternative's, which has chosen another guard; or withdrawn.
+    Stale,
+    /// A send whose value was received, and which is held until the receiver is done with it. It is in the list of those.
+    Held,
+    /// A send that was held, and was given a value back.
+    Answered,
+    /// A send whose value could not be made, since its closure panicked.
+    Broken,
+}
+
+/// Makes the value of a waiting send, when it is taken. `None`: its closure has panicked.
+pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
+
+/// The part of a node by which others find it.
+#[repr(C)]
+pub(crate) struct Link<T> {
+    /// First, so that the list's node leads back to this.
+    pub(crate) wait: WaitNode,
+    pub(crate) outcome: AtomicU8,
+    /// A receiver's: its sender is to be held.
+    pub(crate) extended: bool,
+    /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) heir.
+    pub(crate) inherits: bool,
+    /// A settled extended receiver's, and a held sender's: which rendezvous it was.
+    pub(crate) ticket: u32,
+    /// An alternative's: what decides, and which guard this is.
+    pub(crate) selection: Option<(NonNull<Selection>, u32)>,
+    /// A sender's, if its value is not in the node.
+    make: Option<Make<T>>,
 }
 
 /// The node of a waiting operation, inside its future.
 ///
+/// Most operations never wait, so the link is written only when one begins to ([`begin`](Waiter::begin)): a node that is made and not listed is
+/// as small to write as its value.
+///
 /// # Invariants
 ///
-/// While `outcome` is `Waiting` and the node is listed, the channel's lock guards all of it. A settled node belongs to its future.
-/// `value` holds a value if it is a sender's that is not done, or a receiver's that is.
+/// The link is there once `begin` was called. While `outcome` is `Waiting` or `Held` and the node is listed, the channel's lock guards all of
+/// it. A settled node belongs to its future, and holds no wakeup, so that nothing of the link is to be dropped.
+/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a sender's without `make` that is neither done nor held. A listed sender's `make`, if it has
+/// one, can be called once, under the lock.
 #[repr(C)]
-pub(crate) struct Waiter<T> {
+pub struct Waiter<T> {
     /// First, so that the list's node leads back to this.
-    pub(crate) wait: WaitNode,
-    pub(crate) outcome: AtomicU8,
+    link: MaybeUninit<Link<T>>,
     value: UnsafeCell<MaybeUninit<T>>,
 }
 
+impl<T> std::fmt::Debug for Waiter<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Waiter")
+    }
+}
+
 impl<T> Waiter<T> {
-    /// A sender's node.
+    /// A node that holds a value.
+    #[inline]
     pub(crate) fn with_value(value: T) -> Self {
         Self {
-            wait: WaitNode::new(),
-            outcome: AtomicU8::new(Outcome::Waiting as u8),
+            link: MaybeUninit::uninit(),
             value: UnsafeCell::new(MaybeUninit::new(value)),
         }
     }
 
-    /// A receiver's node.
+    /// A node that holds no value.
+    #[inline]
     pub(crate) fn empty() -> Self {
         Self {
-            wait: WaitNode::new(),
-            outcome: AtomicU8::new(Outcome::Waiting as u8),
+            link: MaybeUninit::uninit(),
             value: UnsafeCell::new(MaybeUninit::uninit()),
         }
+    }
+
+    /// Prepares a node for being listed.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, nobody else accesses it, and if this is not the first call, it is listed nowhere.
+    #[inline]
+    pub(crate) unsafe fn begin(
+        node: NonNull<Waiter<T>>,
+        extended: bool,
+        selection: Option<(NonNull<Selection>, u32)>,
+        make: Option<Make<T>>,
+    ) {
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                wait: WaitNode::new(),
+                outcome: AtomicU8::new(Outcome::Waiting as u8),
+                extended,
+                inherits: false,
+                ticket: 0,
+                selection,
+                make,
+            });
+        }
+    }
+
+    /// The link of a node. Not to be made a reference to as a whole: its parts have different owners.
+    ///
+    /// # Safety
+    ///
+    /// `node` is live, and was begun before its link is accessed.
+    #[inline(always)]
+    pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link<T> {
+        node.as_ptr().cast()
     }
 
     /// What the operation has come to. Acquire: who sees an outcome sees the value that came with it.
@@ -56,15 +132,19 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is live.
+    /// `node` is live, and was begun.
     #[inline]
     pub(crate) unsafe fn outcome(node: NonNull<Waiter<T>>) -> Outcome {
         // SAFETY: the contract; this borrows the one field, which is atomic.
-        match unsafe { (*node.as_ptr()).outcome.load(Ordering::Acquire) } {
+        match unsafe { (*Self::link(node)).outcome.load(Ordering::Acquire) } {
             0 => Outcome::Waiting,
             1 => Outcome::Done,
             2 => Outcome::Closed,
-            _ => Outcome::Poisoned,
+            3 => Outcome::Poisoned,
+            4 => Outcome::Stale,
+            5 => Outcome::Held,
+            6 => Outcome::Answered,
+            _ => Outcome::Broken,
         }
     }
 
@@ -80,6 +160,36 @@ impl<T> Waiter<T> {
             .with(|value| unsafe { (*value).assume_init_read() })
     }
 
+    /// As [`take_value`](Self::take_value), of a node that others may look at.
+    ///
+    /// # Safety
+    ///
+    /// There is a value, and nobody else accesses it.
+    #[inline]
+    pub(crate) unsafe fn take_value_of(node: NonNull<Waiter<T>>) -> T {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe {
+            (*node.as_ptr())
+                .value
+                .with(|value| (*value).assume_init_read())
+        }
+    }
+
+    /// As [`put_value`](Self::put_value), of a node that others may look at.
+    ///
+    /// # Safety
+    ///
+    /// There is no value, and nobody else accesses its place.
+    #[inline]
+    pub(crate) unsafe fn put_value_of(node: NonNull<Waiter<T>>, new: T) {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe {
+            (*node.as_ptr()).value.with_mut(|value| {
+                (*value).write(new);
+            });
+        }
+    }
+
     /// Puts a value in.
     ///
     /// # Safety
@@ -89,6 +199,39 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn put_value(&self, new: T) {
         // SAFETY: the contract.
         self.value.with_mut(|value| unsafe { (*value).write(new) });
+    }
+
+    /// Takes or makes a listed sender's value. `None` if making it panicked.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a sender's that was begun, holds its value or can make it, and nobody else accesses it.
+    #[inline]
+    pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
+        // SAFETY: the contract, and the type's invariant for `make`.
+        unsafe {
+            match (*Self::link(node)).make {
+                None => Some(node.as_ref().take_value()),
+                Some(make) => make(node),
+            }
+        }
+    }
+
+    /// Claims the node's alternative for it, if it is one's. `false`: the alternative has chosen already. Otherwise the node is to be
+    /// settled, and holds the alternative's wakeup.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, and the lock is held that guards it.
+    #[inline(always)]
+    pub(crate) unsafe fn claim(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: the contract.
+        unsafe {
+            match (*Self::link(node)).selection {
+                None => true,
+                Some((selection, guard)) => claim_selection(node.cast(), selection, guard),
+            }
+        }
     }
 
     /// Takes out whom to wake.
@@ -103,7 +246,7 @@ impl<T> Waiter<T> {
             // loom does not watch the wakeup: to it, this is an access to the value beside it, which must be over when the outcome is set.
             #[cfg(loom)]
             (*node.as_ptr()).value.with_mut(|_| ());
-            (*node.as_ptr())
+            (*Self::link(node))
                 .wait
                 .wakeup_mut()
                 .take()
@@ -115,18 +258,51 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a waiter's, was taken off its list under the lock that is still held, and what it says it holds is true of
-    /// `outcome`.
+    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held, or it is stale; and what it says it holds is
+    /// true of `outcome`.
     #[inline]
     pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> Ready {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
             let ready = Self::take_wakeup(node);
             // Release: the value and all that came before is visible to who sees the outcome.
-            (*node.as_ptr())
+            (*Self::link(node))
                 .outcome
                 .store(outcome as u8, Ordering::Release);
             ready
+        }
+    }
+
+    /// Lets a held sender go on, which was just taken off the list of those. The node is not to be touched after this.
+    ///
+    /// # Safety
+    ///
+    /// `node` is a held sender's, was just unlisted, and the lock is held that guards it.
+    pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> Ready {
+        // SAFETY: the contract.
+        unsafe { Self::settle(node, Outcome::Done) }
+    }
+}
+
+/// Claims a node's selection, and gives the node the wakeup.
+///
+/// # Safety
+///
+/// `node` begins a listed waiter, whatever the type of its values, and the lock is held that guards it.
+#[cold]
+unsafe fn claim_selection(
+    node: NonNull<WaitNode>,
+    selection: NonNull<Selection>,
+    guard: u32,
+) -> bool {
+    // SAFETY: the contract; a listed node's selection is live.
+    unsafe {
+        match selection.as_ref().claim(guard) {
+            Some(wakeup) => {
+                *(*node.as_ptr()).wakeup_mut() = wakeup;
+                true
+            }
+            None => false,
         }
     }
 }

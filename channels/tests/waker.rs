@@ -157,7 +157,7 @@ impl Wake for PanicsAsItWakes {
 }
 
 #[test]
-fn a_receive_that_fails_as_it_wakes_its_sender_drops_the_value_once() {
+fn a_receive_that_fails_as_it_wakes_its_sender_puts_the_value_back() {
     let ledger = Ledger::new(1);
     let (sender, receiver) = channel();
     let waker = Waker::from(Arc::new(PanicsAsItWakes));
@@ -167,5 +167,6 @@ fn a_receive_that_fails_as_it_wakes_its_sender_drops_the_value_once() {
     assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut recv))).is_err());
     drop(recv);
     assert!(ready(&mut send).is_ok());
+    assert_eq!(receiver.try_recv().unwrap().id, 0);
     ledger.assert_all_dropped_once();
 }

@@ -1,80 +1,10 @@
-//! The protocol under every interleaving of two or three threads: the channel's own code over loom's lock and atomics.
-//!
-//! ```text
-//! RUSTFLAGS="--cfg loom" cargo test -p luna-channels --release --lib
-//! ```
-//!
-//! Explored exhaustively up to three preemptions of a thread (waiting and ending are none), or as many as `LOOM_MAX_PREEMPTIONS` says:
-//! five find nothing else and take twenty times as long. loom watches the value in each node and all atomics; the
-//! links of waiting lists are plain memory to it, guarded by the lock.
+//! Rendezvous and buffers: delivery, the end, cancellation, poison.
 
-use crate::{Buffer, Receiver, RecvError, RecvOp, SendOp, Sender, TryRecvError, buffered, channel};
+use super::{Drops, Token, check, poll, recv_id, waiting_recv, waiting_send};
+use crate::{Buffer, RecvError, TryRecvError, buffered, channel};
 use loom::future::block_on;
 use loom::thread;
-use std::future::Future;
-use std::pin::Pin;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::task::{Context, Poll, Waker};
-
-fn check(model: impl Fn() + Send + Sync + 'static) {
-    let mut builder = loom::model::Builder::new();
-    builder.preemption_bound.get_or_insert(3);
-    builder.check(model);
-}
-
-/// Counts its drops, with an atomic that loom does not watch, since it takes no part in the protocol.
-struct Token {
-    id: usize,
-    drops: Arc<AtomicUsize>,
-}
-
-impl Drop for Token {
-    fn drop(&mut self) {
-        self.drops.fetch_add(1, Ordering::SeqCst);
-    }
-}
-
-#[derive(Clone, Default)]
-struct Drops(Arc<AtomicUsize>);
-
-impl Drops {
-    fn token(&self, id: usize) -> Token {
-        Token {
-            id,
-            drops: self.0.clone(),
-        }
-    }
-
-    fn count(&self) -> usize {
-        self.0.load(Ordering::SeqCst)
-    }
-}
-
-fn poll<F: Future>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
-    future
-        .as_mut()
-        .poll(&mut Context::from_waker(Waker::noop()))
-}
-
-/// Receives a token and says which.
-fn recv_id(receiver: &Receiver<Token>) -> Result<usize, RecvError> {
-    block_on(receiver.recv()).map(|token| token.id)
-}
-
-/// A receive that waits already.
-fn waiting_recv<T>(receiver: &Receiver<T>) -> Pin<Box<RecvOp<'_, T>>> {
-    let mut recv = Box::pin(receiver.recv());
-    assert!(poll(&mut recv).is_pending());
-    recv
-}
-
-/// A send that waits already.
-fn waiting_send<T>(sender: &Sender<T>, value: T) -> Pin<Box<SendOp<'_, T>>> {
-    let mut send = Box::pin(sender.send(value));
-    assert!(poll(&mut send).is_pending());
-    send
-}
+use std::task::Poll;
 
 #[test]
 fn rendezvous_and_close() {

@@ -1,0 +1,122 @@
+//! Delays, as guards and alone.
+
+use super::guard::{Attempt, Guard, RawGuard};
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use luna_platform::clock::Instant;
+use luna_platform::current::Ready;
+use luna_platform::timer_queue::Sleep;
+use std::future::Future;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+/// Waits for `delay`, counted from this call. See [`at`] for what it costs.
+///
+/// ```
+/// use luna_channels::{after, alt, channel};
+/// use std::time::Duration;
+/// # luna_executors::block_on(async {
+/// let (_sender, receiver) = channel::<u32>();
+/// let late = alt! {
+///     value = receiver.recv() => value.is_err(),
+///     _ = after(Duration::from_millis(1)) => true,
+/// };
+/// assert!(late);
+/// # }).unwrap();
+/// ```
+pub fn after(delay: Duration) -> After {
+    at(Instant::now() + delay)
+}
+
+/// Waits until `deadline`; one that has passed is ready at once. Alone, or as a guard of an alternative.
+///
+/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe.
+///
+/// # Panics
+///
+/// When awaited outside of any process of LUNA: there are no timers.
+///
+/// ```
+/// use luna_channels::at;
+/// use luna_platform::clock::Instant;
+/// # luna_executors::block_on(async {
+/// let deadline = Instant::now() + std::time::Duration::from_millis(1);
+/// at(deadline).await;
+/// assert!(Instant::now() >= deadline);
+/// # }).unwrap();
+/// ```
+pub fn at(deadline: Instant) -> After {
+    After {
+        sleep: Sleep::until(deadline),
+    }
+}
+
+/// A delay: see [`after`] and [`at`].
+#[derive(Debug)]
+#[must_use = "a delay does nothing unless awaited or offered in an alternative"]
+pub struct After {
+    sleep: Sleep,
+}
+
+impl After {
+    /// The instant it waits for.
+    pub fn deadline(&self) -> Instant {
+        self.sleep.deadline()
+    }
+
+    fn sleep(self: Pin<&mut Self>) -> Pin<&mut Sleep> {
+        // SAFETY: the sleep is pinned with the whole.
+        unsafe { self.map_unchecked_mut(|this| &mut this.sleep) }
+    }
+}
+
+impl Future for After {
+    type Output = ();
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        self.sleep().poll(cx)
+    }
+}
+
+impl RawGuard for After {
+    fn place(&self) -> Option<NonNull<Place>> {
+        None
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        Some(self.sleep.deadline())
+    }
+
+    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut Lists>, _: &mut Context<'_>) -> Attempt {
+        if self.sleep.has_come() {
+            Attempt::Ready(Ready::NOBODY)
+        } else {
+            Attempt::NotReady
+        }
+    }
+
+    unsafe fn list(self: Pin<&mut Self>, _: &mut Lists, _: NonNull<Selection>, _: u32) {}
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {}
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
+
+    unsafe fn poll_time(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        self.sleep().poll(cx)
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        false
+    }
+}
+
+impl Guard for After {
+    type Output = ();
+
+    unsafe fn output(self: Pin<&mut Self>) {}
+}

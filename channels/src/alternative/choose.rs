@@ -1,0 +1,141 @@
+//! The decision: under the locks of all places, taken in the order of their addresses.
+//!
+//! With all of them held, what is ready is ready at one instant, so the first ready guard in the order of preference is the right one,
+//! also across cores: nobody can make a higher guard ready between the look at it and the choice. Nobody holds one lock
+//! while waiting for another against the order, so there is no deadlock; and there is no retry.
+
+use super::guard::Attempt;
+use super::list::{MOST_GUARDS, Open};
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use arrayvec::ArrayVec;
+use luna_platform::clock::Instant;
+use luna_platform::current::{Ready, Wakeup};
+use luna_platform::lock::PiGuard;
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// The locks of an alternative's places.
+pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, PiGuard<'a, Lists>), MOST_GUARDS>);
+
+impl Locks<'_> {
+    /// Locks all places of `open`, each once. O(n) locks.
+    pub(super) fn take(open: &Open<'_>) -> Self {
+        let mut places: ArrayVec<NonNull<Place>, MOST_GUARDS> =
+            open.iter().filter_map(|(_, guard)| guard.place()).collect();
+        places.sort_unstable_by_key(|&place| order(place));
+        let mut locks = ArrayVec::new();
+        for place in places {
+            if locks.last().is_none_or(|&(last, _)| last != place) {
+                // SAFETY: a place outlives its guards, and these locks do not outlive the poll of the alternative that borrows them.
+                locks.push((place, unsafe { place.as_ref() }.lock()));
+            }
+        }
+        Locks(locks)
+    }
+
+    fn lists(&mut self, place: Option<NonNull<Place>>) -> Option<&mut Lists> {
+        let place = place?;
+        let index = self
+            .0
+            .binary_search_by_key(&order(place), |lock| order(lock.0))
+            .ok()?;
+        Some(&mut self.0[index].1)
+    }
+}
+
+/// What the locks are ordered by.
+#[cfg(not(loom))]
+fn order(place: NonNull<Place>) -> NonNull<Place> {
+    place
+}
+
+/// In a model not by address, but by age: loom repeats a run to go on from the middle of it, and addresses differ from run to run.
+#[cfg(loom)]
+fn order(place: NonNull<Place>) -> u64 {
+    // SAFETY: a place outlives its guards.
+    unsafe { place.as_ref() }.identity.id()
+}
+
+/// What the first look at the guards came to.
+pub(super) enum Choice {
+    /// Guard number `.0` has happened. Ready whom it says, now that the locks are released.
+    Made(u32, Ready),
+    /// None can happen now; they are not listed.
+    None,
+    /// None could happen; all are listed.
+    Listed,
+}
+
+/// Chooses the first ready guard by preference; with none, lists all of them in `selection`, unless the alternative `skips` then.
+///
+/// # Safety
+///
+/// All guards are new. The selection is closed, stays where it is, and outlives their being listed.
+pub(super) unsafe fn choose(
+    open: &mut Open<'_>,
+    selection: &Selection,
+    fair: bool,
+    skips: bool,
+    cx: &mut Context<'_>,
+) -> Choice {
+    let mut locks = Locks::take(open);
+    let mut preference: ArrayVec<usize, MOST_GUARDS> = (0..open.len()).collect();
+    if fair {
+        // Unlike the stable sort, this one never allocates.
+        preference.sort_unstable_by_key(|&index| (stamp(open, index), index));
+    }
+    for &index in &preference {
+        let (number, guard) = &mut open[index];
+        let lists = locks.lists(guard.place());
+        // SAFETY: the lists are those of its place; the contract says that the guard is new.
+        if let Attempt::Ready(ready) = unsafe { guard.as_mut().attempt(lists, cx) } {
+            return Choice::Made(*number, ready);
+        }
+    }
+    if skips {
+        return Choice::None;
+    }
+    let several = open.iter().any(|(_, guard)| guard.claims_several());
+    // SAFETY: the contract: this is the owner, and the selection is closed.
+    unsafe { selection.open(Wakeup::of(cx), several, limit(open, fair)) };
+    // In this order too: a partner finds the preferred one of two guards of one channel.
+    for index in preference {
+        let (number, guard) = &mut open[index];
+        if let Some(lists) = locks.lists(guard.place()) {
+            // SAFETY: as above.
+            unsafe {
+                guard
+                    .as_mut()
+                    .list(lists, NonNull::from(selection), *number)
+            };
+        }
+    }
+    Choice::Listed
+}
+
+/// From when on which guards are too late, since a delay that is preferred to them has passed: the earliest delay counts. Without this, a partner
+/// that comes after the instant and before the owner has woken would find a guard that is not to be chosen any more.
+fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
+    let delays = open
+        .iter()
+        .filter_map(|(number, guard)| Some((guard.deadline()?, *number)));
+    // A fair alternative prefers a delay to all else: it was never chosen.
+    delays
+        .min()
+        .map(|(instant, number)| (instant, if fair { 0 } else { number + 1 }))
+}
+
+/// When the end of a guard was last chosen. A guard without memory (a time that has come) counts as never chosen.
+fn stamp(open: &Open<'_>, index: usize) -> u64 {
+    open[index].1.stamp().map_or(0, |stamp| stamp.get())
+}
+
+/// Notes that guard `number` was chosen.
+pub(super) fn note_choice(open: &Open<'_>, number: u32) {
+    let greatest = (0..open.len()).map(|index| stamp(open, index)).max();
+    let chosen = open.iter().find(|(other, _)| *other == number);
+    if let Some(stamp) = chosen.and_then(|(_, guard)| guard.stamp()) {
+        stamp.choose(greatest.unwrap_or(0));
+    }
+}

@@ -1,0 +1,130 @@
+//! What an alternative may offer.
+
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
+use luna_platform::clock::Instant;
+use luna_platform::current::Ready;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// An operation that an alternative may offer: what `recv`, `recv_extended`, `send`, `send_from`, `send_with`, `after` and `at` return, and a barrier's
+/// `sync`.
+///
+/// Sealed: a guard is decided under the locks of all that is offered, so that exactly one happens. Any other future as a guard would either
+/// lose what it had done when another was chosen, or have to be polled on.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a guard",
+    label = "an alternative takes `recv()`, `send(..)`, `sync()` or `luna::after(..)`, not any future",
+    note = "put other work in the body, or in a process of its own that answers over a channel"
+)]
+pub trait Guard: RawGuard {
+    /// What the guard gives when it is chosen.
+    type Output;
+
+    /// Takes what the guard gives.
+    ///
+    /// # Safety
+    ///
+    /// The guard was chosen, [`poll_chosen`](RawGuard::poll_chosen) was ready, and this is called once.
+    #[doc(hidden)]
+    unsafe fn output(self: Pin<&mut Self>) -> Self::Output;
+}
+
+/// What an attempt came to.
+#[derive(Debug)]
+pub enum Attempt {
+    /// The guard cannot happen now.
+    NotReady,
+    /// It has happened; this is whom to ready when the locks are released.
+    Ready(Ready),
+}
+
+/// The steps of an alternative that do not depend on what the guard gives. They are unsafe to call, since `Guard` brings them wherever it is a
+/// bound: an alternative calls them in their order.
+pub trait RawGuard {
+    /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
+    fn place(&self) -> Option<NonNull<Place>>;
+
+    /// Whether the guard can happen at all. Asked only while it is new.
+    fn is_open(&self) -> bool {
+        true
+    }
+
+    /// When its end was last chosen.
+    fn stamp(&self) -> Option<&Stamp> {
+        None
+    }
+
+    /// From when on it is ready, if that is known for certain: for a delay.
+    fn deadline(&self) -> Option<Instant> {
+        None
+    }
+
+    /// Whether somebody may claim several alternatives at once to make it happen.
+    fn claims_several(&self) -> bool {
+        false
+    }
+
+    /// Makes the guard happen at once, if that can be. O(1) for channels.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of its place. The guard is new: it is listed nowhere and has not happened.
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut Lists>,
+        cx: &mut Context<'_>,
+    ) -> Attempt;
+
+    /// Lists the guard in its place, as number `guard` of `selection`.
+    ///
+    /// # Safety
+    ///
+    /// As for `attempt`; and `selection` outlives the guard's being listed.
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut Lists,
+        selection: NonNull<Selection>,
+        guard: u32,
+    );
+
+    /// Takes the guard off its list, if it is still there: another one was chosen, or none.
+    ///
+    /// # Safety
+    ///
+    /// Its alternative calls this, and the guard's own future was not polled.
+    unsafe fn withdraw(self: Pin<&mut Self>);
+
+    /// Whether the guard, which was chosen, is over.
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`; and the guard was chosen.
+    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()>;
+
+    /// Called when the lock of its place was released after `attempt` or `list`.
+    fn released(&self) {}
+
+    /// Whether the guard's time has come, for one that has no place; arranges for a wake at that time.
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`.
+    unsafe fn poll_time(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<()> {
+        Poll::Pending
+    }
+
+    /// Whether the guard has an error to give.
+    fn can_fail(&self) -> bool {
+        false
+    }
+
+    /// Makes the guard fail as poisoned. Says whether it can.
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`; and the guard is listed nowhere.
+    unsafe fn fail(self: Pin<&mut Self>) -> bool;
+}

@@ -1,0 +1,247 @@
+//! Which channels of an `Alternative` are ready, in its order of preference.
+//!
+//! Each member has a *position*; the ready member at the lowest position is next. A fair set moves a member that was chosen behind all
+//! others, so positions grow; when they run out, all members are numbered anew. That takes O(n) steps once in at least n choices; everything
+//! else takes as many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
+
+/// No position, no member.
+const NONE: u32 = u32::MAX;
+
+/// A set of positions that knows its least: a tree of words, each bit of which says whether the word below it is empty.
+#[derive(Debug)]
+struct Positions {
+    /// The lowest level first; the last has one word.
+    levels: Vec<Vec<u64>>,
+}
+
+impl Positions {
+    fn new(capacity: usize) -> Self {
+        let mut levels = Vec::new();
+        let mut words = capacity.div_ceil(64).max(1);
+        loop {
+            levels.push(vec![0; words]);
+            if words == 1 {
+                return Self { levels };
+            }
+            words = words.div_ceil(64);
+        }
+    }
+
+    fn insert(&mut self, position: u32) {
+        let mut index = position as usize;
+        for level in &mut self.levels {
+            level[index / 64] |= 1 << (index % 64);
+            index /= 64;
+        }
+    }
+
+    fn remove(&mut self, position: u32) {
+        let mut index = position as usize;
+        for level in &mut self.levels {
+            let word = &mut level[index / 64];
+            *word &= !(1 << (index % 64));
+            if *word != 0 {
+                return;
+            }
+            index /= 64;
+        }
+    }
+
+    fn contains(&self, position: u32) -> bool {
+        let index = position as usize;
+        self.levels[0][index / 64] & (1 << (index % 64)) != 0
+    }
+
+    fn first(&self) -> Option<u32> {
+        let mut index = 0;
+        for level in self.levels.iter().rev() {
+            let word = level[index];
+            if word == 0 {
+                return None;
+            }
+            index = index * 64 + word.trailing_zeros() as usize;
+        }
+        Some(index as u32)
+    }
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct ReadySet {
+    ready: Positions,
+    /// Which member is at a position.
+    at: Vec<u32>,
+    /// Where a member is.
+    position: Vec<u32>,
+    /// The first position behind all members.
+    next: u32,
+    members: usize,
+}
+
+impl ReadySet {
+    pub(super) fn new() -> Self {
+        Self {
+            ready: Positions::new(0),
+            at: Vec::new(),
+            position: Vec::new(),
+            next: 0,
+            members: 0,
+        }
+    }
+
+    /// Adds a member behind all others, not ready. Allocates.
+    pub(super) fn add(&mut self, member: usize) {
+        if member >= self.position.len() {
+            self.position.resize(member + 1, NONE);
+        }
+        self.members += 1;
+        let wanted = (self.members * 2).next_power_of_two().max(64);
+        if wanted > self.at.len() {
+            let ready: Vec<u32> = self.ready_members().collect();
+            self.at.resize(wanted, NONE);
+            self.ready = Positions::new(wanted);
+            for member in ready {
+                self.set(member as usize);
+            }
+        }
+        self.put_last(member);
+    }
+
+    /// Takes a member out. O(levels).
+    pub(super) fn remove(&mut self, member: usize) {
+        self.clear(member);
+        self.at[self.position[member] as usize] = NONE;
+        self.position[member] = NONE;
+        self.members -= 1;
+    }
+
+    /// Says that a member is ready. O(levels).
+    pub(super) fn set(&mut self, member: usize) {
+        self.ready.insert(self.position[member]);
+    }
+
+    /// Says that a member is not ready. O(levels).
+    pub(super) fn clear(&mut self, member: usize) {
+        self.ready.remove(self.position[member]);
+    }
+
+    /// The ready member to choose. O(levels).
+    pub(super) fn first(&self) -> Option<usize> {
+        Some(self.at[self.ready.first()? as usize] as usize)
+    }
+
+    /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many calls.
+    pub(super) fn put_behind(&mut self, member: usize) {
+        let is_ready = self.ready.contains(self.position[member]);
+        self.clear(member);
+        self.at[self.position[member] as usize] = NONE;
+        self.put_last(member);
+        if is_ready {
+            self.set(member);
+        }
+    }
+
+    fn put_last(&mut self, member: usize) {
+        if self.next as usize == self.at.len() {
+            self.compact();
+        }
+        self.at[self.next as usize] = member as u32;
+        self.position[member] = self.next;
+        self.next += 1;
+    }
+
+    /// Moves all members to the front, in their order.
+    fn compact(&mut self) {
+        let mut to = 0;
+        for from in 0..self.at.len() {
+            let member = std::mem::replace(&mut self.at[from], NONE);
+            if member == NONE {
+                continue;
+            }
+            let is_ready = self.ready.contains(from as u32);
+            self.ready.remove(from as u32);
+            self.at[to as usize] = member;
+            self.position[member as usize] = to;
+            if is_ready {
+                self.ready.insert(to);
+            }
+            to += 1;
+        }
+        self.next = to;
+    }
+
+    fn ready_members(&self) -> impl Iterator<Item = u32> {
+        self.at
+            .iter()
+            .enumerate()
+            .filter(|&(position, &member)| member != NONE && self.ready.contains(position as u32))
+            .map(|(_, &member)| member)
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_recently_chosen_ready_member_is_first() {
+        for members in [1, 3, 64, 65, 5000] {
+            let mut set = ReadySet::new();
+            // What it must do, done slowly.
+            let mut order: Vec<usize> = (0..members).collect();
+            let mut ready = vec![false; members];
+            for member in 0..members {
+                set.add(member);
+            }
+            let mut random = 88_172_645_463_325_252_u64;
+            for _ in 0..4 * members.min(500) + 300 {
+                random ^= random << 13;
+                random ^= random >> 7;
+                random ^= random << 17;
+                let member = (random >> 8) as usize % members;
+                match random % 4 {
+                    0 | 1 => {
+                        set.set(member);
+                        ready[member] = true;
+                    }
+                    2 => {
+                        set.clear(member);
+                        ready[member] = false;
+                    }
+                    _ => {
+                        set.put_behind(member);
+                        order.retain(|&other| other != member);
+                        order.push(member);
+                    }
+                }
+                let first = order.iter().copied().find(|&member| ready[member]);
+                assert_eq!(set.first(), first);
+            }
+        }
+    }
+
+    #[test]
+    fn members_come_and_go() {
+        let mut set = ReadySet::new();
+        (0..3).for_each(|member| set.add(member));
+        (0..3).for_each(|member| set.set(member));
+        set.remove(0);
+        assert_eq!(set.first(), Some(1));
+        set.add(0);
+        assert_eq!(set.first(), Some(1), "a new member is not ready");
+        set.set(0);
+        set.clear(1);
+        set.clear(2);
+        assert_eq!(set.first(), Some(0));
+        for _ in 0..1000 {
+            set.remove(0);
+            set.add(0);
+        }
+        assert_eq!(set.first(), None);
+        for member in 3..200 {
+            set.add(member);
+            set.set(member);
+        }
+        assert_eq!(set.first(), Some(3));
+    }
+}

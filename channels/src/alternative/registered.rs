@@ -1,0 +1,568 @@
+//! An alternative over any number of channels that stays registered between its selections.
+//!
+//! Each channel keeps a node of the alternative in its list of those who are *registered*. While the alternative waits, its selection is open,
+//! and a sender that comes claims it through the node and hands its value over, as to any receiver. While it does not wait, a claim fails,
+//! and the node stays: who makes the channel ready (a sender that lists itself, a value in the buffer, the channel's end) pushes the node onto the alternative's
+//! stack of ready channels, under the channel's lock, once until the alternative has looked. So a selection costs nothing for the channels
+//! where nothing happened.
+//!
+//! ```text
+//!   sender, under the lock:  claim? no --> list itself; push the node;   release;  close the selection if it is open, and ready its owner
+//!   owner:                   drain the stack; choose; nothing?  open the selection;  drain the stack again; something? close it, go on
+//! ```
+//!
+//! One of both sees the other: between its two steps each has a full fence (J. Dekker's argument).
+
+use super::ready_set::ReadySet;
+use crate::core::{Channel, Ending, Received, Taken};
+use crate::error::RecvError;
+use crate::recv::Receiver;
+use crate::selection::Selection;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Wakeup};
+use luna_platform::sync::atomic::{AtomicPtr, Ordering, fence};
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomData;
+use std::pin::Pin;
+use std::ptr::{self, NonNull};
+use std::task::{Context, Poll, RawWakerVTable};
+
+/// What partners reach of an alternative.
+pub(crate) struct Hub<T> {
+    pub(crate) selection: Selection,
+    /// The entries whose channels have become ready since the owner looked.
+    stack: AtomicPtr<Entry<T>>,
+}
+
+/// A channel's registration.
+///
+/// # Invariants
+///
+/// While its node is in the channel's list, that lock guards `waiter.wait`, `is_queued`, and `rings`; the rest of `waiter` belongs to whoever claimed
+/// the selection through it, then to the owner. `next` belongs to who pushes it, then to who drains the stack.
+#[repr(C)]
+pub(crate) struct Entry<T> {
+    /// First, so that the list's node leads back to this.
+    pub(crate) waiter: Waiter<T>,
+    hub: NonNull<Hub<T>>,
+    channel: NonNull<Channel<T>>,
+    next: *mut Entry<T>,
+    /// Whether it is on the stack, or known to its owner as ready.
+    pub(crate) is_queued: bool,
+    /// Whether the owner is yet to be readied for it.
+    pub(crate) rings: bool,
+}
+
+impl<T> Entry<T> {
+    /// Says that the channel is ready, unless the owner knows. Whether it is then to be rung for.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn announce(entry: NonNull<Entry<T>>) -> bool {
+        let entry = entry.as_ptr();
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe {
+            if (*entry).is_queued {
+                return false;
+            }
+            (*entry).is_queued = true;
+            (*entry).rings = true;
+            let stack = &(*entry).hub.as_ref().stack;
+            let mut first = stack.load(Ordering::Relaxed);
+            loop {
+                (*entry).next = first;
+                match stack.compare_exchange_weak(
+                    first,
+                    entry,
+                    Ordering::Release,
+                    Ordering::Relaxed,
+                ) {
+                    Ok(_) => break,
+                    Err(now) => first = now,
+                }
+            }
+            // Before the look at the selection that rings.
+            fence(Ordering::SeqCst);
+            true
+        }
+    }
+
+    /// Whether its alternative was told of something that it has not looked at: then it does not wait, though it may not know yet. What came
+    /// before is to be chosen before what comes now.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn has_news(entry: NonNull<Entry<T>>) -> bool {
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe {
+            !(*(*entry.as_ptr()).hub.as_ptr())
+                .stack
+                .load(Ordering::Acquire)
+                .is_null()
+        }
+    }
+
+    /// The selection of its alternative.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn selection<'a>(entry: NonNull<Entry<T>>) -> &'a Selection {
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).selection }
+    }
+}
+
+/// Receives from any number of channels, whichever is ready: fair, or by priority.
+///
+/// What `alt!` is for a few different guards, this is for many channels of one type: it stays registered with all of them between its
+/// selections, so that [`recv`](Self::recv) costs the same for two channels and for two thousand. Channels can be [added](Self::add) and
+/// [removed](Self::remove) while it lives. An ended channel is ready and gives its error each time it is chosen, until it is removed.
+///
+/// ```
+/// use luna_channels::{Alternative, channel};
+/// # luna_executors::block_on(async {
+/// let (senders, receivers): (Vec<_>, Vec<_>) = (0..100).map(|_| channel::<u32>()).unzip();
+/// let thread = std::thread::spawn(move || senders[42].blocking_send(7));
+/// let mut inputs = Alternative::fair(&receivers);
+/// assert_eq!(inputs.recv().await, (42, Ok(7)));
+/// # thread.join().unwrap().unwrap();
+/// # }).unwrap();
+/// ```
+pub struct Alternative<'a, T> {
+    entries: Vec<Option<NonNull<Entry<T>>>>,
+    hub: NonNull<Hub<T>>,
+    ready: ReadySet,
+    is_fair: bool,
+    /// How many of the entries are listed in their channels: those before, since that happens with the first `recv`.
+    listed: usize,
+    state: State,
+    polled_by: (*const (), *const RawWakerVTable),
+    _receivers: PhantomData<&'a Receiver<T>>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Nobody can claim the selection.
+    Closed,
+    /// It was opened: look whether it was claimed.
+    Open,
+    /// This entry holds a value that was received and not handed on yet.
+    Holds(usize),
+}
+
+// SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection; values pass between threads anyway.
+unsafe impl<T: Send> Send for Alternative<'_, T> {}
+// SAFETY: `&Alternative` gives access to nothing.
+unsafe impl<T: Send> Sync for Alternative<'_, T> {}
+
+impl<'a, T> Alternative<'a, T> {
+    /// Over `inputs`, choosing of those that are ready the least recently chosen. Allocates; not for the real-time path. O(n).
+    pub fn fair(inputs: &'a [Receiver<T>]) -> Self {
+        Self::new(inputs, true)
+    }
+
+    /// Over `inputs`, choosing of those that are ready the first in this order. Allocates; not for the real-time path. O(n).
+    pub fn prioritized(inputs: &'a [Receiver<T>]) -> Self {
+        Self::new(inputs, false)
+    }
+
+    fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
+        let hub = Box::new(Hub {
+            selection: Selection::new(),
+            stack: AtomicPtr::new(ptr::null_mut()),
+        });
+        let mut alternative = Self {
+            entries: Vec::with_capacity(inputs.len()),
+            hub: NonNull::from(Box::leak(hub)),
+            ready: ReadySet::new(),
+            is_fair,
+            listed: 0,
+            state: State::Closed,
+            polled_by: (ptr::null(), ptr::null()),
+            _receivers: PhantomData,
+        };
+        for input in inputs {
+            alternative.add(input);
+        }
+        alternative
+    }
+
+    /// Adds a channel, behind all others in order of preference, and gives its index: a free one, so perhaps that of one that was
+    /// removed. Allocates; not for the real-time path.
+    ///
+    /// ```
+    /// use luna_channels::{Alternative, Buffer, buffered};
+    /// # luna_executors::block_on(async {
+    /// let (sender, receiver) = buffered(Buffer::fifo(1));
+    /// let mut inputs = Alternative::fair(&[]);
+    /// let index = inputs.add(&receiver);
+    /// sender.send(1).await.unwrap();
+    /// assert_eq!(inputs.recv().await, (index, Ok(1)));
+    /// assert!(inputs.remove(index) && !inputs.remove(index));
+    /// # }).unwrap();
+    /// ```
+    pub fn add(&mut self, input: &'a Receiver<T>) -> usize {
+        // A `recv` that was forgotten may have left it open: it is to look at the new channel too.
+        if self.state == State::Open && self.hub().selection.close().is_some() {
+            self.state = State::Closed;
+        }
+        let index = match self.entries.iter().position(Option::is_none) {
+            Some(free) => free,
+            None => {
+                self.entries.push(None);
+                self.entries.len() - 1
+            }
+        };
+        let entry = Box::new(Entry {
+            waiter: Waiter::empty(),
+            hub: self.hub,
+            channel: NonNull::from(input.channel()),
+            next: ptr::null_mut(),
+            is_queued: false,
+            rings: false,
+        });
+        let entry = NonNull::from(Box::leak(entry));
+        // SAFETY: the hub lives as long as this alternative. The new entry is known to nobody else; its waiter is its first field.
+        unsafe {
+            let selection = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).selection);
+            Waiter::begin(
+                entry.cast::<Waiter<T>>(),
+                false,
+                Some((selection, index as u32)),
+                None,
+            );
+        }
+        self.entries[index] = Some(entry);
+        self.ready.add(index);
+        if index < self.listed {
+            self.list(index);
+        }
+        index
+    }
+
+    /// Removes a channel; says whether it was there. A value that was received from it and not handed on goes back to its head. Frees; not for
+    /// the real-time path. O(1).
+    pub fn remove(&mut self, index: usize) -> bool {
+        let Some(entry) = self.entries.get_mut(index).and_then(Option::take) else {
+            return false;
+        };
+        // SAFETY: the entry is this alternative's, and its channel is borrowed.
+        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+        if index < self.listed {
+            // SAFETY: it is listed.
+            unsafe { channel.unregister(entry) };
+        }
+        // Nobody pushes it any more; whoever was pushed before is known now, and this one is not on the stack.
+        self.drain();
+        self.ready.remove(index);
+        let held = (self.holds() == Some(index)).then(|| {
+            self.state = State::Closed;
+            // SAFETY: the selection was chosen through it, and this is the owner.
+            unsafe { Self::settled(entry) }
+        });
+        // SAFETY: it is known to nobody else any more.
+        drop(unsafe { Box::from_raw(entry.as_ptr()) });
+        if let Some(Ok(value)) = held {
+            channel.give_back(value);
+        }
+        true
+    }
+
+    /// How many channels there are.
+    pub fn len(&self) -> usize {
+        self.entries.iter().flatten().count()
+    }
+
+    /// Whether there is none: then `recv` waits for ever.
+    pub fn is_empty(&self) -> bool {
+        self.entries.iter().all(Option::is_none)
+    }
+
+    /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended.
+    ///
+    /// It is no guard itself: a server that waits for a tick or a stop too has them come over a channel that is one of its inputs.
+    /// Cancel-safe: a value that was received and not handed on is what the next call gives first. Real-time path: yes, but for the first
+    /// call, which registers with all channels, at the priority of the process that makes it: O(n). After that O(1) a selection (the levels
+    /// of a tree with 64 branches; a fair one renumbers its n channels once in at least n selections), and O(1) for each channel
+    /// that has become ready and was emptied by others since.
+    pub fn recv(&mut self) -> AlternativeRecv<'_, 'a, T> {
+        AlternativeRecv { alternative: self }
+    }
+
+    fn hub(&self) -> &Hub<T> {
+        // SAFETY: it lives as long as this alternative.
+        unsafe { self.hub.as_ref() }
+    }
+
+    /// The entry that holds a value, if one does.
+    fn holds(&mut self) -> Option<usize> {
+        if self.state == State::Open {
+            self.state = match self.hub().selection.chosen() {
+                Some(index) => State::Holds(index as usize),
+                None => return None,
+            };
+        }
+        match self.state {
+            State::Holds(index) => Some(index),
+            _ => None,
+        }
+    }
+
+    /// Registers with a channel.
+    fn list(&mut self, index: usize) {
+        if let Some(entry) = self.entries[index] {
+            // SAFETY: the entry is this alternative's and stays where it is until it is unregistered; its channel is borrowed.
+            let is_ready = unsafe { (*(*entry.as_ptr()).channel.as_ptr()).register(entry) };
+            if is_ready {
+                self.ready.set(index);
+            }
+        }
+    }
+
+    /// Takes all that have become ready off the stack. O(those). Says whether there were any.
+    fn drain(&mut self) -> bool {
+        let hub = self.hub();
+        if hub.stack.load(Ordering::Acquire).is_null() {
+            return false;
+        }
+        let mut next = hub.stack.swap(ptr::null_mut(), Ordering::Acquire);
+        let any = !next.is_null();
+        while let Some(entry) = NonNull::new(next) {
+            // SAFETY: an entry on the stack is live, and the swap made its link this thread's.
+            let index = unsafe {
+                next = (*entry.as_ptr()).next;
+                let link = Waiter::link(entry.cast::<Waiter<T>>());
+                (*link).selection.map(|(_, index)| index)
+            };
+            if let Some(index) = index
+                && self.entries[index as usize] == Some(entry)
+            {
+                self.ready.set(index as usize);
+            }
+        }
+        any
+    }
+
+    fn note_choice(&mut self, index: usize) {
+        if self.is_fair {
+            self.ready.put_behind(index);
+        }
+    }
+
+    /// Hands on what an entry holds.
+    fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
+        let entry = self.entries[index]?;
+        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value is the owner's. Who claims holds the
+        // channel's lock until it has settled.
+        let received = unsafe { Self::settled(entry) };
+        self.state = State::Closed;
+        self.note_choice(index);
+        Some(received)
+    }
+
+    /// What the entry came to through which the selection was chosen. It can be chosen again afterwards.
+    ///
+    /// # Safety
+    ///
+    /// It was, and this is the owner.
+    unsafe fn settled(entry: NonNull<Entry<T>>) -> Result<T, RecvError> {
+        let node = entry.cast::<Waiter<T>>();
+        // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed node are looked at.
+        unsafe {
+            if Waiter::outcome(node) == Outcome::Waiting {
+                // Who claims holds the channel's lock until it has settled.
+                drop((*(*entry.as_ptr()).channel.as_ptr()).lock());
+            }
+            let received = match Waiter::outcome(node) {
+                Outcome::Done => Ok(Waiter::take_value_of(node)),
+                // The sender's closure has panicked.
+                _ => Err(RecvError::Poisoned),
+            };
+            (*Waiter::link(node))
+                .outcome
+                .store(Outcome::Waiting as u8, Ordering::Relaxed);
+            received
+        }
+    }
+
+    fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        let identity: (_, *const RawWakerVTable) = (cx.waker().data(), cx.waker().vtable());
+        if let Some(index) = self.holds()
+            && let Some(received) = self.take_held(index)
+        {
+            return Poll::Ready((index, received));
+        }
+        let has_failed = current::branch_failed() && !self.is_empty();
+        if self.state == State::Open {
+            if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
+                return Poll::Pending;
+            }
+            match (self.hub().selection.close(), self.holds()) {
+                (None, Some(index)) => {
+                    if let Some(received) = self.take_held(index) {
+                        return Poll::Ready((index, received));
+                    }
+                }
+                _ => self.state = State::Closed,
+            }
+        }
+        if has_failed {
+            current::stay_in_branch();
+            let first = self.entries.iter().position(Option::is_some);
+            return Poll::Ready((first.unwrap_or(0), Err(RecvError::Poisoned)));
+        }
+        while self.listed < self.entries.len() {
+            self.listed += 1;
+            self.list(self.listed - 1);
+        }
+        self.choose(cx)
+    }
+
+    /// Receives from the ready channel that comes first, or starts to wait. The selection is closed.
+    fn choose(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        loop {
+            self.drain();
+            while let Some(index) = self.ready.first() {
+                if let Some(received) = self.try_recv(index) {
+                    self.note_choice(index);
+                    return self.hand_on(index, received, cx);
+                }
+            }
+            self.polled_by = (cx.waker().data(), cx.waker().vtable());
+            // SAFETY: this is the owner, and the selection is closed.
+            unsafe { self.hub().selection.open(Wakeup::of(cx), true, None) };
+            self.state = State::Open;
+            // Before the look at the stack.
+            fence(Ordering::SeqCst);
+            if self.hub().stack.load(Ordering::Acquire).is_null() {
+                return Poll::Pending;
+            }
+            // Something became ready meanwhile. Each channel can say so once, and the second look sees all who said it before it.
+            if self.hub().selection.close().is_none() {
+                // Or somebody has handed a value over: that one came first.
+                if let Some(index) = self.holds()
+                    && let Some(received) = self.take_held(index)
+                {
+                    return Poll::Ready((index, received));
+                }
+            }
+            self.state = State::Closed;
+        }
+    }
+
+    /// Receives from a channel that has said that it is ready; nothing if others have emptied it, or a better one turns up.
+    fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
+        let entry = self.entries[index]?;
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+        let mut section = channel.lock();
+        // What became ready before this lock was taken may come before this one.
+        if self.drain() && self.ready.first() != Some(index) {
+            return None;
+        }
+        let received = section.recv_now(false);
+        let is_ready = section.is_ready();
+        if !is_ready {
+            // SAFETY: the lock that guards it is held.
+            unsafe { (*entry.as_ptr()).is_queued = false };
+            self.ready.clear(index);
+        }
+        drop(section);
+        match received {
+            Received::Done(value, ready, _) => {
+                let taken = Taken::new(channel, value, 0);
+                ready.wake();
+                Some(Ok(taken.keep()))
+            }
+            Received::Empty => None,
+            Received::Ended(Ending::Poisoned) => Some(Err(RecvError::Poisoned)),
+            Received::Ended(_) => Some(Err(RecvError::Closed)),
+            Received::Broken(ready) => {
+                channel.poison();
+                ready.wake();
+                Some(Err(RecvError::Poisoned))
+            }
+        }
+    }
+
+    /// Gives what was received, after others have run if they are to.
+    fn hand_on(
+        &mut self,
+        index: usize,
+        received: Result<T, RecvError>,
+        cx: &mut Context<'_>,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        if received.is_err() || !crate::gives_way(cx) {
+            return Poll::Ready((index, received));
+        }
+        if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
+            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is none.
+            unsafe {
+                let node = entry.cast::<Waiter<T>>();
+                Waiter::put_value_of(node, value);
+                (*Waiter::link(node))
+                    .outcome
+                    .store(Outcome::Done as u8, Ordering::Relaxed);
+            }
+            self.state = State::Holds(index);
+        }
+        Poll::Pending
+    }
+}
+
+impl<T> Drop for Alternative<'_, T> {
+    fn drop(&mut self) {
+        if self.state == State::Open && self.hub().selection.close().is_some() {
+            self.state = State::Closed;
+        }
+        for index in 0..self.entries.len() {
+            self.remove(index);
+        }
+        // SAFETY: no entry leads to it any more.
+        drop(unsafe { Box::from_raw(self.hub.as_ptr()) });
+    }
+}
+
+impl<T> fmt::Debug for Alternative<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Alternative")
+            .field("channels", &self.len())
+            .field("is_fair", &self.is_fair)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A receive under way from one of many channels: see [`Alternative::recv`].
+#[must_use = "an operation does nothing unless awaited"]
+pub struct AlternativeRecv<'b, 'a, T> {
+    alternative: &'b mut Alternative<'a, T>,
+}
+
+impl<T> Future for AlternativeRecv<'_, '_, T> {
+    type Output = (usize, Result<T, RecvError>);
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        self.alternative.poll_recv(cx)
+    }
+}
+
+impl<T> Drop for AlternativeRecv<'_, '_, T> {
+    fn drop(&mut self) {
+        let alternative = &mut *self.alternative;
+        if alternative.state == State::Open && alternative.hub().selection.close().is_some() {
+            alternative.state = State::Closed;
+        }
+    }
+}
+
+impl<T> fmt::Debug for AlternativeRecv<'_, '_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("AlternativeRecv")
+            .field(&self.alternative)
+            .finish()
+    }
+}

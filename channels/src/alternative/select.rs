@@ -1,0 +1,311 @@
+//! The future of an alternative.
+
+use super::choose::{Choice, Locks, choose, note_choice};
+use super::list::{Collected, Guards, MOST_GUARDS, Open};
+use super::stop::Stop;
+use crate::selection::Selection;
+use luna_platform::current::{self, Wakeup};
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::task::{Context, Poll, RawWakerVTable};
+
+/// Which waker polled: two of the same identity wake the same.
+type Identity = (*const (), *const RawWakerVTable);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    New,
+    /// The guards are listed, and the selection was opened.
+    Listed,
+    /// The guards are withdrawn, and the branch is about to be dropped.
+    Failed,
+    /// This guard was chosen; the others are withdrawn.
+    Chosen(u32),
+    /// Like `Chosen`, and the process lets others run before it goes on.
+    GaveWay(u32),
+    Over,
+}
+
+/// An alternative under way: what `alt!` and `pri_alt!` await.
+///
+/// # Invariants
+///
+/// Once polled it is pinned. In `Listed`, and until their drop afterwards, guards may be listed and lead to `selection`, which is dropped after
+/// them.
+#[must_use = "an alternative does nothing unless awaited"]
+pub struct Select<L> {
+    guards: L,
+    selection: Selection,
+    fair: bool,
+    state: State,
+    polled_by: Identity,
+    stop: Stop,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is only compared.
+unsafe impl<L: Send> Send for Select<L> {}
+// SAFETY: `&Select` gives access to nothing.
+unsafe impl<L: Sync> Sync for Select<L> {}
+
+/// An alternative among `guards`; `fair`, or in the order written.
+#[inline]
+pub fn select<L: Guards>(fair: bool, guards: L) -> Select<L> {
+    const {
+        assert!(
+            L::LEN <= MOST_GUARDS,
+            "an alternative has at most 32 guards: use `Alternative` for more channels"
+        )
+    };
+    Select {
+        guards,
+        selection: Selection::new(),
+        fair,
+        state: State::New,
+        polled_by: (std::ptr::null(), std::ptr::null()),
+        stop: Stop::new(),
+        _pinned: PhantomPinned,
+    }
+}
+
+fn identity(cx: &Context<'_>) -> Identity {
+    (cx.waker().data(), cx.waker().vtable())
+}
+
+impl<L: Guards> Future for Select<L> {
+    type Output = L::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
+        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above.
+        let mut guards = unsafe { Pin::new_unchecked(&mut this.guards) };
+        let polled = {
+            let mut collected = Collected::default();
+            let first = this.state == State::New;
+            guards.as_mut().collect(first, 0, &mut collected);
+            let Collected(open) = collected;
+            if open.is_empty() && !L::SKIP && this.state != State::Over {
+                // SAFETY: the alternative is pinned.
+                unsafe { this.stop.list() };
+            }
+            let mut alternative = Polled {
+                open,
+                selection: &this.selection,
+                fair: this.fair,
+                state: &mut this.state,
+                polled_by: &mut this.polled_by,
+            };
+            alternative.poll(L::SKIP.then_some(L::LEN as u32), cx)
+        };
+        polled.map(|number| {
+            this.state = State::Over;
+            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+            unsafe { guards.output(number) }
+        })
+    }
+}
+
+/// One poll of an alternative, whatever the types of its guards.
+struct Polled<'a> {
+    open: Open<'a>,
+    selection: &'a Selection,
+    fair: bool,
+    state: &'a mut State,
+    polled_by: &'a mut Identity,
+}
+
+impl Polled<'_> {
+    /// Which guard has happened and is over. `skip` is the number of `skip`, if it stands.
+    fn poll(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
+        match *self.state {
+            State::New => {
+                if current::branch_failed() {
+                    if let Some(number) = self.fail() {
+                        return Poll::Ready(number);
+                    }
+                    if skip.is_none() && self.is_stuck() {
+                        current::end_branch(cx);
+                        return Poll::Pending;
+                    }
+                }
+                match self.first_look(skip, cx) {
+                    Poll::Ready(Some(number)) => {
+                        *self.state = State::Chosen(number);
+                        if crate::gives_way(cx) {
+                            *self.state = State::GaveWay(number);
+                            return Poll::Pending;
+                        }
+                        self.poll_chosen(number, cx)
+                    }
+                    Poll::Ready(None) => self.poll_listed(cx),
+                    Poll::Pending => Poll::Pending,
+                }
+            }
+            State::Listed | State::Failed => self.poll_listed(cx),
+            State::Chosen(number) | State::GaveWay(number) => {
+                *self.state = State::Chosen(number);
+                self.poll_chosen(number, cx)
+            }
+            State::Over => panic!("an alternative was polled after it was over"),
+        }
+    }
+
+    /// Looks at the guards for the first time: which has happened, or none, and all are listed.
+    fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
+        // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
+        let choice = unsafe {
+            choose(
+                &mut self.open,
+                self.selection,
+                self.fair,
+                skip.is_some(),
+                cx,
+            )
+        };
+        match (choice, skip) {
+            (Choice::Made(number, ready), _) => {
+                // Before a waker, which may be anybody's, can panic.
+                *self.state = State::Chosen(number);
+                ready.wake();
+                self.released();
+                self.note(number);
+                Poll::Ready(Some(number))
+            }
+            (Choice::None, Some(skip)) => Poll::Ready(Some(skip)),
+            (Choice::None | Choice::Listed, _) => {
+                *self.state = State::Listed;
+                *self.polled_by = identity(cx);
+                self.released();
+                Poll::Ready(None)
+            }
+        }
+    }
+
+    fn released(&self) {
+        for (_, guard) in &self.open {
+            guard.released();
+        }
+    }
+
+    fn poll_listed(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
+        if current::branch_failed() && (self.can_fail() || self.is_stuck()) {
+            // A partner that was faster has communicated: that stays so.
+            if self.selection.close().is_some() || *self.state == State::Failed {
+                *self.state = State::Failed;
+                self.withdraw_but(None);
+                if let Some(number) = self.fail() {
+                    return Poll::Ready(number);
+                }
+                current::end_branch(cx);
+                return Poll::Pending;
+            }
+        }
+        if self.selection.chosen().is_none() {
+            for (number, guard) in self.open.iter_mut() {
+                if guard.place().is_none()
+                    // SAFETY: this is the guard's alternative.
+                    && unsafe { guard.as_mut().poll_time(cx) }.is_ready()
+                {
+                    // Whoever claims it, it is chosen now; this process need not be readied.
+                    self.selection.claim_own(*number);
+                    break;
+                }
+            }
+        }
+        if self.selection.chosen().is_none() && *self.polled_by != identity(cx) {
+            self.rewake(cx);
+        }
+        match self.selection.chosen() {
+            None => Poll::Pending,
+            Some(number) => {
+                self.withdraw_but(Some(number));
+                self.note(number);
+                *self.state = State::Chosen(number);
+                self.poll_chosen(number, cx)
+            }
+        }
+    }
+
+    /// Sees to it that who polls now is readied. Rare: only combinators with wakers of their own come here. O(n) locks.
+    #[cold]
+    fn rewake(&mut self, cx: &mut Context<'_>) {
+        let locks = Locks::take(&self.open);
+        if self.selection.chosen().is_some() {
+            return;
+        }
+        // SAFETY: with all locks held nobody can claim the selection.
+        let former = unsafe { self.selection.replace_wakeup(Wakeup::of(cx)) };
+        *self.polled_by = identity(cx);
+        drop(locks);
+        // Dropping a waker can run anything, so not under the locks.
+        drop(former);
+    }
+
+    /// Takes all guards but one off their lists. O(n).
+    fn withdraw_but(&mut self, chosen: Option<u32>) {
+        for (number, guard) in self.open.iter_mut() {
+            if Some(*number) != chosen {
+                // SAFETY: this is the guard's alternative.
+                unsafe { guard.as_mut().withdraw() };
+            }
+        }
+    }
+
+    fn poll_chosen(&mut self, number: u32, cx: &mut Context<'_>) -> Poll<u32> {
+        match self.open.iter_mut().find(|(other, _)| *other == number) {
+            // SAFETY: this is the guard's alternative, which has chosen it.
+            Some((_, guard)) => unsafe { guard.as_mut().poll_chosen(cx) }.map(|()| number),
+            // `skip`.
+            None => Poll::Ready(number),
+        }
+    }
+
+    fn can_fail(&self) -> bool {
+        self.open.iter().any(|(_, guard)| guard.can_fail())
+    }
+
+    /// Whether it waits for somebody, or for nothing at all, and has no error to give if that one never comes.
+    fn is_stuck(&self) -> bool {
+        !self.can_fail()
+            && (self.open.is_empty() || self.open.iter().any(|(_, guard)| guard.place().is_some()))
+    }
+
+    /// A sibling in a parallel construct has failed: the first guard that can fail does, as poisoned. None is listed.
+    fn fail(&mut self) -> Option<u32> {
+        let number = self.open.iter_mut().find_map(|(number, guard)| {
+            // SAFETY: this is the guard's alternative, none of whose guards is listed.
+            unsafe { guard.as_mut().fail() }.then_some(*number)
+        })?;
+        current::stay_in_branch();
+        *self.state = State::Chosen(number);
+        Some(number)
+    }
+
+    fn note(&self, number: u32) {
+        if self.fair {
+            note_choice(&self.open, number);
+        }
+    }
+}
+
+impl<L> Drop for Select<L> {
+    fn drop(&mut self) {
+        if self.state == State::Listed {
+            // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
+            // came to, and deals with it as any operation that is dropped.
+            drop(self.selection.close());
+        }
+    }
+}
+
+impl<L> fmt::Debug for Select<L> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Select")
+            .field("fair", &self.fair)
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
+}

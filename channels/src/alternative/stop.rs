@@ -1,0 +1,78 @@
+//! STOP: an alternative without an open guard, which waits for ever. It is listed for reports.
+
+use luna_platform::current;
+use luna_platform::wait_list::WaitNode;
+use std::cell::UnsafeCell;
+use std::marker::PhantomPinned;
+use std::ptr::NonNull;
+
+#[cfg(not(loom))]
+pub(crate) use list::with_stopped;
+
+#[cfg(not(loom))]
+mod list {
+    use luna_platform::lock::PiLock;
+    use luna_platform::wait_list::WaitList;
+
+    static STOPPED: PiLock<WaitList> = PiLock::new(WaitList::new());
+
+    /// Calls `f` with those who have stopped, under the lock that guards them.
+    pub(crate) fn with_stopped<R>(f: impl FnOnce(&mut WaitList) -> R) -> R {
+        f(&mut STOPPED.lock())
+    }
+}
+
+/// A node in the list of those who have stopped.
+///
+/// # Invariants
+///
+/// Once `list` was called it is pinned, and it is unlisted when it is dropped.
+#[derive(Debug)]
+pub(super) struct Stop {
+    node: UnsafeCell<WaitNode>,
+    is_listed: bool,
+    _pinned: PhantomPinned,
+}
+
+impl Stop {
+    pub(super) fn new() -> Self {
+        Self {
+            node: UnsafeCell::new(WaitNode::new()),
+            is_listed: false,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    fn node(&self) -> NonNull<WaitNode> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }
+    }
+
+    /// Lists the current process. O(1), or O(those who have stopped at lower priority).
+    ///
+    /// # Safety
+    ///
+    /// This is pinned from now on.
+    pub(super) unsafe fn list(&mut self) {
+        if self.is_listed {
+            return;
+        }
+        self.is_listed = true;
+        // A model looks at no reports, and its lock cannot be a static one.
+        #[cfg(not(loom))]
+        // SAFETY: the contract; it is in no list, and its drop takes it off.
+        with_stopped(|list| unsafe { list.insert(self.node(), current::priority(), None) });
+        #[cfg(loom)]
+        let _ = (current::priority(), self.node());
+    }
+}
+
+impl Drop for Stop {
+    fn drop(&mut self) {
+        if self.is_listed {
+            #[cfg(not(loom))]
+            // SAFETY: it is listed, and the lock is held.
+            with_stopped(|list| unsafe { list.remove(self.node()) });
+        }
+    }
+}

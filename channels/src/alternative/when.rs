@@ -1,0 +1,161 @@
+//! Deadlines that are looked up when they come, as guards and alone.
+
+use super::guard::{Attempt, Guard, RawGuard};
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Ready};
+use luna_platform::timer_queue::Sleep;
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// Something that falls due on the clock, and can have been put off when its time comes.
+#[doc(hidden)]
+pub trait Due {
+    /// What it gives when it is served.
+    type Output;
+
+    /// When it is due, as known at `now`; not after `now` if it is due already, [`Instant::NEVER`] if it cannot be. While somebody waits it may
+    /// only become later. Called under locks: O(1), and never panics.
+    fn due_at(&self, now: Instant) -> Instant;
+
+    /// When it was last chosen by a fair alternative, if it remembers that.
+    fn stamp(&self) -> Option<&Stamp> {
+        None
+    }
+
+    /// Serves it, which was due.
+    fn serve(&mut self, now: Instant) -> Self::Output;
+}
+
+/// Waits until something is due: a tick, a timer, a watchdog. Alone, or as a guard of an alternative.
+///
+/// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: what was not chosen stays due.
+///
+/// # Panics
+///
+/// When it has to wait outside of any process of LUNA: there are no timers.
+#[must_use = "it waits only when awaited or offered in an alternative"]
+pub struct When<D> {
+    due: D,
+    sleep: Sleep,
+    /// Whether `sleep` is to be set before it is used again.
+    is_set: bool,
+}
+
+impl<D: Due> When<D> {
+    #[doc(hidden)]
+    pub fn new(due: D) -> Self {
+        Self {
+            due,
+            sleep: Sleep::until(Instant::NEVER),
+            is_set: false,
+        }
+    }
+
+    fn is_due(&self) -> bool {
+        let now = Instant::now();
+        self.due.due_at(now) <= now
+    }
+
+    /// Whether it is due; arranges for a wake when it may be.
+    fn poll_due(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: the sleep is pinned with the whole, and nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        loop {
+            let now = Instant::now();
+            let due_at = this.due.due_at(now);
+            if due_at <= now {
+                return Poll::Ready(());
+            }
+            if due_at == Instant::NEVER {
+                return Poll::Pending;
+            }
+            // SAFETY: as above.
+            let mut sleep = unsafe { Pin::new_unchecked(&mut this.sleep) };
+            if !this.is_set {
+                sleep.as_mut().reset(due_at);
+                this.is_set = true;
+            }
+            // A sleep that ends before what has been put off ends sooner than it should: then on with the new time.
+            if sleep.poll(cx).is_pending() {
+                return Poll::Pending;
+            }
+            this.is_set = false;
+        }
+    }
+
+    fn serve(self: Pin<&mut Self>) -> D::Output {
+        // SAFETY: what is due is not pinned.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.due.serve(Instant::now())
+    }
+}
+
+impl<D: Due> Future for When<D> {
+    type Output = D::Output;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
+        if self.as_mut().poll_due(cx).is_pending() {
+            return Poll::Pending;
+        }
+        if !current::count_operation() {
+            // One of too many in a row that did not have to wait: the next poll begins a new count.
+            current::ready_again(cx, current::Place::Last);
+            return Poll::Pending;
+        }
+        Poll::Ready(self.serve())
+    }
+}
+
+impl<D: Due> RawGuard for When<D> {
+    fn place(&self) -> Option<NonNull<Place>> {
+        None
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        self.due.stamp()
+    }
+
+    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut Lists>, _: &mut Context<'_>) -> Attempt {
+        if self.is_due() {
+            Attempt::Ready(Ready::NOBODY)
+        } else {
+            Attempt::NotReady
+        }
+    }
+
+    unsafe fn list(self: Pin<&mut Self>, _: &mut Lists, _: NonNull<Selection>, _: u32) {}
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {}
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
+
+    unsafe fn poll_time(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        self.poll_due(cx)
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        false
+    }
+}
+
+impl<D: Due> Guard for When<D> {
+    type Output = D::Output;
+
+    unsafe fn output(self: Pin<&mut Self>) -> D::Output {
+        self.serve()
+    }
+}
+
+impl<D> fmt::Debug for When<D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("When").finish_non_exhaustive()
+    }
+}

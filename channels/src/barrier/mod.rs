@@ -1,0 +1,373 @@
+//! Barriers: several processes wait until all of them have come.
+//!
+//! Who comes last completes the round: under the barrier's lock it counts the round up and moves all who wait to the list of those to
+//! release, both in O(1); then it releases them one by one, each in a lock section of its own: the most urgent first, then those that
+//! offered the barrier in alternatives. A party that is polled before its turn sees by the round's number that it may go, and takes itself off.
+//!
+//! An alternative that offers the barrier is a party that may change its mind. Who comes last therefore enters the gates of all such parties, in
+//! the order of their selections' addresses, so that none can choose another guard meanwhile; takes those off the list that have
+//! chosen already; and completes the round only if there are enough without them. O(parties), and no retry: a party that is missing now comes
+//! back itself, and then is the last. (JCSP coordinates its alting barriers under one lock for the whole program:
+//! P. H. Welch et al., "Alting Barriers: synchronisation with choice in Java using JCSP", 2010. Here unrelated barriers do not meet.)
+
+mod local;
+mod party;
+mod sync;
+
+pub use local::{LocalBarrier, LocalSync};
+pub use party::Party;
+pub use sync::SyncOp;
+
+use crate::inspect::{Identity, PlaceKind};
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, User};
+use luna_platform::reclaim::{self, Retired};
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use std::fmt;
+use std::ptr::NonNull;
+
+/// How far a barrier is. Guarded by its lock.
+#[derive(Debug)]
+struct Round {
+    /// How many must come.
+    parties: usize,
+    /// How many have come, and wait in the list of senders.
+    arrived: usize,
+    /// How many alternatives offer it, and wait in the list of receivers, by the addresses of their selections.
+    offering: usize,
+    /// Counts the rounds that were completed. Who waits with another number may go, and is in the list of those who are held.
+    number: u32,
+}
+
+/// What the handles share.
+///
+/// # Invariants
+///
+/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`; those of alternatives lead to selections that
+/// were opened for several, each to another one. A node's `ticket` is the round that it waits in.
+#[repr(C)]
+struct Shared {
+    /// First, so that it leads back to this.
+    retired: Retired,
+    handles: AtomicUsize,
+    place: Place,
+    round: UnsafeCell<Round>,
+}
+
+/// A meeting point of several processes: each `sync` waits until all parties have come.
+///
+/// Clones are handles to the same barrier, not parties: how many must come is said by [`new`](Self::new), and changed by
+/// [`enroll`](Self::enroll) and [`resign`](Self::resign). Parties may be processes of any executor, OS threads, and tasks of other runtimes.
+/// For many parties on one executor, [`local`](Self::local) makes a second level that costs no atomics.
+///
+/// ```
+/// use luna_channels::Barrier;
+///
+/// let barrier = Barrier::new(2);
+/// let other = barrier.clone();
+/// let thread = std::thread::spawn(move || luna_executors::block_on(async move { other.sync().await }));
+/// luna_executors::block_on(async { barrier.sync().await }).unwrap(); // returns when both have come
+/// thread.join().unwrap().unwrap();
+/// ```
+pub struct Barrier {
+    shared: NonNull<Shared>,
+    chosen: Stamp,
+}
+
+// SAFETY: what is shared is guarded by a lock, or counted by atomics.
+unsafe impl Send for Barrier {}
+// SAFETY: as above.
+unsafe impl Sync for Barrier {}
+impl std::panic::UnwindSafe for Barrier {}
+impl std::panic::RefUnwindSafe for Barrier {}
+
+impl Barrier {
+    /// A barrier of `parties`. With none, a `sync` returns at once until somebody enrolls. Allocates; not for the real-time path.
+    #[track_caller]
+    pub fn new(parties: usize) -> Barrier {
+        let shared = Box::new(Shared {
+            retired: Retired::new(Shared::free),
+            handles: AtomicUsize::new(1),
+            place: Place::new(Identity::new(PlaceKind::Barrier)),
+            round: UnsafeCell::new(Round {
+                parties,
+                arrived: 0,
+                offering: 0,
+                number: 0,
+            }),
+        });
+        let shared = NonNull::from(Box::leak(shared));
+        // SAFETY: it is live, and leaves the register in `free`.
+        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        Barrier {
+            shared,
+            chosen: Stamp::new(),
+        }
+    }
+
+    fn shared(&self) -> &Shared {
+        // SAFETY: this handle keeps it alive.
+        unsafe { self.shared.as_ref() }
+    }
+
+    /// Comes to the barrier, and waits until all parties have come. As a guard, comes only if all others have come.
+    ///
+    /// In a branch of a parallel construct one of whose siblings has failed, it does not wait: the branch ends there as poisoned.
+    /// Cancel-safe: dropped while it waits, the party has not come; after the round was completed, it has. Real-time path: yes; no allocation,
+    /// O(1) to wait (O(waiting parties of lower priority)), O(parties) for the last one, each in a lock section of its own. Parties that offer
+    /// the barrier in alternatives cost each who comes O(their number) more under one lock.
+    #[inline]
+    pub fn sync(&self) -> SyncOp<'_> {
+        SyncOp::new(self)
+    }
+
+    /// Becomes one more party, until what this returns is dropped. O(1). In the middle of a round, that round waits for it too.
+    pub fn enroll(&self) -> Party {
+        self.shared().enroll();
+        Party::new(self.clone())
+    }
+
+    /// One party less: for one of those that [`new`](Self::new) counted. If all others have come, the round is complete. O(parties) then. A barrier
+    /// without parties stays one.
+    pub fn resign(&self) {
+        self.shared().resign();
+    }
+
+    /// How many must come: for display, since it may have changed already.
+    pub fn parties(&self) -> usize {
+        let lists = self.shared().place.lock();
+        // SAFETY: the lists are the barrier's own.
+        unsafe { self.shared().round(&lists, |round| round.parties) }
+    }
+
+    /// A second level: a group of `parties` processes of one executor that is one party of this barrier. Allocates.
+    ///
+    /// ```
+    /// use luna_channels::Barrier;
+    /// use luna_executors::{Executor, ProcessSpec};
+    /// use luna_platform::thread::Attributes;
+    ///
+    /// let barrier = Barrier::new(2); // the group, and this thread
+    /// let group = barrier.local(3);
+    /// let executor = Executor::start(Attributes::new("group"))?;
+    /// for _ in 0..3 {
+    ///     let group = group.clone();
+    ///     executor.spawn(ProcessSpec::new("member"), move || async move { group.sync().await });
+    /// }
+    /// executor.release();
+    /// luna_executors::block_on(barrier.sync()).unwrap();
+    /// executor.stop();
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn local(&self, parties: usize) -> LocalBarrier {
+        LocalBarrier::new(self.clone(), parties)
+    }
+
+    /// Says that somebody outside of the system is a party too: a plain thread, say. A process that waits here is then never part of a
+    /// deadlock. A barrier that a thread outside has come to already is known to be one.
+    #[must_use]
+    pub fn external(self) -> Self {
+        self.shared().place.identity.set_external();
+        self
+    }
+
+    /// Names the barrier in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.shared().place.identity.set_name(name);
+        self
+    }
+}
+
+impl Clone for Barrier {
+    fn clone(&self) -> Self {
+        self.shared().handles.fetch_add(1, Ordering::Relaxed);
+        Barrier {
+            shared: self.shared,
+            chosen: Stamp::new(),
+        }
+    }
+}
+
+impl Drop for Barrier {
+    fn drop(&mut self) {
+        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
+            // SAFETY: this was the last handle, and operations borrow theirs.
+            unsafe { reclaim::retire(self.shared.cast()) };
+        }
+    }
+}
+
+impl fmt::Debug for Barrier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Barrier")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The rest of a release, if somebody's waker panics in the middle of it.
+struct Rest<'a>(&'a Shared);
+
+impl Drop for Rest<'_> {
+    fn drop(&mut self) {
+        self.0.release();
+    }
+}
+
+impl Shared {
+    unsafe fn free(head: NonNull<Retired>) {
+        // SAFETY: `Barrier::new` made it of a box, and the head is its first field.
+        unsafe {
+            let shared = head.cast::<Shared>();
+            crate::inspect::unregister(&shared.as_ref().place);
+            drop(Box::from_raw(shared.as_ptr()));
+        }
+    }
+
+    /// # Safety
+    ///
+    /// `lists` are those of this barrier.
+    #[inline]
+    unsafe fn round<R>(&self, _lists: &Lists, f: impl FnOnce(&mut Round) -> R) -> R {
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        self.round.with_mut(|round| f(unsafe { &mut *round }))
+    }
+
+    /// Remembers that somebody outside takes part.
+    fn note_user(&self) {
+        if current::user() == User::Outside {
+            self.place.identity.set_external();
+        }
+    }
+
+    fn enroll(&self) {
+        let lists = self.place.lock();
+        // SAFETY: the lists are this barrier's.
+        unsafe { self.round(&lists, |round| round.parties += 1) };
+    }
+
+    fn resign(&self) {
+        let mut lists = self.place.lock();
+        // SAFETY: the lists are this barrier's.
+        let is_complete = unsafe {
+            self.round(&lists, |round| {
+                round.parties = round.parties.saturating_sub(1);
+            });
+            self.complete_with(&mut lists, 0)
+        };
+        drop(lists);
+        if is_complete {
+            self.release();
+        }
+    }
+
+    /// Completes the round if enough have come together with `more`, who are not listed. Who waited is then to be
+    /// [released](Self::release), without the lock. O(parties that are alternatives).
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of this barrier.
+    unsafe fn complete_with(&self, lists: &mut Lists, more: usize) -> bool {
+        // SAFETY: the contract.
+        let (missing, offering) = unsafe {
+            self.round(lists, |round| {
+                let come = round.arrived + round.offering + more;
+                (round.parties.saturating_sub(come), round.offering)
+            })
+        };
+        let none_waits = lists.senders.is_empty() && lists.receivers.is_empty();
+        if missing > 0 || (more == 0 && none_waits) {
+            return false;
+        }
+        // SAFETY: the contract.
+        if offering > 0 && !unsafe { self.claim_offering(lists, more) } {
+            return false;
+        }
+        let Lists {
+            senders,
+            receivers,
+            held,
+            ..
+        } = lists;
+        held.append(senders);
+        held.append(receivers);
+        // SAFETY: the contract.
+        unsafe {
+            self.round(lists, |round| {
+                round.arrived = 0;
+                round.offering = 0;
+                round.number = round.number.wrapping_add(1);
+            });
+        }
+        true
+    }
+
+    /// Chooses the barrier in all alternatives that offer it, if they are enough together with those who have come and `more`. Those that have
+    /// chosen another guard go off the list.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of this barrier.
+    unsafe fn claim_offering(&self, lists: &mut Lists, more: usize) -> bool {
+        // SAFETY: the contract; nodes in the list are live waiters of alternatives, whose selections the invariant speaks of.
+        unsafe {
+            let mut open = 0;
+            let mut next = lists.receivers.first();
+            while let Some(node) = next {
+                next = lists.receivers.after(node);
+                let waiter = node.cast::<Waiter<()>>();
+                let Some((selection, guard)) = (*Waiter::link(waiter)).selection else {
+                    continue;
+                };
+                if Selection::enter(selection, guard) {
+                    open += 1;
+                } else {
+                    selection.as_ref().leave(None);
+                    lists.receivers.remove(node);
+                    drop(Waiter::settle(waiter, Outcome::Stale));
+                }
+            }
+            let is_enough = self.round(lists, |round| {
+                round.offering = open;
+                round.arrived + open + more >= round.parties
+            });
+            let mut next = lists.receivers.first();
+            while let Some(node) = next {
+                next = lists.receivers.after(node);
+                let waiter = Waiter::link(node.cast::<Waiter<()>>());
+                let Some((selection, guard)) = (*waiter).selection else {
+                    continue;
+                };
+                let wakeup = selection.as_ref().leave(is_enough.then_some(guard));
+                if is_enough {
+                    // From now on it waits for its release as all others.
+                    *(*waiter).wait.wakeup_mut() = wakeup;
+                    (*waiter).selection = None;
+                }
+            }
+            is_enough
+        }
+    }
+
+    /// Releases those whose round is complete. O(them), in lock sections of O(1).
+    fn release(&self) {
+        loop {
+            let mut lists = self.place.lock();
+            let Some(node) = lists.held.pop() else {
+                return;
+            };
+            // SAFETY: it was in the list, so it is a live waiter, and the lock is held.
+            let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
+            drop(lists);
+            // Whoever is readied: the others must not depend on that going well.
+            let rest = Rest(self);
+            ready.wake();
+            std::mem::forget(rest);
+        }
+    }
+}

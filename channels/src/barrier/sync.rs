@@ -1,0 +1,340 @@
+//! A party's coming to a barrier.
+
+use super::{Barrier, Shared};
+use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::sync::atomic::Ordering;
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    New,
+    /// The node is in one of the barrier's lists, or was settled.
+    Listed,
+    /// It came last, in an alternative, and the others are to be released.
+    Completed,
+    /// All have come; the process lets others run before it goes on.
+    GaveWay,
+    Over,
+}
+
+/// Coming to a barrier: see [`Barrier::sync`].
+///
+/// # Invariants
+///
+/// In `Listed` it is pinned.
+#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+pub struct SyncOp<'a> {
+    barrier: &'a Barrier,
+    node: UnsafeCell<Waiter<()>>,
+    phase: Phase,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a listed node is guarded by the barrier's lock wherever the future is.
+unsafe impl Send for SyncOp<'_> {}
+// SAFETY: `&SyncOp` gives access to nothing.
+unsafe impl Sync for SyncOp<'_> {}
+
+impl<'a> SyncOp<'a> {
+    pub(super) fn new(barrier: &'a Barrier) -> Self {
+        SyncOp {
+            barrier,
+            node: UnsafeCell::new(Waiter::empty()),
+            phase: Phase::New,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    fn shared(&self) -> &'a Shared {
+        self.barrier.shared()
+    }
+
+    fn node(&self) -> NonNull<Waiter<()>> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }
+    }
+
+    /// What has become of a listed one.
+    fn outcome(&self) -> Outcome {
+        // SAFETY: the node lies in this future, and was begun before it was listed.
+        unsafe { Waiter::outcome(self.node()) }
+    }
+
+    /// Whether the round is complete, for a listed one; if so, it is in no list any more. Otherwise who polls with `cx` is readied then.
+    fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
+        if self.outcome() == Outcome::Done {
+            return Poll::Ready(());
+        }
+        let mut lists = self.shared().place.lock();
+        // SAFETY: under the lock a waiting node may be changed, and is in the list that the round's number says.
+        unsafe {
+            if self.outcome() == Outcome::Done {
+                return Poll::Ready(());
+            }
+            let node = Waiter::link(self.node());
+            let number = self.shared().round(&lists, |round| round.number);
+            let former = if number == (*node).ticket {
+                let wakeup = (*node).wait.wakeup_mut();
+                match wakeup {
+                    Some(wakeup) if wakeup.is_of(cx) => None,
+                    _ => wakeup.replace(Wakeup::of(cx)),
+                }
+            } else {
+                lists.held.remove(self.node().cast());
+                (*node)
+                    .outcome
+                    .store(Outcome::Done as u8, Ordering::Relaxed);
+                (*node).wait.wakeup_mut().take()
+            };
+            drop(lists);
+            // Dropping a waker can run anything, so not under the lock.
+            drop(former);
+            if number == (*node).ticket {
+                Poll::Pending
+            } else {
+                Poll::Ready(())
+            }
+        }
+    }
+
+    /// Takes a listed one back, if the round is not complete. Says whether it is.
+    pub(super) fn leave(&mut self) -> bool {
+        match self.phase {
+            Phase::Listed => {}
+            Phase::New => return false,
+            Phase::Completed | Phase::GaveWay | Phase::Over => return true,
+        }
+        let mut lists = self.shared().place.lock();
+        // SAFETY: as in `poll_round`.
+        unsafe {
+            match self.outcome() {
+                Outcome::Done => return true,
+                Outcome::Stale => return false,
+                _ => {}
+            }
+            let node = Waiter::link(self.node());
+            let number = self.shared().round(&lists, |round| round.number);
+            let is_complete = number != (*node).ticket;
+            if is_complete {
+                lists.held.remove(self.node().cast());
+            } else if (*node).selection.is_some() {
+                lists.receivers.remove(self.node().cast());
+                self.shared().round(&lists, |round| round.offering -= 1);
+            } else {
+                lists.senders.remove(self.node().cast());
+                self.shared().round(&lists, |round| round.arrived -= 1);
+            }
+            let outcome = if is_complete {
+                Outcome::Done
+            } else {
+                Outcome::Stale
+            };
+            (*node).outcome.store(outcome as u8, Ordering::Relaxed);
+            let former = (*node).wait.wakeup_mut().take();
+            drop(lists);
+            drop(former);
+            is_complete
+        }
+    }
+}
+
+impl Future for SyncOp<'_> {
+    type Output = ();
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        if current::branch_failed() && matches!(this.phase, Phase::New | Phase::Listed) {
+            // Those who are to come may never do so, and there is no error to return.
+            let has_come = this.leave();
+            this.phase = if has_come { Phase::Over } else { Phase::New };
+            if has_come {
+                return Poll::Ready(());
+            }
+            current::end_branch(cx);
+            return Poll::Pending;
+        }
+        match this.phase {
+            Phase::New => {}
+            Phase::Listed => {
+                let polled = this.poll_round(cx);
+                if polled.is_ready() {
+                    this.phase = Phase::Over;
+                }
+                return polled;
+            }
+            Phase::GaveWay => {
+                this.phase = Phase::Over;
+                return Poll::Ready(());
+            }
+            Phase::Completed | Phase::Over => panic!("a sync was polled after it was over"),
+        }
+        let shared = this.shared();
+        shared.note_user();
+        let mut lists = shared.place.lock();
+        // SAFETY: the lists are the barrier's; the node is in none of them, the future is pinned, and its drop takes it off.
+        unsafe {
+            if !shared.complete_with(&mut lists, 1) {
+                // Made before anything is changed, since cloning a waker is its owner's code.
+                let wakeup = Wakeup::of(cx);
+                let number = shared.round(&lists, |round| {
+                    round.arrived += 1;
+                    round.number
+                });
+                Waiter::begin(this.node(), false, None, None);
+                (*Waiter::link(this.node())).ticket = number;
+                lists
+                    .senders
+                    .insert(this.node().cast(), current::priority(), wakeup);
+                this.phase = Phase::Listed;
+                return Poll::Pending;
+            }
+        }
+        this.phase = Phase::Over;
+        drop(lists);
+        shared.release();
+        if crate::gives_way(cx) {
+            this.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        Poll::Ready(())
+    }
+}
+
+impl RawGuard for SyncOp<'_> {
+    fn place(&self) -> Option<NonNull<Place>> {
+        Some(NonNull::from(&self.shared().place))
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        Some(&self.barrier.chosen)
+    }
+
+    fn claims_several(&self) -> bool {
+        true
+    }
+
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut Lists>,
+        _: &mut Context<'_>,
+    ) -> Attempt {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let Some(lists) = lists else {
+            return Attempt::NotReady;
+        };
+        this.shared().note_user();
+        // SAFETY: the contract: the lists are this barrier's.
+        if unsafe { this.shared().complete_with(lists, 1) } {
+            this.phase = Phase::Completed;
+            Attempt::Ready(Ready::NOBODY)
+        } else {
+            Attempt::NotReady
+        }
+    }
+
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut Lists,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: the lists are this barrier's, whose alternatives' nodes all lead to selections; the node is in none of them, and
+        // is taken off before it goes.
+        unsafe {
+            let mut before = None;
+            let mut next = lists.receivers.first();
+            while let Some(other) = next {
+                let of_other = (*Waiter::<()>::link(other.cast())).selection;
+                let Some((of_other, _)) = of_other else {
+                    break;
+                };
+                if of_other == selection {
+                    // The barrier stands in another guard of this alternative already, and one is enough.
+                    return;
+                }
+                if Selection::order(of_other) > Selection::order(selection) {
+                    break;
+                }
+                before = next;
+                next = lists.receivers.after(other);
+            }
+            Waiter::begin(this.node(), false, Some((selection, guard)), None);
+            (*Waiter::link(this.node())).ticket = this.shared().round(lists, |round| {
+                round.offering += 1;
+                round.number
+            });
+            lists
+                .receivers
+                .insert_after(before, this.node().cast(), current::priority(), None);
+        }
+        this.phase = Phase::Listed;
+    }
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.leave();
+    }
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.phase {
+            Phase::Completed => {
+                this.phase = Phase::GaveWay;
+                this.shared().release();
+                Poll::Ready(())
+            }
+            Phase::Listed => this.poll_round(cx),
+            _ => Poll::Ready(()),
+        }
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        false
+    }
+}
+
+impl Guard for SyncOp<'_> {
+    type Output = ();
+
+    unsafe fn output(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.phase = Phase::Over;
+    }
+}
+
+impl Drop for SyncOp<'_> {
+    fn drop(&mut self) {
+        match self.phase {
+            Phase::Listed => {
+                self.leave();
+            }
+            // The round is complete, whatever becomes of this party.
+            Phase::Completed => self.shared().release(),
+            Phase::New | Phase::GaveWay | Phase::Over => {}
+        }
+    }
+}
+
+impl fmt::Debug for SyncOp<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SyncOp")
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,154 @@
+//! A call that was accepted.
+
+use super::Message;
+use super::serving::Accepted;
+use crate::recv::Receiver;
+use crate::waiter::Outcome;
+use luna_platform::current::Heir;
+use std::fmt;
+use std::ops::{Deref, DerefMut};
+
+/// A call that was accepted: the request, and the duty to reply. Dropped without a reply, its client's call fails as
+/// [`Unanswered`](crate::CallError::Unanswered).
+///
+/// It may be kept, and be moved to another process or thread to be answered there; the process that accepted it inherits the client's
+/// priority until then. One that is forgotten holds its client until the channel ends, and keeps the priority lent. Dropping it is
+/// for the real-time path: O(calls that are accepted and not answered on this channel), and a system call if a thread's OS priority is
+/// set back.
+///
+/// ```
+/// # use futures_lite::future::{block_on, zip};
+/// let (client, server) = luna_channels::call_channel::<Vec<u32>, Vec<u32>>();
+/// let serve = async {
+///     let mut call = server.accept().await.unwrap();
+///     call.push(4);
+///     let (numbers, reply) = call.into_parts(); // to move the request out
+///     reply.send(numbers).expect("the client waits");
+/// };
+/// assert_eq!(block_on(zip(client.call(vec![3]), serve)).0.unwrap(), [3, 4]);
+/// ```
+#[must_use = "the client gets no reply when this is dropped"]
+pub struct Call<'a, Q, A> {
+    request: Q,
+    reply: Reply<'a, Q, A>,
+}
+
+impl<'a, Q, A> Call<'a, Q, A> {
+    pub(super) fn of(accepted: Accepted<'a, Message<Q, A>>) -> Self {
+        let Message::Request(request) = accepted.value else {
+            unreachable!("what a client offers is a request")
+        };
+        let reply = Reply {
+            receiver: accepted.receiver,
+            ticket: accepted.ticket,
+            heir: accepted.heir,
+        };
+        Call { request, reply }
+    }
+
+    /// Lets the client go on with `answer`; the priority that was inherited from it is given back then, and the request is dropped last. Real-time
+    /// path: as for dropping it. A reply is no scheduling point: the client runs at the next await, if it shares the executor.
+    ///
+    /// # Errors
+    ///
+    /// Gives the answer back when the client has gone, or the channel was poisoned meanwhile.
+    ///
+    /// ```
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let mut call = Box::pin(client.call(1));
+    /// # let cx = &mut std::task::Context::from_waker(std::task::Waker::noop());
+    /// assert!(call.as_mut().poll(cx).is_pending());
+    /// let accepted = server.try_accept()?;
+    /// drop(call); // the client does not want it any more
+    /// assert_eq!(accepted.reply(2), Err(2));
+    /// # Ok::<(), luna_channels::TryRecvError>(())
+    /// ```
+    pub fn reply(self, answer: A) -> Result<(), A> {
+        let Call { request, reply } = self;
+        let replied = reply.send(answer);
+        drop(request);
+        replied
+    }
+
+    /// The request, and what replies to it.
+    pub fn into_parts(self) -> (Q, Reply<'a, Q, A>) {
+        (self.request, self.reply)
+    }
+}
+
+impl<Q, A> Deref for Call<'_, Q, A> {
+    type Target = Q;
+    fn deref(&self) -> &Q {
+        &self.request
+    }
+}
+
+impl<Q, A> DerefMut for Call<'_, Q, A> {
+    fn deref_mut(&mut self) -> &mut Q {
+        &mut self.request
+    }
+}
+
+impl<Q: fmt::Debug, A> fmt::Debug for Call<'_, Q, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Call").field(&self.request).finish()
+    }
+}
+
+/// The duty to reply to a call, without its request: see [`Call::into_parts`]. All that is said of [`Call`] holds for it.
+///
+/// # Invariants
+///
+/// `ticket` is that of the client, as long as it was not let go; then 0. Nobody is held by 0.
+#[must_use = "the client gets no reply when this is dropped"]
+pub struct Reply<'a, Q, A> {
+    receiver: &'a Receiver<Message<Q, A>>,
+    ticket: u32,
+    /// Gives back what it was lent after the client was readied: before, others could come between.
+    heir: Option<Heir>,
+}
+
+impl<Q, A> Reply<'_, Q, A> {
+    /// As [`Call::reply`].
+    ///
+    /// # Errors
+    ///
+    /// As for `Call::reply`.
+    pub fn send(mut self, answer: A) -> Result<(), A> {
+        match self.finish(Message::Answer(answer)) {
+            Some(Message::Answer(answer)) => Err(answer),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lets the client go on with `message`; gives it back if the client has gone.
+    fn finish(&mut self, message: Message<Q, A>) -> Option<Message<Q, A>> {
+        let mut message = Some(message);
+        let ticket = std::mem::take(&mut self.ticket);
+        if ticket != 0 {
+            self.receiver.channel().finish_held(ticket, |client| {
+                if let Some(message) = message.take() {
+                    // SAFETY: a held sender's node holds no value; the lock is held.
+                    unsafe { client.as_ref().put_value(message) };
+                }
+                Outcome::Answered
+            });
+        }
+        message
+    }
+}
+
+impl<Q, A> Drop for Reply<'_, Q, A> {
+    fn drop(&mut self) {
+        self.finish(Message::NoAnswer);
+    }
+}
+
+impl<Q, A> fmt::Debug for Reply<'_, Q, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reply")
+            .field("ticket", &self.ticket)
+            .field("heir", &self.heir)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,282 @@
+//! The calling end.
+
+use super::{CallError, Message};
+use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::error::SendError;
+use crate::place::{Ending, Lists, Place};
+use crate::selection::Selection;
+use crate::send::{SendOp, Sender};
+use crate::source::Offered;
+use crate::stamp::Stamp;
+use luna_platform::current;
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// The calling end of a [`call_channel`](crate::call_channel). Any number of clones, on any threads, may call at the same time.
+///
+/// Dropping the last one closes the channel: calls that were accepted are still answered, then servers get
+/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping is O(1), and O(waiting servers) for the
+/// last one.
+pub struct Client<Q, A> {
+    sender: Sender<Message<Q, A>>,
+}
+
+impl<Q, A> Client<Q, A> {
+    pub(super) fn new(sender: Sender<Message<Q, A>>) -> Self {
+        Self { sender }
+    }
+
+    /// Sends `request` and waits for the reply. Works as a guard of an alternative, which chooses it when a server takes the request, and is
+    /// over with the reply: a delay beside it bounds the wait for a server, not for the reply. To bound both, drop the future (a race with
+    /// [`after`](crate::after)): that is safe.
+    ///
+    /// Of several that wait the one of highest priority is served first, of equal ones the one that came first. While it is served, the
+    /// server inherits the caller's priority as it was when the call was first polled. Real-time path: yes; no allocation, O(1), O(waiting
+    /// clients of lower priority) to wait, and a system call where a server on a thread of lower OS priority inherits.
+    ///
+    /// Cancel-safe: a future that is dropped before a server has taken the request leaves no trace. After that the server keeps
+    /// the request, and its reply comes back to it.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError`]: with the request, if no server has taken it.
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let serve = async { server.accept().await.map(drop) }; // no reply
+    /// let answer = block_on(zip(client.call(5), serve)).0;
+    /// assert!(answer.unwrap_err().is_unanswered());
+    /// ```
+    #[inline]
+    pub fn call(&self, request: Q) -> CallOp<'_, Q, A> {
+        CallOp {
+            send: SendOp::new(&self.sender, Offered::value(Message::Request(request))),
+            sender: &self.sender,
+            interrupted: false,
+        }
+    }
+
+    /// Like [`call`](Self::call), blocking this thread. For plain threads and OS-thread processes.
+    ///
+    /// # Errors
+    ///
+    /// As for `call`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    ///
+    /// ```
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// let thread = std::thread::spawn(move || {
+    ///     while let Ok(call) = server.blocking_accept() {
+    ///         let answer = *call + 1;
+    ///         let _ = call.reply(answer); // the client may have gone
+    ///     }
+    /// });
+    /// assert_eq!(client.blocking_call(1).unwrap(), 2);
+    /// drop(client);
+    /// thread.join().unwrap();
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_call(&self, request: Q) -> Result<A, CallError<Q>> {
+        luna_platform::park::block_on(self.call(request))
+    }
+
+    /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as poisoned; so do calls that were accepted
+    /// and not answered. May be called more than once. Real-time path: yes; O(those who wait).
+    ///
+    /// ```
+    /// let (client, server) = luna_channels::call_channel::<u32, u32>();
+    /// client.poison();
+    /// assert!(server.blocking_accept().unwrap_err().is_poisoned());
+    /// assert!(client.blocking_call(1).unwrap_err().is_poisoned());
+    /// ```
+    pub fn poison(&self) {
+        self.sender.poison();
+    }
+
+    /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    ///
+    /// ```
+    /// let (client, _server) = luna_channels::call_channel::<u32, u32>();
+    /// let _client = client.named("gripper");
+    /// assert!(luna_channels::inspect::places().iter().any(|place| place.name.as_deref() == Some("gripper")));
+    /// ```
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        Self::new(self.sender.named(name))
+    }
+
+    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`].
+    ///
+    /// ```
+    /// let (client, _server) = luna_channels::call_channel::<u32, u32>();
+    /// let _client = client.external().named("from outside");
+    /// let places = luna_channels::inspect::places();
+    /// assert!(places.iter().any(|place| place.external && place.name.as_deref() == Some("from outside")));
+    /// ```
+    #[must_use]
+    pub fn external(self) -> Self {
+        Self::new(self.sender.external())
+    }
+}
+
+impl<Q, A> Clone for Client<Q, A> {
+    fn clone(&self) -> Self {
+        Self::new(self.sender.clone())
+    }
+}
+
+impl<Q, A> fmt::Debug for Client<Q, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Client").field(&self.sender).finish()
+    }
+}
+
+/// A call under way: see [`Client::call`].
+#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+pub struct CallOp<'a, Q, A> {
+    send: SendOp<'a, Message<Q, A>>,
+    sender: &'a Sender<Message<Q, A>>,
+    /// The branch that called has failed while the server had the request.
+    interrupted: bool,
+}
+
+impl<'a, Q, A> CallOp<'a, Q, A> {
+    #[inline]
+    fn send(self: Pin<&mut Self>) -> Pin<&mut SendOp<'a, Message<Q, A>>> {
+        // SAFETY: the send is pinned with the whole.
+        unsafe { self.map_unchecked_mut(|this| &mut this.send) }
+    }
+
+    /// What a send that is over means.
+    fn result(
+        mut self: Pin<&mut Self>,
+        sent: Result<(), SendError<Message<Q, A>>>,
+    ) -> Result<A, CallError<Q>> {
+        match sent {
+            Ok(()) => match self.as_mut().send().take_answer() {
+                Some(Message::Answer(answer)) => Ok(answer),
+                Some(_) => Err(CallError::Unanswered),
+                None if self.interrupted || self.is_poisoned() => Err(CallError::Interrupted),
+                // A call that was forgotten until the last server went.
+                None => Err(CallError::Unanswered),
+            },
+            Err(SendError {
+                value: Message::Request(request),
+                poisoned,
+            }) => Err(if poisoned {
+                CallError::Poisoned(request)
+            } else {
+                CallError::Closed(request)
+            }),
+            // What a call offers is a request.
+            Err(_) => Err(CallError::Unanswered),
+        }
+    }
+
+    fn is_poisoned(&self) -> bool {
+        self.sender.channel().place().lock().ending == Ending::Poisoned
+    }
+
+    /// A failed branch does not wait for a server: its reply goes nowhere.
+    fn interrupt(mut self: Pin<&mut Self>) {
+        current::stay_in_branch();
+        self.as_mut().send().abandon();
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.interrupted = true;
+    }
+}
+
+impl<Q, A> Future for CallOp<'_, Q, A> {
+    type Output = Result<A, CallError<Q>>;
+
+    #[inline]
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        let sent = match self.as_mut().send().poll(cx) {
+            Poll::Ready(sent) => sent,
+            Poll::Pending if current::branch_failed() => {
+                self.as_mut().interrupt();
+                // SAFETY: it has just been settled, and is not polled again.
+                unsafe { self.as_mut().send().output() }
+            }
+            Poll::Pending => return Poll::Pending,
+        };
+        Poll::Ready(self.result(sent))
+    }
+}
+
+impl<Q, A> RawGuard for CallOp<'_, Q, A> {
+    fn place(&self) -> Option<NonNull<Place>> {
+        self.send.place()
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        self.send.stamp()
+    }
+
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut Lists>,
+        cx: &mut Context<'_>,
+    ) -> Attempt {
+        // SAFETY: the contract is the same.
+        unsafe { self.send().attempt(lists, cx) }
+    }
+
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut Lists,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: the contract is the same.
+        unsafe { self.send().list(lists, selection, guard) };
+    }
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {
+        // SAFETY: the contract: it is the guard within this one.
+        unsafe { self.send().withdraw() };
+    }
+
+    unsafe fn poll_chosen(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: the contract: it is the guard within this one.
+        let polled = unsafe { self.as_mut().send().poll_chosen(cx) };
+        if polled.is_pending() && current::branch_failed() {
+            self.interrupt();
+            return Poll::Ready(());
+        }
+        polled
+    }
+
+    fn released(&self) {
+        self.send.released();
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        // SAFETY: the contract: it is the guard within this one.
+        unsafe { self.send().fail() }
+    }
+}
+
+impl<Q, A> Guard for CallOp<'_, Q, A> {
+    type Output = Result<A, CallError<Q>>;
+
+    unsafe fn output(mut self: Pin<&mut Self>) -> Self::Output {
+        // SAFETY: the contract: it is the guard within this one.
+        let sent = unsafe { self.as_mut().send().output() };
+        self.result(sent)
+    }
+}
+
+impl<Q, A> fmt::Debug for CallOp<'_, Q, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("CallOp").field(&self.send).finish()
+    }
+}

@@ -1,0 +1,74 @@
+//! What can go wrong with a call.
+
+use std::error::Error;
+use std::fmt;
+
+/// A call failed. A request that no server has taken is given back.
+///
+/// ```
+/// let (client, server) = luna_channels::call_channel::<u32, ()>();
+/// drop(server);
+/// let error = client.blocking_call(7).unwrap_err();
+/// assert!(error.is_closed());
+/// assert_eq!(error.into_request(), Some(7));
+/// ```
+#[derive(Clone, PartialEq, Eq)]
+pub enum CallError<Q> {
+    /// The last server is gone, and did not take the request.
+    Closed(Q),
+    /// The channel, or the branch that called, was poisoned before a server took the request.
+    Poisoned(Q),
+    /// A server took the request and did not reply: it has dropped the call, or panicked.
+    Unanswered,
+    /// A server took the request, and the channel, or the branch that called, was poisoned before the reply.
+    Interrupted,
+}
+
+impl<Q> CallError<Q> {
+    /// The request, if no server has taken it.
+    pub fn into_request(self) -> Option<Q> {
+        match self {
+            CallError::Closed(request) | CallError::Poisoned(request) => Some(request),
+            CallError::Unanswered | CallError::Interrupted => None,
+        }
+    }
+
+    /// Whether the last server is gone.
+    pub fn is_closed(&self) -> bool {
+        matches!(self, CallError::Closed(_))
+    }
+
+    /// Whether the channel, or the branch that called, was poisoned.
+    pub fn is_poisoned(&self) -> bool {
+        matches!(self, CallError::Poisoned(_) | CallError::Interrupted)
+    }
+
+    /// Whether a server has dropped the call.
+    pub fn is_unanswered(&self) -> bool {
+        matches!(self, CallError::Unanswered)
+    }
+}
+
+impl<Q> fmt::Display for CallError<Q> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            CallError::Closed(_) => "calling on a channel whose last server is gone",
+            CallError::Poisoned(_) => "calling on a poisoned channel",
+            CallError::Unanswered => {
+                "the server has dropped the call without a reply: it has ended or panicked, or does not reply to all"
+            }
+            CallError::Interrupted => "the channel was poisoned before the server replied",
+        })
+    }
+}
+
+impl<Q> fmt::Debug for CallError<Q> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Without the request, so that it need not be `Debug`.
+        f.debug_struct("CallError")
+            .field("reason", &format_args!("{self}"))
+            .finish_non_exhaustive()
+    }
+}
+
+impl<Q> Error for CallError<Q> {}

@@ -1,0 +1,123 @@
+//! How a server receives: it holds its client, works at its priority, and gives a call back that it did not come to know of.
+
+use crate::core::Channel;
+use crate::extended::{Mode, Noted};
+use crate::place::Ending;
+use crate::recv::Receiver;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{Heir, Priority};
+use luna_platform::sync::atomic::Ordering;
+use std::ptr::NonNull;
+
+/// The client is held until it is answered, and its priority is inherited.
+#[derive(Debug)]
+pub(super) struct Serving;
+
+/// A value whose sender is held by ticket, with what the server was lent for it.
+#[derive(Debug)]
+pub(super) struct Accepted<'a, T> {
+    pub(super) receiver: &'a Receiver<T>,
+    pub(super) value: T,
+    pub(super) ticket: u32,
+    pub(super) heir: Option<Heir>,
+}
+
+impl Mode for Serving {
+    type Received<'a, T: 'a> = Accepted<'a, T>;
+    type Note = Option<Heir>;
+    const HOLDS: bool = true;
+    const INHERITS: bool = true;
+
+    fn waits(note: &mut Option<Heir>) {
+        *note = Heir::current();
+    }
+
+    fn holds(note: &mut Option<Heir>, sender: Priority) {
+        *note = Heir::current();
+        if let Some(heir) = note {
+            heir.lend(sender);
+        }
+    }
+
+    fn received<'a, T>(
+        receiver: &'a Receiver<T>,
+        value: T,
+        ticket: u32,
+        heir: Option<Heir>,
+    ) -> Accepted<'a, T> {
+        Accepted {
+            receiver,
+            value,
+            ticket,
+            heir,
+        }
+    }
+
+    fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
+        receiver.channel().wait_again(value, ticket);
+    }
+}
+
+/// Lends the receiver the priority of the sender that it holds, if it inherits.
+///
+/// # Safety
+///
+/// `receiver` was listed in this channel, and was claimed under the lock that is still held.
+#[inline]
+pub(crate) unsafe fn lend_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
+    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that inherits is noted with an heir.
+    unsafe {
+        if (*Waiter::link(receiver)).inherits {
+            let noted = receiver.cast::<Noted<T, Option<Heir>>>().as_ptr();
+            if let Some(heir) = &mut (*noted).note {
+                heir.lend(sender);
+            }
+        }
+    }
+}
+
+impl<T> Channel<T> {
+    /// Takes a value back whose sender is held, if it still is: the most urgent receiver that waits gets it, or the sender waits again, before
+    /// those of its priority. Otherwise the value is dropped. O(those who are held), and O(waiting senders of higher priority).
+    fn wait_again(&self, value: T, ticket: u32) {
+        let mut section = self.lock();
+        let mut next = section.lists.held.first();
+        let sender = loop {
+            let Some(node) = next else {
+                // The sender is gone, or the channel was poisoned.
+                drop(section);
+                return drop(value);
+            };
+            // SAFETY: a node in the list is a live waiter that the lock guards.
+            unsafe {
+                if (*Waiter::<T>::link(node.cast())).ticket == ticket {
+                    break node;
+                }
+                next = section.lists.held.after(node);
+            }
+        };
+        debug_assert!(section.lists.ending != Ending::Poisoned);
+        // SAFETY: the sender was found, and the receiver is claimed here; a held sender holds no value, nor does a receiver before it is done.
+        unsafe {
+            if let Some(receiver) = section.claim_receiver(true) {
+                receiver.as_ref().put_value(value);
+                (*Waiter::link(receiver)).ticket = ticket;
+                lend_to_receiver(receiver, sender.as_ref().priority());
+                let ready = Waiter::settle(receiver, Outcome::Done);
+                drop(section);
+                ready.wake();
+                return;
+            }
+            section.lists.held.remove(sender);
+            let waiter = sender.cast::<Waiter<T>>();
+            let link = Waiter::link(waiter);
+            waiter.as_ref().put_value(value);
+            // Its alternative has chosen it for good: nobody is to ask that again.
+            (*link).selection = None;
+            (*link)
+                .outcome
+                .store(Outcome::Waiting as u8, Ordering::Release);
+            section.lists.senders.insert_again_first(sender);
+        }
+    }
+}

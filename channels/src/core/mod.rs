@@ -1,0 +1,471 @@
+//! The channel itself: what both ends share, and the steps of the protocol that happen under its lock.
+//!
+//! Whoever arrives second does the work: it takes the partner off the waiting list, moves the value, settles the partner's
+//! outcome, releases the lock, and readies the partner, in this order. Settling the outcome gives the partner's node up: its
+//! future may be polled and dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
+//! of the protocol), and whom to wake was taken out before.
+//!
+//! ```text
+//!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
+//!                             |                      `--> HELD --receiver is done, under the lock--> DONE
+//!                             |-- found by a partner whose claim of its alternative failed --> STALE
+//!                             '-- withdrawn by its own future, under the lock --> STALE
+//! ```
+//!
+//! A partner that finds an alternative's node claims its [`Selection`](crate::selection::Selection) first. One whose alternative has chosen
+//! another guard is taken off the list and passed over: each such node costs one step, once.
+
+mod section;
+
+pub(crate) use section::{Locked, Received, Section, Sent};
+
+use crate::alternative::Entry;
+use crate::buffer::{Buffer, WhenFull};
+use crate::ended::take_watcher;
+use crate::inspect::Identity;
+pub(crate) use crate::place::Ending;
+use crate::place::{Lists, Place};
+pub(crate) use crate::taken::Taken;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Wakeup};
+use luna_platform::reclaim::{self, Retired};
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::collections::VecDeque;
+use std::ptr::NonNull;
+use std::task::Context;
+/// How many received values can come back from dropped futures before room for more must be made: see [`Channel::give_back`].
+const SPARE: usize = 2;
+
+/// What both kinds of ends share.
+///
+/// # Invariants
+///
+/// `store` is accessed under the lock of `place` alone.
+#[repr(C)]
+pub(crate) struct Channel<T> {
+    /// First, so that it leads back to this.
+    retired: Retired,
+    senders: AtomicUsize,
+    receivers: AtomicUsize,
+    /// 2 kinds of ends, 1, then the channel goes.
+    kinds: AtomicUsize,
+    buffer: Buffer,
+    place: Place,
+    /// Whether alternatives that are registered here are yet to be readied. Changed under the lock.
+    rings: AtomicBool,
+    /// Buffered values, and before them those that came back from futures dropped after their receive.
+    store: UnsafeCell<VecDeque<T>>,
+}
+
+impl<T> Channel<T> {
+    /// A new channel on the heap, with one end of each kind.
+    pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
+        let channel = Box::new(Channel {
+            retired: Retired::new(Self::free),
+            senders: AtomicUsize::new(1),
+            receivers: AtomicUsize::new(1),
+            kinds: AtomicUsize::new(2),
+            buffer,
+            place: Place::new(identity),
+            rings: AtomicBool::new(false),
+            store: UnsafeCell::new(VecDeque::with_capacity(
+                buffer.reserved().saturating_add(SPARE),
+            )),
+        });
+        let channel = NonNull::from(Box::leak(channel));
+        // SAFETY: the channel is live, and leaves the register in `free`. The function is its own. The pointer is made of that to the whole, so
+        // that it leads back to it.
+        unsafe {
+            let place = NonNull::new_unchecked(&raw mut (*channel.as_ptr()).place);
+            crate::inspect::register(place, Self::stored);
+        }
+        channel
+    }
+
+    unsafe fn free(head: NonNull<Retired>) {
+        // SAFETY: `allocate` made it of a box, and the head is the channel's first field.
+        unsafe {
+            let channel = head.cast::<Channel<T>>();
+            crate::inspect::unregister(&channel.as_ref().place);
+            drop(Box::from_raw(channel.as_ptr()));
+        }
+    }
+
+    /// How many values are buffered in the channel around `place`.
+    ///
+    /// # Safety
+    ///
+    /// `place` is that of a live channel of values of this type, and its lock is held.
+    unsafe fn stored(place: NonNull<Place>) -> usize {
+        let offset = std::mem::offset_of!(Channel<T>, place);
+        // SAFETY: the contract.
+        unsafe {
+            let channel = place.byte_sub(offset).cast::<Channel<T>>();
+            channel.as_ref().store.with(|store| (*store).len())
+        }
+    }
+
+    #[inline]
+    pub(crate) fn place(&self) -> &Place {
+        &self.place
+    }
+
+    #[inline]
+    pub(crate) fn lock(&self) -> Locked<'_, T> {
+        Section {
+            channel: self,
+            lists: self.place.lock(),
+        }
+    }
+
+    /// The section that `lists` stand for.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are those of this channel.
+    #[inline]
+    pub(crate) unsafe fn section<'a>(
+        &'a self,
+        lists: &'a mut Lists,
+    ) -> Section<'a, T, &'a mut Lists> {
+        Section {
+            channel: self,
+            lists,
+        }
+    }
+
+    /// Takes a waiting operation off its list, if it has not been settled; says which.
+    ///
+    /// # Safety
+    ///
+    /// `node` was listed in this channel, on the side that `of_sender` says.
+    pub(crate) unsafe fn withdraw(&self, node: NonNull<Waiter<T>>, of_sender: bool) -> Outcome {
+        let mut section = self.lock();
+        // SAFETY: under the lock a waiting node is listed.
+        unsafe {
+            let outcome = Waiter::outcome(node);
+            let list = match outcome {
+                Outcome::Waiting if of_sender => &mut section.lists.senders,
+                Outcome::Waiting => &mut section.lists.receivers,
+                Outcome::Held => &mut section.lists.held,
+                _ => return outcome,
+            };
+            list.remove(node.cast());
+            let link = Waiter::link(node);
+            let unused = (*link).wait.wakeup_mut().take();
+            let now = if outcome == Outcome::Held {
+                // The value was received: the receiver finds nobody to release.
+                Outcome::Done
+            } else {
+                Outcome::Stale
+            };
+            (*link).outcome.store(now as u8, Ordering::Relaxed);
+            // Dropping a waker can run anything, so not under the lock.
+            drop(section);
+            drop(unused);
+            outcome
+        }
+    }
+
+    /// Sees to it that a waiting operation wakes who polled it last.
+    ///
+    /// # Safety
+    ///
+    /// `node` was listed in this channel and was not withdrawn.
+    pub(crate) unsafe fn update_wakeup(
+        &self,
+        node: NonNull<Waiter<T>>,
+        cx: &Context<'_>,
+    ) -> Outcome {
+        let section = self.lock();
+        // SAFETY: under the lock a waiting node may be changed.
+        unsafe {
+            let outcome = Waiter::outcome(node);
+            if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                let wakeup = (*Waiter::link(node)).wait.wakeup_mut();
+                if !wakeup.as_ref().is_some_and(|wakeup| wakeup.is_of(cx)) {
+                    let unused = wakeup.replace(Wakeup::of(cx));
+                    // Dropping a waker can run anything, so not under the lock.
+                    drop(section);
+                    drop(unused);
+                }
+            }
+            outcome
+        }
+    }
+
+    /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
+    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. An overwriting buffer that has become
+    /// full in the meantime drops what it would have dropped had the value never left. Allocates only if more than [`SPARE`] values, or
+    /// one for each receiver, are back at once.
+    pub(crate) fn give_back(&self, value: T) {
+        let mut section = self.lock();
+        if section.lists.ending == Ending::Poisoned {
+            drop(section);
+            drop(value);
+            return;
+        }
+        // Also by an extended rendezvous, which finds nobody to hold: the sender has gone on.
+        if let Some(receiver) = section.claim_receiver(true) {
+            // SAFETY: it was just claimed; a receiver's node holds no value before it is done.
+            let ready = unsafe {
+                receiver.as_ref().put_value(value);
+                Waiter::settle(receiver, Outcome::Done)
+            };
+            drop(section);
+            ready.wake();
+            return;
+        }
+        let buffer = self.buffer;
+        let overwritten = section.with_store(|store| {
+            store.push_front(value);
+            let length = store.len();
+            match buffer.when_full {
+                WhenFull::DropOldest if length > buffer.capacity => store.pop_front(),
+                // The newest stays, which has replaced the one before it.
+                WhenFull::DropNewest if length > buffer.capacity => store.remove(length - 2),
+                _ => None,
+            }
+        });
+        section.announce();
+        section.release();
+        // The user's code, so not under the lock.
+        drop(overwritten);
+    }
+
+    /// Lists an alternative's entry for this channel; says whether the channel is ready, in which case the entry counts as announced.
+    ///
+    /// # Safety
+    ///
+    /// The entry is for this channel, is listed nowhere, and stays where it is until [`unregister`](Self::unregister).
+    pub(crate) unsafe fn register(&self, entry: NonNull<Entry<T>>) -> bool {
+        let mut section = self.lock();
+        // SAFETY: the contract; the wait node is the first field.
+        unsafe {
+            let priority = current::priority();
+            section
+                .lists
+                .registered
+                .insert(entry.cast(), priority, None);
+        }
+        let is_ready = section.is_ready();
+        // SAFETY: the lock is held that guards it from here on.
+        unsafe { (*entry.as_ptr()).is_queued = is_ready };
+        is_ready
+    }
+
+    /// Takes an alternative's entry off.
+    ///
+    /// # Safety
+    ///
+    /// The entry is registered here.
+    pub(crate) unsafe fn unregister(&self, entry: NonNull<Entry<T>>) {
+        let mut section = self.lock();
+        // SAFETY: the contract.
+        unsafe { section.lists.registered.remove(entry.cast()) };
+    }
+
+    /// Readies the registered alternatives that were told of something, without the lock. O(those).
+    #[inline]
+    pub(crate) fn ring(&self) {
+        if self.rings.load(Ordering::Relaxed) {
+            self.ring_all();
+        }
+    }
+
+    #[cold]
+    fn ring_all(&self) {
+        loop {
+            let section = self.lock();
+            let mut next = section.lists.registered.first();
+            let ready = loop {
+                let Some(node) = next else {
+                    self.rings.store(false, Ordering::Relaxed);
+                    return;
+                };
+                let entry = node.cast::<Entry<T>>();
+                // SAFETY: a node in the list is that of a live entry, which the lock guards.
+                unsafe {
+                    if std::mem::take(&mut (*entry.as_ptr()).rings) {
+                        break Entry::selection(entry).close();
+                    }
+                    next = section.lists.registered.after(node);
+                }
+            };
+            drop(section);
+            if let Some(ready) = ready {
+                ready.wake();
+            }
+        }
+    }
+
+    /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already. O(those who are held).
+    pub(crate) fn release_held(&self, ticket: u32) {
+        if ticket == 0 {
+            return;
+        }
+        self.finish_held(ticket, |_| Outcome::Done);
+    }
+
+    /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls `last` with it before, under the lock, for what it
+    /// comes to. Says whether it was. O(those who are held).
+    pub(crate) fn finish_held(
+        &self,
+        ticket: u32,
+        last: impl FnOnce(NonNull<Waiter<T>>) -> Outcome,
+    ) -> bool {
+        let mut section = self.lock();
+        let mut next = section.lists.held.first();
+        while let Some(node) = next {
+            // SAFETY: a node in the list is a live waiter that the lock guards.
+            unsafe {
+                let waiter = node.cast::<Waiter<T>>();
+                if (*Waiter::link(waiter)).ticket == ticket {
+                    let outcome = last(waiter);
+                    section.lists.held.remove(node);
+                    let ready = Waiter::settle(waiter, outcome);
+                    drop(section);
+                    ready.wake();
+                    return true;
+                }
+                next = section.lists.held.after(node);
+            }
+        }
+        false
+    }
+
+    /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.
+    pub(crate) fn poison(&self) {
+        self.end(Ending::Poisoned);
+        self.drop_stored();
+    }
+
+    /// Drops what nobody will receive. At once and not with the channel, since a value may be what somebody waits for (the way back to a
+    /// client, say), and may borrow what the channel's memory outlives until it is reclaimed.
+    ///
+    /// To be called when the channel has ended for receivers: nothing is stored after that.
+    fn drop_stored(&self) {
+        // One by one, and not under the lock: the drop of a value can run anything.
+        loop {
+            let value = self.lock().with_store(VecDeque::pop_front);
+            if value.is_none() {
+                return;
+            }
+        }
+    }
+
+    fn end(&self, ending: Ending) {
+        let mut section = self.lock();
+        if section.lists.ending == Ending::Poisoned {
+            return;
+        }
+        section.lists.ending = ending;
+        section.announce();
+        drop(section);
+        self.end_those_who_wait(ending);
+    }
+
+    fn end_those_who_wait(&self, ending: Ending) {
+        let outcome = match ending {
+            Ending::Poisoned => Outcome::Poisoned,
+            _ => Outcome::Closed,
+        };
+        let mut section = self.lock();
+        // Who comes from now on sees the ending, so the lists only get shorter. One by one, so that the lock is held for few steps.
+        loop {
+            let lists = &mut *section.lists;
+            let ready = if let Some(node) = lists.senders.pop().or_else(|| lists.receivers.pop()) {
+                let node = node.cast::<Waiter<T>>();
+                // SAFETY: the node was listed, and the lock is held. A sender keeps its value, a receiver has none.
+                unsafe {
+                    let is_claimed = Waiter::claim(node);
+                    Waiter::settle(node, if is_claimed { outcome } else { Outcome::Stale })
+                }
+            } else if let Some(node) = lists.held.pop() {
+                // It has communicated, whatever comes after (invariant 2); who poisons wakes all.
+                // SAFETY: the node was in the list, and the lock is held.
+                unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
+            } else if let Some(ready) = take_watcher(lists) {
+                ready
+            } else {
+                break;
+            };
+            drop(section);
+            // Whoever is readied: the others must not depend on that going well.
+            let rest = Rest(self, ending);
+            ready.wake();
+            std::mem::forget(rest);
+            section = self.lock();
+        }
+        section.release();
+    }
+
+    pub(crate) fn add_sender(&self) {
+        self.senders.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn add_receiver(&self) {
+        let receivers = self.receivers.fetch_add(1, Ordering::Relaxed) + 1;
+        if receivers > SPARE {
+            // Each receiver may have one receive under way that gives its value back.
+            let buffered = self.buffer.reserved();
+            self.lock().with_store(|store| {
+                let needed = buffered
+                    .saturating_add(receivers)
+                    .saturating_sub(store.len());
+                store.reserve(needed);
+            });
+        }
+    }
+
+    /// # Safety
+    ///
+    /// The caller gives up a sender, which it does not use again.
+    pub(crate) unsafe fn drop_sender(channel: NonNull<Self>) {
+        // SAFETY: the sender kept the channel alive until now, and its kind does until `drop_kind`.
+        unsafe {
+            if channel.as_ref().senders.fetch_sub(1, Ordering::AcqRel) == 1 {
+                channel.as_ref().end(Ending::Closed);
+                Self::drop_kind(channel);
+            }
+        }
+    }
+
+    /// # Safety
+    ///
+    /// The caller gives up a receiver, which it does not use again.
+    pub(crate) unsafe fn drop_receiver(channel: NonNull<Self>) {
+        // SAFETY: as for `drop_sender`.
+        unsafe {
+            if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
+                channel.as_ref().end(Ending::Closed);
+                channel.as_ref().drop_stored();
+                Self::drop_kind(channel);
+            }
+        }
+    }
+
+    unsafe fn drop_kind(channel: NonNull<Self>) {
+        // SAFETY: the last one to get here is the last user; what it frees may be freed on any thread, since the values are `Send`.
+        unsafe {
+            if channel.as_ref().kinds.fetch_sub(1, Ordering::AcqRel) == 1 {
+                reclaim::retire(channel.cast());
+            }
+        }
+    }
+
+    /// How many values are buffered. For display: it may have changed already.
+    pub(crate) fn buffered(&self) -> usize {
+        self.lock().with_store(|store| store.len())
+    }
+}
+
+/// The rest of a channel's ending, if somebody's waker panics in the middle of it.
+struct Rest<'a, T>(&'a Channel<T>, Ending);
+
+impl<T> Drop for Rest<'_, T> {
+    fn drop(&mut self) {
+        self.0.end_those_who_wait(self.1);
+    }
+}

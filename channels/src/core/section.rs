@@ -1,0 +1,441 @@
+//! What can happen to a channel while its lock is held.
+
+use super::{Channel, Ending};
+use crate::alternative::Entry;
+use crate::buffer::WhenFull;
+use crate::call::lend_to_receiver;
+use crate::place::{LastUser, Lists};
+use crate::source::{Offered, Source};
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Priority, Ready, Wakeup};
+use luna_platform::lock::PiGuard;
+use luna_platform::sync::atomic::Ordering;
+use luna_platform::wait_list::{WaitList, WaitNode};
+use std::collections::VecDeque;
+use std::ops::{Deref, DerefMut};
+use std::ptr::NonNull;
+use std::task::Context;
+/// A send under the lock came to this.
+pub(crate) enum Sent<T> {
+    /// A receiver has it, or the buffer. Ready the receiver; drop what was overwritten.
+    Done(Ready, Option<T>),
+    /// A receiver has it, and holds the sender, whose node is listed for that. Ready the receiver.
+    Held(Ready),
+    /// Nobody takes it now.
+    Full,
+    /// Nobody will ever take it.
+    Ended(Ending),
+    /// The value could not be made. Ready who was to receive it, and poison the channel.
+    Broken(Ready),
+}
+
+/// A receive under the lock came to this.
+pub(crate) enum Received<T> {
+    /// A value, whom to ready, and who is held.
+    Done(T, Ready, Holding),
+    Empty,
+    Ended(Ending),
+    /// The sender's value could not be made. Ready it, and poison the channel.
+    Broken(Ready),
+}
+
+/// The sender that is held in an extended rendezvous.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Holding {
+    /// Which rendezvous it is; 0 if nobody is held.
+    pub(crate) ticket: u32,
+    /// How urgent the sender is.
+    pub(crate) priority: Priority,
+}
+
+impl Holding {
+    pub(crate) const NOBODY: Holding = Holding {
+        ticket: 0,
+        priority: Priority {
+            thread: 0,
+            level: 0,
+        },
+    };
+}
+
+/// The channel with its lock held.
+pub(crate) struct Section<'a, T, L> {
+    pub(super) channel: &'a Channel<T>,
+    /// Those of `channel`.
+    pub(crate) lists: L,
+}
+
+/// A section that holds the lock itself.
+pub(crate) type Locked<'a, T> = Section<'a, T, PiGuard<'a, Lists>>;
+
+impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
+    #[inline]
+    pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
+        // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
+        self.channel
+            .store
+            .with_mut(|store| f(unsafe { &mut *store }))
+    }
+
+    /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
+    pub(crate) fn is_ready(&mut self) -> bool {
+        self.lists.ending != Ending::Open
+            || !self.lists.senders.is_empty()
+            || self.with_store(|store| !store.is_empty())
+    }
+
+    /// Tells the registered alternatives that the channel is ready. They are then to be [rung](Channel::ring) for. O(those who do not
+    /// know).
+    #[inline]
+    pub(super) fn announce(&mut self) {
+        if !self.lists.registered.is_empty() {
+            self.announce_to_all();
+        }
+    }
+
+    #[cold]
+    fn announce_to_all(&mut self) {
+        let mut next = self.lists.registered.first();
+        while let Some(node) = next {
+            // SAFETY: a node in the list is that of a live entry, which the lock guards.
+            unsafe {
+                if Entry::<T>::announce(node.cast()) {
+                    self.channel.rings.store(true, Ordering::Relaxed);
+                }
+                next = self.lists.registered.after(node);
+            }
+        }
+    }
+
+    /// Claims the first alternative that is registered here, waits, and is accepted for its priority. Its node stays listed.
+    #[cold]
+    fn claim_registered(
+        &mut self,
+        accepts: impl Fn(Priority) -> bool,
+    ) -> Option<NonNull<Waiter<T>>> {
+        let mut next = self.lists.registered.first();
+        while let Some(node) = next {
+            // SAFETY: a node in the list is that of a live entry, whose waiter is its first field.
+            unsafe {
+                let waiter = node.cast::<Waiter<T>>();
+                if accepts(node.as_ref().priority())
+                    && !Entry::<T>::has_news(node.cast())
+                    && Waiter::claim(waiter)
+                {
+                    return Some(waiter);
+                }
+                next = self.lists.registered.after(node);
+            }
+        }
+        None
+    }
+
+    /// Takes the most urgent receiver out that can still be had. It is to be settled.
+    #[inline]
+    pub(crate) fn claim_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+        if self.lists.registered.is_empty() {
+            self.claim_listed(may_hold)
+        } else {
+            self.claim_any(may_hold)
+        }
+    }
+
+    #[cold]
+    fn claim_any(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+        // SAFETY: a node in the list is live, and the lock is held.
+        let priority_of = |node: NonNull<WaitNode>| unsafe { node.as_ref() }.priority();
+        let first = self.lists.receivers.first().map(priority_of);
+        self.claim_registered(|priority| first.is_none_or(|first| priority > first))
+            .or_else(|| self.claim_listed(may_hold))
+            .or_else(|| self.claim_registered(|_| true))
+    }
+
+    #[inline]
+    fn claim_listed(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
+        let accepts = |node: NonNull<WaitNode>| {
+            // SAFETY: a node in the list of receivers is a live waiter that the lock guards.
+            may_hold || !unsafe { (*Waiter::<T>::link(node.cast())).extended }
+        };
+        // SAFETY: the nodes in the list are waiters.
+        unsafe { claim_first::<T>(&mut self.lists.receivers, accepts) }
+    }
+
+    /// Takes a sender's value that waits, and its node out of the list: settled, or held for rendezvous `ticket`.
+    #[inline]
+    fn take_waiting_sender(&mut self, extended: bool) -> Option<Received<T>> {
+        // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
+        unsafe {
+            let sender = claim_first::<T>(&mut self.lists.senders, |_| true)?;
+            let Some(value) = Waiter::take_or_make(sender) else {
+                return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
+            };
+            if !extended {
+                let ready = Waiter::settle(sender, Outcome::Done);
+                return Some(Received::Done(value, ready, Holding::NOBODY));
+            }
+            let ticket = self.next_ticket();
+            // It waits on, and its wakeup with it.
+            self.lists.held.insert_again(sender.cast());
+            Self::hold(sender, ticket);
+            let holding = Holding {
+                ticket,
+                priority: (*Waiter::link(sender)).wait.priority(),
+            };
+            Some(Received::Done(value, Ready::NOBODY, holding))
+        }
+    }
+
+    fn next_ticket(&mut self) -> u32 {
+        self.lists.tickets = self.lists.tickets.checked_add(1).unwrap_or(1);
+        self.lists.tickets
+    }
+
+    /// # Safety
+    ///
+    /// `node` is a claimed sender's whose value was taken. It is in the list of those who are held, and stays where it is until it is settled or
+    /// withdrawn.
+    unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
+        // SAFETY: the contract; the lock is held.
+        unsafe {
+            let link = Waiter::link(node);
+            (*link).ticket = ticket;
+            (*link)
+                .outcome
+                .store(Outcome::Held as u8, Ordering::Release);
+        }
+    }
+
+    /// Sends at once, if that can be. O(1). If a receiver holds its sender and `cx` says whom to wake then, the node is listed for that.
+    ///
+    /// # Safety
+    ///
+    /// `offered` is not listed, nobody else accesses it, and it holds its value or can make it. With `cx`, it stays where it is until it is settled or
+    /// withdrawn.
+    #[inline]
+    pub(crate) unsafe fn send_now<S: Source<T>>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: Option<&Context<'_>>,
+    ) -> Sent<T> {
+        self.lists.sender = LastUser::of(current::user());
+        if self.lists.ending != Ending::Open {
+            return Sent::Ended(self.lists.ending);
+        }
+        let buffer = self.channel.buffer;
+        // A buffer takes the value from its sender as soon as it has it, and holds nobody: any send finds any receiver there.
+        let may_hold = cx.is_some() || buffer.capacity != 0;
+        if self.lists.extends
+            && buffer.capacity == 0
+            && let Some(cx) = cx
+        {
+            // SAFETY: the contract.
+            return unsafe { self.send_or_be_held(offered, cx) };
+        }
+        if let Some(receiver) = self.claim_receiver(may_hold) {
+            // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+            return unsafe {
+                match Offered::take(offered) {
+                    Some(value) => {
+                        receiver.as_ref().put_value(value);
+                        Sent::Done(Waiter::settle(receiver, Outcome::Done), None)
+                    }
+                    None => Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned)),
+                }
+            };
+        }
+        if buffer.capacity == 0 {
+            return Sent::Full;
+        }
+        let is_full = self.with_store(|store| store.len() >= buffer.capacity);
+        if is_full && buffer.when_full == WhenFull::Wait {
+            return Sent::Full;
+        }
+        // SAFETY: the contract.
+        let Some(value) = (unsafe { Offered::take(offered) }) else {
+            return Sent::Broken(Ready::NOBODY);
+        };
+        let overwritten = self.with_store(|store| {
+            let overwritten = match buffer.when_full {
+                WhenFull::DropOldest if is_full => store.pop_front(),
+                WhenFull::DropNewest if is_full => store.pop_back(),
+                _ => None,
+            };
+            store.push_back(value);
+            overwritten
+        });
+        self.announce();
+        Sent::Done(Ready::NOBODY, overwritten)
+    }
+
+    /// Sends without a buffer, where receivers may hold their senders.
+    ///
+    /// # Safety
+    ///
+    /// As for `send_now`.
+    #[cold]
+    unsafe fn send_or_be_held<S: Source<T>>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: &Context<'_>,
+    ) -> Sent<T> {
+        // Made before anything is changed, since cloning a waker is its owner's code.
+        let wakeup = Wakeup::of(cx);
+        let Some(receiver) = self.claim_receiver(true) else {
+            return Sent::Full;
+        };
+        // SAFETY: the contract; the receiver was just claimed, and holds no value before it is done.
+        unsafe {
+            let Some(value) = Offered::take(offered) else {
+                return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
+            };
+            receiver.as_ref().put_value(value);
+            if !(*Waiter::link(receiver)).extended {
+                return Sent::Done(Waiter::settle(receiver, Outcome::Done), None);
+            }
+            let node = offered.cast::<Waiter<T>>();
+            Waiter::begin(node, false, None, S::MAKE);
+            let ticket = self.next_ticket();
+            (*Waiter::link(receiver)).ticket = ticket;
+            let priority = current::priority();
+            self.lists.held.insert(node.cast(), priority, wakeup);
+            Self::hold(node, ticket);
+            // Before it is readied.
+            lend_to_receiver(receiver, priority);
+            Sent::Held(Waiter::settle(receiver, Outcome::Done))
+        }
+    }
+
+    /// Receives at once, if that can be. O(1).
+    #[inline]
+    pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
+        self.lists.receiver = LastUser::of(current::user());
+        if self.lists.ending == Ending::Poisoned {
+            return Received::Ended(Ending::Poisoned);
+        }
+        let capacity = self.channel.buffer.capacity;
+        if let Some((value, has_room)) = self.with_store(|store| {
+            let value = store.pop_front()?;
+            Some((value, store.len() < capacity))
+        }) {
+            // A sender that waited for room moves up.
+            let moved_up = if has_room {
+                self.take_waiting_sender(false)
+            } else {
+                None
+            };
+            let ready = match moved_up {
+                Some(Received::Done(next, ready, _)) => {
+                    self.with_store(|store| store.push_back(next));
+                    ready
+                }
+                // What was received is received; the next one finds the sender gone and the channel as it is.
+                Some(Received::Broken(ready)) => ready,
+                _ => Ready::NOBODY,
+            };
+            return Received::Done(value, ready, Holding::NOBODY);
+        }
+        match self.take_waiting_sender(extended) {
+            Some(received) => received,
+            None if self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
+            None => Received::Empty,
+        }
+    }
+
+    /// Lets a sender wait. O(1), or O(waiting senders of lower priority).
+    ///
+    /// # Safety
+    ///
+    /// `node` is a sender's that was begun, holds or can make its value, is not listed, and stays where it is until it is settled or withdrawn.
+    #[inline]
+    pub(crate) unsafe fn list_sender(
+        &mut self,
+        node: NonNull<Waiter<T>>,
+        priority: Priority,
+        wakeup: Option<Wakeup>,
+    ) {
+        // SAFETY: the contract; the wait node is the first field.
+        unsafe { self.lists.senders.insert(node.cast(), priority, wakeup) };
+        self.announce();
+    }
+
+    /// Lets a receiver wait. O(1), or O(waiting receivers of lower priority).
+    ///
+    /// # Safety
+    ///
+    /// `node` is a receiver's that was begun, holds no value, is not listed, and stays where it is until it is settled or withdrawn.
+    #[inline]
+    pub(crate) unsafe fn list_receiver(
+        &mut self,
+        node: NonNull<Waiter<T>>,
+        priority: Priority,
+        wakeup: Option<Wakeup>,
+    ) {
+        // SAFETY: the contract; the wait node is the first field.
+        unsafe {
+            self.lists.extends |= (*Waiter::link(node)).extended;
+            self.lists.receivers.insert(node.cast(), priority, wakeup);
+        }
+    }
+}
+
+impl<T> Locked<'_, T> {
+    /// Releases the lock, and readies the registered alternatives that were told of something under it.
+    #[inline]
+    pub(crate) fn release(self) {
+        let channel = self.channel;
+        drop(self);
+        channel.ring();
+    }
+}
+
+/// Takes the first node out that is accepted and can still be claimed, and settles the stale ones before it.
+///
+/// # Safety
+///
+/// The nodes in the list are waiters of values of this type, and the lock is held that guards them.
+#[inline(always)]
+unsafe fn claim_first<T>(
+    list: &mut WaitList,
+    accepts: impl Fn(NonNull<WaitNode>) -> bool,
+) -> Option<NonNull<Waiter<T>>> {
+    let node = list.first()?;
+    // SAFETY: the contract.
+    unsafe {
+        // The one that is there most often: a plain operation, which is accepted, and needs no claim.
+        let waiter = node.cast::<Waiter<T>>();
+        if (*Waiter::link(waiter)).selection.is_none() && accepts(node) {
+            list.remove(node);
+            return Some(waiter);
+        }
+        claim_first_of_many(list, accepts)
+    }
+}
+
+/// # Safety
+///
+/// As for [`claim_first`].
+#[cold]
+unsafe fn claim_first_of_many<T>(
+    list: &mut WaitList,
+    accepts: impl Fn(NonNull<WaitNode>) -> bool,
+) -> Option<NonNull<Waiter<T>>> {
+    let mut next = list.first();
+    while let Some(node) = next {
+        // SAFETY: the contract.
+        unsafe {
+            next = list.after(node);
+            if !accepts(node) {
+                continue;
+            }
+            let waiter = node.cast::<Waiter<T>>();
+            let is_claimed = Waiter::claim(waiter);
+            list.remove(node);
+            if is_claimed {
+                return Some(waiter);
+            }
+            // Nobody is to be readied for a stale one.
+            drop(Waiter::settle(waiter, Outcome::Stale));
+        }
+    }
+    None
+}

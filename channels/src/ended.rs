@@ -1,0 +1,166 @@
+//! Waiting for the end of a channel, without offering to communicate.
+
+use crate::place::{Ending, Lists, Place};
+use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::wait_list::{WaitList, WaitNode};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// How a channel has ended: what [`Ended`] gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ChannelEnd {
+    /// The other ends are gone.
+    Closed,
+    /// The channel, or the branch that waits, was poisoned.
+    Poisoned,
+}
+
+/// The node of one who waits for the end. While it is listed the place's lock guards it.
+#[repr(C)]
+struct Watcher {
+    /// First, so that the list's node leads back to this.
+    wait: WaitNode,
+    of_poison_alone: bool,
+    listed: bool,
+}
+
+impl Watcher {
+    fn is_met_by(&self, ending: Ending) -> Option<ChannelEnd> {
+        match ending {
+            Ending::Poisoned => Some(ChannelEnd::Poisoned),
+            Ending::Closed if !self.of_poison_alone => Some(ChannelEnd::Closed),
+            _ => None,
+        }
+    }
+}
+
+/// Takes the most urgent one out who waits for the ending that there is, and says whom to ready. O(those who wait on).
+pub(crate) fn take_watcher(lists: &mut Lists) -> Option<Ready> {
+    let ending = lists.ending;
+    let mut next = lists.watching.first();
+    while let Some(node) = next {
+        let watcher = node.cast::<Watcher>();
+        // SAFETY: what is in this list is the first field of a live watcher, which the lock guards; the lists are borrowed from it.
+        unsafe {
+            if watcher.as_ref().is_met_by(ending).is_some() {
+                return Some(unlist(&mut lists.watching, watcher));
+            }
+            next = lists.watching.after(node);
+        }
+    }
+    None
+}
+
+/// # Safety
+///
+/// `watcher` is in `list`, whose lock is held.
+unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> Ready {
+    // SAFETY: the contract.
+    unsafe {
+        list.remove(watcher.cast());
+        (*watcher.as_ptr()).listed = false;
+        let wakeup = (*watcher.as_ptr()).wait.wakeup_mut().take();
+        wakeup.map_or(Ready::NOBODY, Wakeup::take)
+    }
+}
+
+/// Waits for a channel's end: made by [`Sender::ended`](crate::Sender::ended) and [`Receiver::poisoned`](crate::Receiver::poisoned).
+///
+/// # Invariants
+///
+/// Once it was polled it is pinned, and leaves the list before it goes.
+#[must_use = "it waits only when awaited"]
+pub struct Ended<'a> {
+    place: &'a Place,
+    watcher: UnsafeCell<Watcher>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: the watcher is touched under the place's lock alone, wherever the future is.
+unsafe impl Send for Ended<'_> {}
+// SAFETY: `&Ended` gives access to nothing that changes.
+unsafe impl Sync for Ended<'_> {}
+
+impl<'a> Ended<'a> {
+    pub(crate) fn new(place: &'a Place, of_poison_alone: bool) -> Self {
+        Self {
+            place,
+            watcher: UnsafeCell::new(Watcher {
+                wait: WaitNode::new(),
+                of_poison_alone,
+                listed: false,
+            }),
+            _pinned: PhantomPinned,
+        }
+    }
+
+    fn node(&self) -> NonNull<Watcher> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.watcher.get()) }
+    }
+}
+
+impl Future for Ended<'_> {
+    type Output = ChannelEnd;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+        if current::branch_failed() {
+            current::stay_in_branch();
+            return Poll::Ready(ChannelEnd::Poisoned);
+        }
+        let node = self.node();
+        let mut lists = self.place.lock();
+        // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
+        let former = unsafe {
+            if let Some(end) = node.as_ref().is_met_by(lists.ending) {
+                return Poll::Ready(end);
+            }
+            if node.as_ref().listed {
+                let wakeup = (*node.as_ptr()).wait.wakeup_mut();
+                match wakeup {
+                    Some(known) if known.is_of(cx) => None,
+                    _ => wakeup.replace(Wakeup::of(cx)),
+                }
+            } else {
+                let wakeup = Wakeup::of(cx);
+                (*node.as_ptr()).listed = true;
+                lists
+                    .watching
+                    .insert(node.cast(), current::priority(), wakeup);
+                None
+            }
+        };
+        drop(lists);
+        // Dropping a waker can run anything, so not under the lock.
+        drop(former);
+        Poll::Pending
+    }
+}
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        let node = self.node();
+        let mut lists = self.place.lock();
+        // SAFETY: the lock is held; a watcher that says so is in the list of its place.
+        let unused = unsafe {
+            if !node.as_ref().listed {
+                return;
+            }
+            lists.watching.remove(node.cast());
+            (*node.as_ptr()).wait.wakeup_mut().take()
+        };
+        drop(lists);
+        drop(unused);
+    }
+}
+
+impl fmt::Debug for Ended<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Ended").finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,136 @@
+//! Extended rendezvous: the sender is held until the receiver is done with the value.
+
+use crate::core::Taken;
+use crate::recv::Receiver;
+use crate::waiter::Waiter;
+use luna_platform::current::Priority;
+use std::fmt;
+use std::ops::{Deref, DerefMut};
+
+/// Whether a receive holds its sender. Sealed: its module is private.
+pub trait Mode {
+    /// What is received.
+    type Received<'a, T: 'a>;
+    /// What a receive keeps beside its node.
+    type Note: Default + Send;
+    /// Whether the sender is held.
+    const HOLDS: bool;
+    /// Whether the note is an heir, which is lent the priority of the sender that is held.
+    const INHERITS: bool = false;
+
+    /// The receive is about to wait, in the current process.
+    #[inline]
+    fn waits(_note: &mut Self::Note) {}
+
+    /// A sender of this priority is held from now on, by the current process.
+    #[inline]
+    fn holds(_note: &mut Self::Note, _sender: Priority) {}
+
+    /// Makes what is received of a value, and of the number of the rendezvous whose sender is held; 0 for none.
+    fn received<'a, T>(
+        receiver: &'a Receiver<T>,
+        value: T,
+        ticket: u32,
+        note: Self::Note,
+    ) -> Self::Received<'a, T>;
+
+    /// Takes a value back whose receive was dropped before it could hand it on.
+    #[inline]
+    fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
+        drop(Taken::new(receiver.channel(), value, ticket));
+    }
+}
+
+/// A receive's node with its note.
+#[repr(C)]
+pub(crate) struct Noted<T, N> {
+    /// First, so that the node leads to the note.
+    pub(crate) waiter: Waiter<T>,
+    pub(crate) note: N,
+}
+
+/// The sender goes on when the value is taken.
+#[derive(Debug)]
+pub struct Plain;
+
+impl Mode for Plain {
+    type Received<'a, T: 'a> = T;
+    type Note = ();
+    const HOLDS: bool = false;
+
+    #[inline]
+    fn received<T>(_: &Receiver<T>, value: T, _: u32, (): ()) -> T {
+        value
+    }
+}
+
+/// The sender goes on when the receiver is done.
+#[derive(Debug)]
+pub struct Extending;
+
+impl Mode for Extending {
+    type Received<'a, T: 'a> = Extended<'a, T>;
+    type Note = ();
+    const HOLDS: bool = true;
+
+    fn received<'a, T>(
+        receiver: &'a Receiver<T>,
+        value: T,
+        ticket: u32,
+        (): (),
+    ) -> Extended<'a, T> {
+        Extended {
+            value,
+            _held: Held { receiver, ticket },
+        }
+    }
+}
+
+/// A value whose sender is held until this is dropped: see [`Receiver::recv_extended`].
+///
+/// Dropping it is for the real-time path: O(senders that are held on this channel), which are as many as there are extended rendezvous under
+/// way. One that is forgotten holds its sender until the channel is poisoned.
+#[must_use = "the sender goes on when this is dropped"]
+pub struct Extended<'a, T> {
+    /// Dropped before the sender goes on.
+    value: T,
+    _held: Held<'a, T>,
+}
+
+impl<T> Extended<'_, T> {
+    /// Lets the sender go on, and gives the value.
+    pub fn finish(self) -> T {
+        self.value
+    }
+}
+
+impl<T> Deref for Extended<'_, T> {
+    type Target = T;
+    fn deref(&self) -> &T {
+        &self.value
+    }
+}
+
+impl<T> DerefMut for Extended<'_, T> {
+    fn deref_mut(&mut self) -> &mut T {
+        &mut self.value
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for Extended<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Extended").field(&self.value).finish()
+    }
+}
+
+/// Releases the sender when dropped.
+struct Held<'a, T> {
+    receiver: &'a Receiver<T>,
+    ticket: u32,
+}
+
+impl<T> Drop for Held<'_, T> {
+    fn drop(&mut self) {
+        self.receiver.channel().release_held(self.ticket);
+    }
+}

@@ -1,0 +1,114 @@
+//! A receive as a guard of an alternative.
+
+use super::operation::{Phase, RecvOp};
+use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::core::{Ending, Received};
+use crate::error::RecvError;
+use crate::extended::Mode;
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
+use crate::waiter::Outcome;
+use luna_platform::current::{self, Ready};
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
+    fn place(&self) -> Option<NonNull<Place>> {
+        Some(NonNull::from(self.receiver.channel().place()))
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        Some(&self.receiver.chosen)
+    }
+
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut Lists>,
+        _: &mut Context<'_>,
+    ) -> Attempt {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let Some(lists) = lists else {
+            return Attempt::NotReady;
+        };
+        // SAFETY: the contract: the lists are this channel's.
+        let received = unsafe { this.receiver.channel().section(lists) }.recv_now(M::HOLDS);
+        let (outcome, ready) = match received {
+            Received::Empty => return Attempt::NotReady,
+            Received::Done(value, ready, holding) => {
+                this.keep(value, holding.ticket);
+                M::holds(this.note(), holding.priority);
+                (Outcome::Done, ready)
+            }
+            Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, Ready::NOBODY),
+            Received::Ended(_) => (Outcome::Closed, Ready::NOBODY),
+            Received::Broken(ready) => (Outcome::Broken, ready),
+        };
+        this.phase = Phase::Settled(outcome);
+        Attempt::Ready(ready)
+    }
+
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut Lists,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: the lists are this channel's; the node is new, and is withdrawn before it goes.
+        unsafe {
+            let node = this.begin(Some((selection, guard)));
+            let mut section = this.receiver.channel().section(lists);
+            section.list_receiver(node, current::priority(), None);
+        }
+        this.phase = Phase::Listed;
+    }
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {
+        if self.phase == Phase::Listed && self.outcome() == Outcome::Waiting {
+            // SAFETY: the node was listed on the receivers' side.
+            unsafe { self.receiver.channel().withdraw(self.node(), false) };
+        }
+    }
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        let receiver = self.receiver;
+        let mut outcome = self.outcome();
+        if outcome == Outcome::Waiting {
+            // Who has claimed it holds the lock until it is settled.
+            // SAFETY: the node was listed.
+            outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
+        }
+        if outcome == Outcome::Broken {
+            // SAFETY: nothing is moved.
+            unsafe { self.get_unchecked_mut() }.phase = Phase::Settled(Outcome::Poisoned);
+            receiver.poison();
+        }
+        Poll::Ready(())
+    }
+
+    fn can_fail(&self) -> bool {
+        true
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.phase = Phase::Settled(Outcome::Poisoned);
+        true
+    }
+}
+
+impl<'a, T, M: Mode> Guard for RecvOp<'a, T, M> {
+    type Output = Result<M::Received<'a, T>, RecvError>;
+
+    unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let outcome = this.outcome();
+        this.settled(outcome)
+    }
+}

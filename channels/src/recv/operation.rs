@@ -1,0 +1,292 @@
+//! A receive under way.
+
+use super::Receiver;
+use crate::core::{Ending, Received, Taken};
+use crate::error::{RecvError, RecvTimeoutError};
+use crate::extended::{Mode, Noted, Plain};
+use crate::selection::Selection;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Wakeup};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::{PhantomData, PhantomPinned};
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Not polled yet.
+    New,
+    /// The node is in the list, or has been settled.
+    Listed,
+    /// Settled in an alternative, without having been listed.
+    Settled(Outcome),
+    /// Received; the node holds the value while the process lets others run.
+    GaveWay,
+    /// The outcome was returned.
+    Over,
+}
+
+/// A receive under way: see [`Receiver::recv`]. `M` says whether the sender is held.
+///
+/// # Invariants
+///
+/// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`. In `Listed` it was begun, and is pinned.
+#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+pub struct RecvOp<'a, T, M: Mode = Plain> {
+    pub(super) receiver: &'a Receiver<T>,
+    pub(super) noted: UnsafeCell<Noted<T, M::Note>>,
+    pub(super) phase: Phase,
+    /// Which extended rendezvous it was, in `Settled` and `GaveWay`.
+    pub(super) ticket: u32,
+    pub(super) _pinned: PhantomPinned,
+    pub(super) _mode: PhantomData<M>,
+}
+
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value passes between threads anyway.
+unsafe impl<T: Send, M: Mode> Send for RecvOp<'_, T, M> {}
+// SAFETY: `&RecvOp` gives access to nothing.
+unsafe impl<T: Send, M: Mode> Sync for RecvOp<'_, T, M> {}
+
+impl<'a, T, M: Mode> RecvOp<'a, T, M> {
+    #[inline]
+    pub(crate) fn new(receiver: &'a Receiver<T>) -> Self {
+        RecvOp {
+            receiver,
+            noted: UnsafeCell::new(Noted {
+                waiter: Waiter::empty(),
+                note: M::Note::default(),
+            }),
+            phase: Phase::New,
+            ticket: 0,
+            _pinned: PhantomPinned,
+            _mode: PhantomData,
+        }
+    }
+
+    #[inline]
+    pub(super) fn node(&self) -> NonNull<Waiter<T>> {
+        // The waiter is the first field.
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.noted.get()) }.cast()
+    }
+
+    /// Not to be called while the node is listed: others change it then.
+    #[inline]
+    pub(super) fn waiter(&self) -> &Waiter<T> {
+        // SAFETY: a node that is not listed, or was settled, is known to its future alone.
+        unsafe { &(*self.noted.get()).waiter }
+    }
+
+    /// As for [`waiter`](Self::waiter).
+    #[inline]
+    pub(super) fn note(&mut self) -> &mut M::Note {
+        &mut self.noted.get_mut().note
+    }
+
+    /// What has become of a receive that was listed or settled.
+    #[inline]
+    pub(super) fn outcome(&self) -> Outcome {
+        match self.phase {
+            Phase::Settled(outcome) => outcome,
+            // SAFETY: the node lies in this future, and was begun before it was listed.
+            _ => unsafe { Waiter::outcome(self.node()) },
+        }
+    }
+
+    /// Prepares the node for being listed.
+    #[inline]
+    pub(super) fn begin(
+        &mut self,
+        selection: Option<(NonNull<Selection>, u32)>,
+    ) -> NonNull<Waiter<T>> {
+        M::waits(self.note());
+        let node = self.node();
+        // SAFETY: a new receive's node is known to its future alone.
+        unsafe {
+            Waiter::begin(node, M::HOLDS, selection, None);
+            if M::INHERITS {
+                (*Waiter::link(node)).inherits = true;
+            }
+        }
+        node
+    }
+
+    /// Which extended rendezvous it was that has ended.
+    #[inline]
+    pub(super) fn ticket(&self) -> u32 {
+        match self.phase {
+            // SAFETY: a settled node is known to its future alone, and was begun.
+            Phase::Listed => unsafe { (*Waiter::link(self.node())).ticket },
+            _ => self.ticket,
+        }
+    }
+
+    /// What a settled receive returns.
+    #[inline]
+    pub(super) fn settled(&mut self, outcome: Outcome) -> Result<M::Received<'a, T>, RecvError> {
+        let ticket = self.ticket();
+        self.phase = Phase::Over;
+        match outcome {
+            Outcome::Done => {
+                // SAFETY: a done receive holds its value, and nobody else knows the node any more.
+                let value = unsafe { self.waiter().take_value() };
+                let note = std::mem::take(self.note());
+                Ok(M::received(self.receiver, value, ticket, note))
+            }
+            Outcome::Poisoned => Err(RecvError::Poisoned),
+            _ => Err(RecvError::Closed),
+        }
+    }
+
+    /// Keeps what was received in the node.
+    #[inline]
+    pub(super) fn keep(&mut self, value: T, ticket: u32) {
+        // SAFETY: a receive that was not listed holds no value, and nobody else knows its node.
+        unsafe { self.waiter().put_value(value) };
+        self.ticket = ticket;
+    }
+
+    /// Withdraws: exact, since the outcome is looked at first.
+    pub(super) fn give_up(self: Pin<&mut Self>) -> Result<M::Received<'a, T>, RecvTimeoutError> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.phase {
+            Phase::New | Phase::Over | Phase::Settled(_) => Err(RecvTimeoutError::Timeout),
+            Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
+            Phase::Listed => {
+                // SAFETY: the node was listed on the receivers' side.
+                match unsafe { this.receiver.channel().withdraw(this.node(), false) } {
+                    Outcome::Waiting => {
+                        this.phase = Phase::Over;
+                        Err(RecvTimeoutError::Timeout)
+                    }
+                    outcome => this.settled(outcome).map_err(RecvTimeoutError::from),
+                }
+            }
+        }
+    }
+
+    pub(super) fn poll_listed(
+        &mut self,
+        cx: &Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        let mut outcome = self.outcome();
+        if outcome == Outcome::Waiting {
+            if current::branch_failed() {
+                // SAFETY: the node was listed on the receivers' side.
+                outcome = unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                if outcome == Outcome::Waiting {
+                    current::stay_in_branch();
+                    outcome = Outcome::Poisoned;
+                }
+            } else {
+                // SAFETY: the node was listed.
+                outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
+                if outcome == Outcome::Waiting {
+                    return Poll::Pending;
+                }
+            }
+        }
+        Poll::Ready(self.settled(outcome))
+    }
+}
+
+impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
+    type Output = Result<M::Received<'a, T>, RecvError>;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.phase {
+            Phase::New => {}
+            Phase::Listed => return this.poll_listed(cx),
+            Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
+            Phase::Settled(_) | Phase::Over => panic!("a receive was polled after it was over"),
+        }
+        if current::branch_failed() {
+            current::stay_in_branch();
+            this.phase = Phase::Over;
+            return Poll::Ready(Err(RecvError::Poisoned));
+        }
+        let mut section = this.receiver.channel().lock();
+        match section.recv_now(M::HOLDS) {
+            Received::Done(value, ready, holding) => {
+                drop(section);
+                let ticket = holding.ticket;
+                let taken = Taken::new(this.receiver.channel(), value, ticket);
+                ready.wake();
+                let value = taken.keep();
+                // Before others can run.
+                M::holds(this.note(), holding.priority);
+                if crate::gives_way(cx) {
+                    this.keep(value, ticket);
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
+                this.phase = Phase::Over;
+                let note = std::mem::take(this.note());
+                Poll::Ready(Ok(M::received(this.receiver, value, ticket, note)))
+            }
+            Received::Empty => {
+                // SAFETY: the future is pinned, and its drop withdraws the node.
+                unsafe {
+                    let node = this.begin(None);
+                    section.list_receiver(node, current::priority(), Some(Wakeup::of(cx)));
+                }
+                this.phase = Phase::Listed;
+                Poll::Pending
+            }
+            Received::Ended(ending) => {
+                drop(section);
+                this.phase = Phase::Over;
+                Poll::Ready(Err(match ending {
+                    Ending::Poisoned => RecvError::Poisoned,
+                    _ => RecvError::Closed,
+                }))
+            }
+            Received::Broken(ready) => {
+                drop(section);
+                this.phase = Phase::Over;
+                ready.wake();
+                this.receiver.poison();
+                Poll::Ready(Err(RecvError::Poisoned))
+            }
+        }
+    }
+}
+
+impl<T, M: Mode> Drop for RecvOp<'_, T, M> {
+    #[inline]
+    fn drop(&mut self) {
+        let holds_value = match self.phase {
+            Phase::New | Phase::Over => false,
+            Phase::GaveWay => true,
+            Phase::Listed | Phase::Settled(_) => {
+                let mut outcome = self.outcome();
+                if outcome == Outcome::Waiting {
+                    // SAFETY: the node was listed on the receivers' side.
+                    outcome = unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                }
+                outcome == Outcome::Done
+            }
+        };
+        if holds_value {
+            // SAFETY: the value is here, and nobody else knows the node any more.
+            let value = unsafe { self.waiter().take_value() };
+            let ticket = self.ticket();
+            M::give_back(self.receiver, value, ticket);
+        }
+    }
+}
+
+impl<T, M: Mode> fmt::Debug for RecvOp<'_, T, M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RecvOp")
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,280 @@
+//! The end of a channel for receiving.
+
+use super::{RecvOp, RecvTimeout};
+use crate::core::{Channel, Ending, Received, Taken};
+use crate::ended::Ended;
+use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
+use crate::extended::Extending;
+use crate::stamp::Stamp;
+use crate::stream::Incoming;
+use luna_platform::clock::Instant;
+use luna_platform::timer_queue::Sleep;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// The receiving end of a channel. Any number of clones, on any threads, may receive at the same time; each value goes to one.
+///
+/// Dropping the last one closes the channel: senders get their values back, and what is buffered is dropped. Cloning is not for the
+/// real-time path; dropping is O(1), and O(waiting senders + buffered values) for the last one.
+pub struct Receiver<T> {
+    channel: NonNull<Channel<T>>,
+    pub(super) chosen: Stamp,
+    _values: PhantomData<T>,
+}
+
+// SAFETY: the channel is shared under its lock and by atomics; values pass from thread to thread.
+unsafe impl<T: Send> Send for Receiver<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Receiver<T> {}
+impl<T> std::panic::UnwindSafe for Receiver<T> {}
+impl<T> std::panic::RefUnwindSafe for Receiver<T> {}
+// The values lie in the channel, not in its ends.
+impl<T> Unpin for Receiver<T> {}
+
+impl<T> Receiver<T> {
+    /// # Safety
+    ///
+    /// The caller gives this one of the receivers that the channel counts.
+    pub(crate) unsafe fn new(channel: NonNull<Channel<T>>) -> Self {
+        Self {
+            channel,
+            chosen: Stamp::new(),
+            _values: PhantomData,
+        }
+    }
+
+    #[inline]
+    pub(crate) fn channel(&self) -> &Channel<T> {
+        // SAFETY: this receiver keeps the channel alive.
+        unsafe { self.channel.as_ref() }
+    }
+
+    /// Waits for a value.
+    ///
+    /// Of several that wait the one of highest priority gets it, of equal ones the one that came first. Fails when the last
+    /// sender is gone and nothing is left, or when the channel is poisoned. Cancel-safe: a future that is dropped while it waits leaves no
+    /// trace; one that is dropped after it was given a value puts it back at the head of the channel. Real-time path: yes;
+    /// no allocation, O(1), and O(waiting receivers of lower priority) to wait.
+    ///
+    /// ```
+    /// # use futures_lite::future::block_on;
+    /// let (sender, receiver) = luna_channels::buffered(luna_channels::Buffer::fifo(1));
+    /// sender.try_send("hello")?;
+    /// assert_eq!(block_on(receiver.recv()), Ok("hello"));
+    /// # Ok::<(), luna_channels::TrySendError<&str>>(())
+    /// ```
+    #[inline]
+    pub fn recv(&self) -> RecvOp<'_, T> {
+        RecvOp::new(self)
+    }
+
+    /// Receives by *extended rendezvous*: the sender is held until what this returns is dropped or finished.
+    ///
+    /// For work that is to be done between the communication and the sender's going on: passing the value on through a filter that the
+    /// sender is not to notice, acknowledging only what was acted upon. On a channel with a buffer nobody is held, since the buffer took the
+    /// value from its sender. A [`try_send`](crate::Sender::try_send) cannot be held, and so does not find this receiver. Works as a guard.
+    /// Cancel-safety and the real-time path: as [`recv`](Self::recv).
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// let (sender, receiver) = luna_channels::channel();
+    /// let serve = async {
+    ///     let request: luna_channels::Extended<'_, u32> = receiver.recv_extended().await?;
+    ///     assert_eq!(*request, 5);
+    ///     request.finish(); // only now does the sender go on
+    ///     Ok::<(), luna_channels::RecvError>(())
+    /// };
+    /// assert_eq!(block_on(zip(serve, sender.send(5))), (Ok(()), Ok(())));
+    /// ```
+    #[inline]
+    pub fn recv_extended(&self) -> RecvOp<'_, T, Extending> {
+        RecvOp::new(self)
+    }
+
+    /// Receives at once: only if a sender waits or something is buffered. The real-time path may call it; O(1).
+    ///
+    /// # Errors
+    ///
+    /// [`TryRecvError`].
+    ///
+    /// ```
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// assert!(receiver.try_recv().unwrap_err().is_empty());
+    /// drop(sender);
+    /// assert!(receiver.try_recv().unwrap_err().is_closed());
+    /// ```
+    pub fn try_recv(&self) -> Result<T, TryRecvError> {
+        let mut section = self.channel().lock();
+        let received = section.recv_now(false);
+        drop(section);
+        match received {
+            Received::Done(value, ready, _) => {
+                let taken = Taken::new(self.channel(), value, 0);
+                ready.wake();
+                Ok(taken.keep())
+            }
+            Received::Empty => Err(TryRecvError::Empty),
+            Received::Ended(Ending::Poisoned) => Err(TryRecvError::Poisoned),
+            Received::Ended(_) => Err(TryRecvError::Closed),
+            Received::Broken(ready) => {
+                ready.wake();
+                self.poison();
+                Err(TryRecvError::Poisoned)
+            }
+        }
+    }
+
+    /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was taken.
+    ///
+    /// # Panics
+    ///
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a plain `recv` at your runtime's
+    /// timeout instead, which loses nothing either.
+    ///
+    /// ```
+    /// # luna_executors::block_on(async {
+    /// let (_sender, receiver) = luna_channels::channel::<u32>();
+    /// let late = receiver.recv_timeout(std::time::Duration::from_millis(1)).await;
+    /// assert!(late.unwrap_err().is_timeout());
+    /// # }).unwrap();
+    /// ```
+    pub fn recv_timeout(&self, timeout: Duration) -> RecvTimeout<'_, T> {
+        self.recv_deadline(Instant::now() + timeout)
+    }
+
+    /// Like [`recv_timeout`](Self::recv_timeout), until an absolute deadline: so several operations can share one.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// # luna_executors::block_on(async {
+    /// let (_sender, receiver) = luna_channels::channel::<u32>();
+    /// assert!(receiver.recv_deadline(Instant::now()).await.unwrap_err().is_timeout());
+    /// # }).unwrap();
+    /// ```
+    pub fn recv_deadline(&self, deadline: Instant) -> RecvTimeout<'_, T> {
+        RecvTimeout {
+            recv: self.recv(),
+            sleep: Sleep::until(deadline),
+        }
+    }
+
+    /// Like [`recv`](Self::recv), blocking this thread. For plain threads and OS-thread processes.
+    ///
+    /// # Errors
+    ///
+    /// As for `recv`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_recv(&self) -> Result<T, RecvError> {
+        luna_platform::park::block_on(self.recv())
+    }
+
+    /// Like [`blocking_recv`](Self::blocking_recv), for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// [`RecvTimeoutError`].
+    ///
+    /// # Panics
+    ///
+    /// As for `blocking_recv`.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// let (_sender, receiver) = luna_channels::channel::<u32>();
+    /// let error = receiver.blocking_recv_timeout(Duration::from_millis(1)).unwrap_err();
+    /// assert!(error.is_timeout());
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_recv_timeout(&self, timeout: Duration) -> Result<T, RecvTimeoutError> {
+        let mut recv = std::pin::pin!(self.recv());
+        match luna_platform::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
+            Some(received) => received.map_err(RecvTimeoutError::from),
+            None => recv.give_up(),
+        }
+    }
+
+    /// The values as a stream, which ends when the channel is closed or poisoned.
+    ///
+    /// ```
+    /// # use futures_lite::{StreamExt, future::block_on};
+    /// let (sender, receiver) = luna_channels::buffered(luna_channels::Buffer::fifo(3));
+    /// for n in 1..=3 {
+    ///     sender.try_send(n)?;
+    /// }
+    /// drop(sender);
+    /// assert_eq!(block_on(receiver.stream().collect::<Vec<_>>()), [1, 2, 3]);
+    /// # Ok::<(), luna_channels::TrySendError<i32>>(())
+    /// ```
+    pub fn stream(&self) -> Incoming<'_, T> {
+        Incoming::new(self)
+    }
+
+    /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
+    pub fn poison(&self) {
+        self.channel().poison();
+    }
+
+    /// Waits until the channel is poisoned, and takes nothing from it: for one who does other things before it receives. If the senders go, it
+    /// waits on. All else is as for [`Sender::ended`](crate::Sender::ended).
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// let end = block_on(zip(receiver.poisoned(), async { sender.poison() })).0;
+    /// assert_eq!(end, ChannelEnd::Poisoned);
+    /// ```
+    pub fn poisoned(&self) -> Ended<'_> {
+        Ended::new(self.channel().place(), true)
+    }
+
+    /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.channel().place().identity.set_name(name);
+        self
+    }
+
+    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`](crate::Sender::external).
+    #[must_use]
+    pub fn external(self) -> Self {
+        self.channel().place().identity.set_external();
+        self
+    }
+
+    /// How many values are buffered: for display, since it may have changed already. Those of waiting senders do not count.
+    pub fn buffered(&self) -> usize {
+        self.channel().buffered()
+    }
+}
+
+impl<T> Clone for Receiver<T> {
+    fn clone(&self) -> Self {
+        self.channel().add_receiver();
+        // SAFETY: the receiver that was just counted.
+        unsafe { Receiver::new(self.channel) }
+    }
+}
+
+impl<T> Drop for Receiver<T> {
+    fn drop(&mut self) {
+        // SAFETY: this receiver is not used again.
+        unsafe { Channel::drop_receiver(self.channel) };
+    }
+}
+
+impl<T> fmt::Debug for Receiver<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Receiver")
+            .field("channel", &self.channel)
+            .finish()
+    }
+}

@@ -1,0 +1,210 @@
+//! One choice among several offers, made by one compare-and-swap.
+//!
+//! An alternative lists a node in each of its channels, and all of them lead to one *selection*. Whoever comes to one of these channels
+//! as a partner, under the channel's lock, claims the selection: of all who try, one succeeds, and goes on as with any waiting
+//! operation. The others find the choice made, take the stale node off their list, and look at who waits behind it.
+//!
+//! ```text
+//!   CLOSED --owner lists its nodes--> OPEN --partner or owner, by compare-and-swap--> CHOSEN(guard)
+//! ```
+//!
+//! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
+//! selection chosen takes the lock of the one channel to learn the outcome.
+
+use luna_platform::clock::Instant;
+use luna_platform::current::{Ready, Wakeup};
+use luna_platform::lock::{PiGuard, PiLock};
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::ptr::NonNull;
+
+/// Nobody can claim it: the owner does not wait.
+const CLOSED: u32 = 0;
+/// The first who claims it has it.
+const OPEN: u32 = 1;
+/// Guard `state - CHOSEN` was chosen.
+const CHOSEN: u32 = 2;
+
+/// The choice of one alternative.
+///
+/// # Invariants
+///
+/// `wakeup` belongs to the owner unless the state is `OPEN`; from `OPEN`, to whoever's compare-and-swap left it. Where that was no choice but a
+/// closing by somebody else ([`close`](Selection::close)), the owner learns of it before the other has taken the wakeup: such selections are opened for
+/// `several`, and the gate is held around both. `entered` belongs to who holds the gate. While a node that leads here is listed, this is live: its owner takes each node off, under its list's lock, before it goes.
+#[derive(Debug)]
+pub struct Selection {
+    state: AtomicU32,
+    /// Whether somebody may claim several selections at once, a barrier's last party, or close this one for its owner.
+    several: AtomicBool,
+    /// From when on the guards from `first_late` on cannot be claimed any more, as nanoseconds: a delay that comes before them has passed then,
+    /// and is what the owner chooses, though it may not have run yet.
+    late_from: AtomicU64,
+    first_late: AtomicU32,
+    wakeup: UnsafeCell<Option<Wakeup>>,
+    /// Held around each claim where `several` is set, so that who claims several sees all of them open at one instant.
+    gate: PiLock<()>,
+    entered: UnsafeCell<Option<PiGuard<'static, ()>>>,
+    /// A model is replayed, and addresses are not the same again.
+    #[cfg(loom)]
+    number: usize,
+}
+
+impl Selection {
+    pub(crate) fn new() -> Self {
+        Self {
+            state: AtomicU32::new(CLOSED),
+            several: AtomicBool::new(false),
+            late_from: AtomicU64::new(u64::MAX),
+            first_late: AtomicU32::new(0),
+            wakeup: UnsafeCell::new(None),
+            gate: PiLock::new(()),
+            entered: UnsafeCell::new(None),
+            #[cfg(loom)]
+            number: {
+                static NEXT: std::sync::atomic::AtomicUsize =
+                    std::sync::atomic::AtomicUsize::new(0);
+                NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
+            },
+        }
+    }
+
+    /// Lets others claim it from now on; `wakeup` is whom they then ready. With a `limit`, the guards from its number on can be claimed until its
+    /// instant only.
+    ///
+    /// # Safety
+    ///
+    /// The owner calls this, and the selection is closed.
+    pub(crate) unsafe fn open(&self, wakeup: Wakeup, several: bool, limit: Option<(Instant, u32)>) {
+        let _gate = several.then(|| self.gate.lock());
+        self.several.store(several, Ordering::Relaxed);
+        if let Some((instant, first_late)) = limit {
+            self.first_late.store(first_late, Ordering::Relaxed);
+            self.late_from.store(instant.as_nanos(), Ordering::Relaxed);
+        }
+        // SAFETY: of a closed selection it is the owner's; who has closed it for the owner has left the gate.
+        self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
+        self.state.store(OPEN, Ordering::Release);
+    }
+
+    /// Readies another one when it is claimed. Gives the former.
+    ///
+    /// # Safety
+    ///
+    /// The owner calls this, and nobody can claim the selection meanwhile: it is closed, or the owner holds the locks of all lists that its
+    /// nodes are in.
+    pub(crate) unsafe fn replace_wakeup(&self, wakeup: Wakeup) -> Option<Wakeup> {
+        // SAFETY: the contract leaves the owner alone with it.
+        self.wakeup
+            .with_mut(|cell| unsafe { (*cell).replace(wakeup) })
+    }
+
+    /// Which guard was chosen, if one was. Acquire: what came before the claim is visible.
+    #[inline]
+    pub(crate) fn chosen(&self) -> Option<u32> {
+        self.state.load(Ordering::Acquire).checked_sub(CHOSEN)
+    }
+
+    /// Whether nothing is chosen and its owner waits.
+    #[inline]
+    pub(crate) fn is_open(&self) -> bool {
+        self.state.load(Ordering::Acquire) == OPEN
+    }
+
+    /// Chooses `guard`, if nothing is chosen yet: gives what readies the owner.
+    ///
+    /// For partners, under the lock of the list in which they found a node that leads here.
+    #[inline]
+    pub(crate) fn claim(&self, guard: u32) -> Option<Option<Wakeup>> {
+        if self.state.load(Ordering::Acquire) != OPEN || self.is_late(guard) {
+            return None;
+        }
+        let _gate = self
+            .several
+            .load(Ordering::Relaxed)
+            .then(|| self.gate.lock());
+        self.leave_open(guard.saturating_add(CHOSEN))
+    }
+
+    /// As [`claim`](Self::claim), by the owner for a guard of its own whose time has come. It need not be readied.
+    pub(crate) fn claim_own(&self, guard: u32) {
+        let _gate = self
+            .several
+            .load(Ordering::Relaxed)
+            .then(|| self.gate.lock());
+        drop(self.leave_open(guard.saturating_add(CHOSEN)));
+    }
+
+    /// Whether a delay that comes before `guard` has passed.
+    #[inline]
+    fn is_late(&self, guard: u32) -> bool {
+        let late_from = self.late_from.load(Ordering::Relaxed);
+        late_from != u64::MAX
+            && guard >= self.first_late.load(Ordering::Relaxed)
+            && Instant::now().as_nanos() >= late_from
+    }
+
+    /// Takes the choice back from everybody, if nothing is chosen yet.
+    pub(crate) fn close(&self) -> Option<Ready> {
+        let _gate = self
+            .several
+            .load(Ordering::Relaxed)
+            .then(|| self.gate.lock());
+        let wakeup = self.leave_open(CLOSED)?;
+        Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
+    }
+
+    /// Leaves `OPEN` for `state`, if that is the state: gives the wakeup, if one is there.
+    #[inline]
+    fn leave_open(&self, state: u32) -> Option<Option<Wakeup>> {
+        self.state
+            .compare_exchange(OPEN, state, Ordering::AcqRel, Ordering::Relaxed)
+            .ok()?;
+        // SAFETY: this thread's exchange left `OPEN`, so the wakeup is its own.
+        Some(self.wakeup.with_mut(|cell| unsafe { (*cell).take() }))
+    }
+
+    /// The order in which several gates are entered: that of the addresses.
+    ///
+    /// # Safety
+    ///
+    /// `this` is live.
+    pub(crate) unsafe fn order(this: NonNull<Selection>) -> usize {
+        #[cfg(loom)]
+        // SAFETY: the contract.
+        return unsafe { this.as_ref() }.number;
+        #[cfg(not(loom))]
+        this.addr().get()
+    }
+
+    /// Enters the gate: until [`leave`](Self::leave), nobody else claims. Says whether `guard` can be chosen.
+    ///
+    /// Who enters several gates does so in their [`order`](Self::order).
+    ///
+    /// # Safety
+    ///
+    /// `this` was opened for several, is live until `leave`, and this thread has not entered it.
+    pub(crate) unsafe fn enter(this: NonNull<Selection>, guard: u32) -> bool {
+        // SAFETY: the contract keeps it alive for as long as the guard is kept.
+        let selection: &'static Selection = unsafe { this.as_ref() };
+        let gate = selection.gate.lock();
+        // SAFETY: the gate is this thread's.
+        selection
+            .entered
+            .with_mut(|cell| unsafe { *cell = Some(gate) });
+        selection.state.load(Ordering::Acquire) == OPEN && !selection.is_late(guard)
+    }
+
+    /// Leaves the gate; before that, chooses `guard` if one is given, and gives what readies the owner.
+    ///
+    /// # Safety
+    ///
+    /// This thread has entered it. With a guard, it was open then.
+    pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<Wakeup> {
+        let wakeup = guard.and_then(|guard| self.leave_open(guard.saturating_add(CHOSEN)));
+        // SAFETY: the gate is this thread's.
+        let gate = self.entered.with_mut(|cell| unsafe { (*cell).take() });
+        drop(gate);
+        wakeup.flatten()
+    }
+}

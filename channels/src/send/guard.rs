@@ -1,0 +1,147 @@
+//! A send as a guard of an alternative.
+
+use super::operation::{Phase, SendOp};
+use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::core::{Ending, Sent};
+use crate::error::SendError;
+use crate::place::{Lists, Place};
+use crate::selection::Selection;
+use crate::source::Source;
+use crate::stamp::Stamp;
+use crate::waiter::Outcome;
+use luna_platform::current::{self, Ready};
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
+    fn place(&self) -> Option<NonNull<Place>> {
+        Some(NonNull::from(self.sender.channel().place()))
+    }
+
+    fn is_open(&self) -> bool {
+        // SAFETY: asked of a new one, whose node is known to its future alone.
+        unsafe { &*self.offered.get() }.source.is_open()
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        Some(&self.sender.chosen)
+    }
+
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        lists: Option<&mut Lists>,
+        cx: &mut Context<'_>,
+    ) -> Attempt {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let Some(lists) = lists else {
+            return Attempt::NotReady;
+        };
+        // SAFETY: the contract: the lists are this channel's, and the node is new.
+        let sent = unsafe {
+            let mut section = this.sender.channel().section(lists);
+            section.send_now(this.place_of_offer(), Some(cx))
+        };
+        let (outcome, ready) = match sent {
+            Sent::Full => return Attempt::NotReady,
+            Sent::Done(ready, overwritten) => {
+                if let Some(overwritten) = overwritten {
+                    // SAFETY: the node has given its value away, and is known to nobody else.
+                    unsafe { this.offered().waiter.put_value(overwritten) };
+                    this.phase = Phase::Overwrote;
+                    return Attempt::Ready(ready);
+                }
+                (Outcome::Done, ready)
+            }
+            Sent::Held(ready) => {
+                this.phase = Phase::Listed;
+                return Attempt::Ready(ready);
+            }
+            Sent::Ended(Ending::Poisoned) => (Outcome::Poisoned, Ready::NOBODY),
+            Sent::Ended(_) => (Outcome::Closed, Ready::NOBODY),
+            Sent::Broken(ready) => (Outcome::Broken, ready),
+        };
+        this.phase = Phase::Settled(outcome);
+        Attempt::Ready(ready)
+    }
+
+    unsafe fn list(
+        self: Pin<&mut Self>,
+        lists: &mut Lists,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: the lists are this channel's; the node is new, holds or can make its value, and is withdrawn before it goes.
+        unsafe {
+            let node = this.begin(Some((selection, guard)));
+            let mut section = this.sender.channel().section(lists);
+            section.list_sender(node, current::priority(), None);
+        }
+        this.phase = Phase::Listed;
+    }
+
+    unsafe fn withdraw(self: Pin<&mut Self>) {
+        if self.phase == Phase::Listed && self.outcome() == Outcome::Waiting {
+            // SAFETY: the node was listed on the senders' side.
+            unsafe { self.sender.channel().withdraw(self.node(), true) };
+        }
+    }
+
+    unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::Overwrote {
+            this.phase = Phase::GaveWay;
+            // SAFETY: in this phase the node holds it. The user's code, and no lock is held.
+            drop(unsafe { this.offered().waiter.take_value() });
+        }
+        if matches!(this.phase, Phase::Listed | Phase::Settled(_)) {
+            let mut outcome = this.outcome();
+            if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                // Who has claimed it holds the lock until it is settled.
+                // SAFETY: the node was listed.
+                outcome = unsafe { this.sender.channel().update_wakeup(this.node(), cx) };
+            }
+            match outcome {
+                // One that is held waits again when its receive is dropped.
+                Outcome::Held | Outcome::Waiting => return Poll::Pending,
+                Outcome::Broken => this.broken(),
+                _ => {}
+            }
+        }
+        Poll::Ready(())
+    }
+
+    fn released(&self) {
+        self.sender.channel().ring();
+    }
+
+    fn can_fail(&self) -> bool {
+        true
+    }
+
+    unsafe fn fail(self: Pin<&mut Self>) -> bool {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.phase = Phase::Settled(Outcome::Poisoned);
+        true
+    }
+}
+
+impl<T, S: Source<T>> Guard for SendOp<'_, T, S> {
+    type Output = Result<(), SendError<S::Unsent>>;
+
+    unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::GaveWay {
+            this.phase = Phase::Over;
+            return Ok(());
+        }
+        let outcome = this.outcome();
+        this.settled(outcome)
+    }
+}

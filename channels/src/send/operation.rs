@@ -1,0 +1,317 @@
+//! A send under way.
+
+use super::Sender;
+use crate::core::{Ending, Sent};
+use crate::error::{SendError, SendTimeoutError};
+use crate::selection::Selection;
+use crate::source::{InNode, Offered, Source};
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Wakeup};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Not polled yet; the node holds the value.
+    New,
+    /// The node is in the list, or has been settled.
+    Listed,
+    /// Settled in an alternative, without having been listed.
+    Settled(Outcome),
+    /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
+    Overwrote,
+    /// Sent; the process lets others run before it goes on.
+    GaveWay,
+    /// The outcome was returned.
+    Over,
+}
+
+/// A send under way: see [`Sender::send`]. `S` says where its value comes from.
+///
+/// # Invariants
+///
+/// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the outcome is `Done`, `Held` or `Broken`; the answer if
+/// it is `Answered`. In `Listed` it
+/// was begun, and is pinned.
+#[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+pub struct SendOp<'a, T, S: Source<T> = InNode> {
+    pub(super) sender: &'a Sender<T>,
+    pub(super) offered: UnsafeCell<Offered<T, S>>,
+    pub(super) phase: Phase,
+    pub(super) _pinned: PhantomPinned,
+}
+
+// SAFETY: a listed waiter is guarded by the channel's lock wherever the future is; the value, and what makes it, pass between threads anyway.
+unsafe impl<T: Send, S: Source<T> + Send> Send for SendOp<'_, T, S> {}
+// SAFETY: `&SendOp` gives access to nothing.
+unsafe impl<T: Send, S: Source<T> + Send> Sync for SendOp<'_, T, S> {}
+
+impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
+    #[inline]
+    pub(crate) fn new(sender: &'a Sender<T>, offered: Offered<T, S>) -> Self {
+        SendOp {
+            sender,
+            offered: UnsafeCell::new(offered),
+            phase: Phase::New,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    #[inline]
+    pub(super) fn place_of_offer(&self) -> NonNull<Offered<T, S>> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.offered.get()) }
+    }
+
+    #[inline]
+    pub(super) fn node(&self) -> NonNull<Waiter<T>> {
+        // The waiter is the first field.
+        self.place_of_offer().cast()
+    }
+
+    /// Not to be called while the node is listed: others change it then.
+    #[inline]
+    pub(super) fn offered(&mut self) -> &mut Offered<T, S> {
+        // A node that is not listed, or was settled, is known to its future alone.
+        self.offered.get_mut()
+    }
+
+    /// What has become of a send that was listed or settled.
+    #[inline]
+    pub(super) fn outcome(&self) -> Outcome {
+        match self.phase {
+            Phase::Settled(outcome) => outcome,
+            // SAFETY: the node lies in this future, and was begun before it was listed.
+            _ => unsafe { Waiter::outcome(self.node()) },
+        }
+    }
+
+    /// Prepares the node for being listed.
+    #[inline]
+    pub(super) fn begin(
+        &mut self,
+        selection: Option<(NonNull<Selection>, u32)>,
+    ) -> NonNull<Waiter<T>> {
+        // SAFETY: a new send's node is known to its future alone.
+        unsafe { Waiter::begin(self.node(), false, selection, S::MAKE) };
+        self.node()
+    }
+
+    pub(super) fn failed(&mut self, ending: Outcome) -> SendError<S::Unsent> {
+        self.phase = Phase::Over;
+        SendError {
+            // SAFETY: the send failed, so the value is still here, and nobody else knows the node any more.
+            value: unsafe { S::unsent(self.offered()) },
+            poisoned: ending == Outcome::Poisoned,
+        }
+    }
+
+    /// What a settled send returns.
+    pub(super) fn settled(&mut self, outcome: Outcome) -> Result<(), SendError<S::Unsent>> {
+        match outcome {
+            Outcome::Done | Outcome::Held => {
+                self.phase = Phase::Over;
+                Ok(())
+            }
+            Outcome::Answered => {
+                self.phase = Phase::Settled(outcome);
+                Ok(())
+            }
+            Outcome::Broken => self.broken(),
+            outcome => Err(self.failed(outcome)),
+        }
+    }
+
+    /// The closure that was to make the value has panicked, here or on the receiver's side.
+    #[cold]
+    pub(super) fn broken(&mut self) -> ! {
+        self.phase = Phase::Over;
+        self.sender.poison();
+        panic!("the closure of a `send_with` panicked: its channel is poisoned")
+    }
+
+    /// What a send that has succeeded was given back, if it was.
+    pub(crate) fn take_answer(self: Pin<&mut Self>) -> Option<T> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let is_answered = this.phase == Phase::Settled(Outcome::Answered);
+        is_answered.then(|| {
+            this.phase = Phase::Over;
+            // SAFETY: an answered node holds a value, and is known to nobody else.
+            unsafe { this.offered().waiter.take_value() }
+        })
+    }
+
+    /// Waits no longer: it fails as poisoned if nobody has taken its value, and is done if somebody has. The [output](Guard::output) says which.
+    pub(crate) fn abandon(self: Pin<&mut Self>) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::Listed {
+            // SAFETY: the node was listed on the senders' side.
+            let outcome = unsafe { this.sender.channel().withdraw(this.node(), true) };
+            if outcome == Outcome::Waiting {
+                this.phase = Phase::Settled(Outcome::Poisoned);
+            }
+        }
+    }
+
+    /// Withdraws what nobody has taken: exact, since the outcome is looked at first.
+    pub(super) fn give_up(self: Pin<&mut Self>) -> Result<(), SendTimeoutError<S::Unsent>> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.phase {
+            Phase::New => Err(SendTimeoutError::Timeout(
+                this.failed(Outcome::Closed).value,
+            )),
+            Phase::GaveWay | Phase::Over | Phase::Overwrote | Phase::Settled(_) => Ok(()),
+            Phase::Listed => {
+                // SAFETY: the node was listed on the senders' side.
+                match unsafe { this.sender.channel().withdraw(this.node(), true) } {
+                    Outcome::Waiting => Err(SendTimeoutError::Timeout(
+                        this.failed(Outcome::Closed).value,
+                    )),
+                    outcome => this.settled(outcome).map_err(SendTimeoutError::from),
+                }
+            }
+        }
+    }
+
+    pub(super) fn poll_listed(
+        &mut self,
+        cx: &Context<'_>,
+    ) -> Poll<Result<(), SendError<S::Unsent>>> {
+        let mut outcome = self.outcome();
+        if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+            // A held sender has communicated: no failure takes that back.
+            if outcome == Outcome::Waiting && current::branch_failed() {
+                // SAFETY: the node was listed on the senders' side.
+                outcome = unsafe { self.sender.channel().withdraw(self.node(), true) };
+                if outcome == Outcome::Waiting {
+                    current::stay_in_branch();
+                    return Poll::Ready(Err(self.failed(Outcome::Poisoned)));
+                }
+            } else {
+                // SAFETY: the node was listed.
+                outcome = unsafe { self.sender.channel().update_wakeup(self.node(), cx) };
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    return Poll::Pending;
+                }
+            }
+        }
+        Poll::Ready(self.settled(outcome))
+    }
+}
+
+impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
+    type Output = Result<(), SendError<S::Unsent>>;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.phase {
+            Phase::New => {}
+            Phase::Listed => return this.poll_listed(cx),
+            Phase::GaveWay => {
+                this.phase = Phase::Over;
+                return Poll::Ready(Ok(()));
+            }
+            Phase::Overwrote | Phase::Settled(_) | Phase::Over => {
+                panic!("a send was polled after it was over")
+            }
+        }
+        if current::branch_failed() {
+            current::stay_in_branch();
+            return Poll::Ready(Err(this.failed(Outcome::Poisoned)));
+        }
+        if !this.offered().source.is_open() {
+            return Poll::Pending;
+        }
+        let mut section = this.sender.channel().lock();
+        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+        let sent = unsafe { section.send_now(this.place_of_offer(), Some(cx)) };
+        match sent {
+            Sent::Done(ready, dropped) => {
+                // Before the user's code below (a waker, a drop) can panic: the value is gone.
+                this.phase = Phase::Over;
+                section.release();
+                ready.wake();
+                drop(dropped);
+                if crate::gives_way(cx) {
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
+                Poll::Ready(Ok(()))
+            }
+            Sent::Full => {
+                // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
+                unsafe {
+                    let node = this.begin(None);
+                    section.list_sender(node, current::priority(), Some(Wakeup::of(cx)));
+                }
+                this.phase = Phase::Listed;
+                section.release();
+                Poll::Pending
+            }
+            Sent::Held(ready) => {
+                this.phase = Phase::Listed;
+                section.release();
+                ready.wake();
+                Poll::Pending
+            }
+            Sent::Ended(ending) => {
+                section.release();
+                let outcome = match ending {
+                    Ending::Poisoned => Outcome::Poisoned,
+                    _ => Outcome::Closed,
+                };
+                Poll::Ready(Err(this.failed(outcome)))
+            }
+            Sent::Broken(ready) => {
+                this.phase = Phase::Over;
+                section.release();
+                ready.wake();
+                this.broken()
+            }
+        }
+    }
+}
+
+impl<T, S: Source<T>> Drop for SendOp<'_, T, S> {
+    #[inline]
+    fn drop(&mut self) {
+        match self.phase {
+            Phase::GaveWay | Phase::Over => return,
+            Phase::New => {}
+            // SAFETY: in this phase the node holds a value.
+            Phase::Overwrote => return drop(unsafe { self.offered().waiter.take_value() }),
+            Phase::Listed | Phase::Settled(_) => {
+                let mut outcome = self.outcome();
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    // SAFETY: the node was listed on the senders' side.
+                    outcome = unsafe { self.sender.channel().withdraw(self.node(), true) };
+                }
+                match outcome {
+                    Outcome::Done | Outcome::Held => return,
+                    Outcome::Broken => return self.sender.poison(),
+                    _ => {}
+                }
+            }
+        }
+        // SAFETY: the value is still here, and nobody else knows the node any more.
+        drop(unsafe { S::unsent(self.offered()) });
+    }
+}
+
+impl<T, S: Source<T>> fmt::Debug for SendOp<'_, T, S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SendOp")
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
+    }
+}

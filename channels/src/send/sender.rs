@@ -1,0 +1,302 @@
+//! The end of a channel for sending.
+
+use super::{SendOp, SendTimeout};
+use crate::core::{Channel, Ending, Sent};
+use crate::ended::Ended;
+use crate::error::{SendError, SendTimeoutError, TrySendError};
+use crate::source::{FromSlot, Made, Offered};
+use crate::stamp::Stamp;
+use luna_platform::clock::Instant;
+use luna_platform::timer_queue::Sleep;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// The sending end of a channel. Any number of clones, on any threads, may send at the same time.
+///
+/// Dropping the last one closes the channel: what was sent is still received, then receivers get
+/// [`RecvError::Closed`](crate::RecvError::Closed). Cloning is not for the real-time path; dropping is O(1), and O(waiting
+/// receivers) for the last one.
+pub struct Sender<T> {
+    channel: NonNull<Channel<T>>,
+    pub(super) chosen: Stamp,
+    _values: PhantomData<T>,
+}
+
+// SAFETY: the channel is shared under its lock and by atomics; values pass from thread to thread.
+unsafe impl<T: Send> Send for Sender<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Sender<T> {}
+impl<T> std::panic::UnwindSafe for Sender<T> {}
+impl<T> std::panic::RefUnwindSafe for Sender<T> {}
+// The values lie in the channel, not in its ends.
+impl<T> Unpin for Sender<T> {}
+
+impl<T> Sender<T> {
+    /// # Safety
+    ///
+    /// The caller gives this one of the senders that the channel counts.
+    pub(crate) unsafe fn new(channel: NonNull<Channel<T>>) -> Self {
+        Self {
+            channel,
+            chosen: Stamp::new(),
+            _values: PhantomData,
+        }
+    }
+
+    #[inline]
+    pub(crate) fn channel(&self) -> &Channel<T> {
+        // SAFETY: this sender keeps the channel alive.
+        unsafe { self.channel.as_ref() }
+    }
+
+    /// Offers `value` and waits until a receiver has taken it, or the buffer.
+    ///
+    /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back. Cancel-safe: dropping the future
+    /// withdraws and drops a value that nobody has taken; one that was taken stays sent. Real-time path: yes; no allocation,
+    /// O(1), and O(waiting senders of lower priority) to wait.
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// let (sender, receiver) = luna_channels::channel();
+    /// let (sent, received) = block_on(zip(sender.send(5), receiver.recv()));
+    /// assert_eq!((sent, received), (Ok(()), Ok(5)));
+    /// ```
+    #[inline]
+    pub fn send(&self, value: T) -> SendOp<'_, T> {
+        SendOp::new(self, Offered::value(value))
+    }
+
+    /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an alternative that chooses another guard it is
+    /// still there afterwards. An empty slot offers nothing: as a guard it is never ready, awaited alone it waits for ever.
+    ///
+    /// ```
+    /// use luna_channels::{alt, at, channel};
+    /// # luna_executors::block_on(async {
+    /// let (sender, _receiver) = channel();
+    /// let mut slot = Some(String::from("precious"));
+    /// alt! {
+    ///     sent = sender.send_from(&mut slot) => sent.unwrap(),
+    ///     skip => {} // nobody receives
+    /// }
+    /// assert_eq!(slot.as_deref(), Some("precious"));
+    /// # }).unwrap();
+    /// ```
+    #[inline]
+    pub fn send_from<'a>(&'a self, slot: &'a mut Option<T>) -> SendOp<'a, T, FromSlot<'a, T>> {
+        SendOp::new(self, Offered::slot(slot))
+    }
+
+    /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not otherwise.
+    ///
+    /// `make` runs on the side that completes the communication, under the locks of all channels that side chooses among. So it is short,
+    /// and uses and drops no end of a channel, no lock, and nothing that allocates where that matters. It borrows nothing (`move` what it needs into
+    /// it), since it may be run by another thread after this future was leaked. If it panics, the channel is poisoned, and the process that
+    /// offered panics.
+    ///
+    /// ```
+    /// use luna_channels::{alt, channel};
+    /// # luna_executors::block_on(async {
+    /// let (sender, receiver) = channel::<u64>();
+    /// alt! {
+    ///     sent = sender.send_with(|| panic!("nobody receives")) => sent.unwrap(),
+    ///     skip => {}
+    /// }
+    /// let thread = std::thread::spawn(move || receiver.blocking_recv());
+    /// sender.send_with(|| 2 + 2).await.unwrap();
+    /// assert_eq!(thread.join().unwrap(), Ok(4));
+    /// # }).unwrap();
+    /// ```
+    #[inline]
+    pub fn send_with<F: FnOnce() -> T + Send + 'static>(&self, make: F) -> SendOp<'_, T, Made<F>> {
+        SendOp::new(self, Offered::made(make))
+    }
+
+    /// Sends at once: only if a receiver waits or the buffer has room. The real-time path may call it; O(1).
+    ///
+    /// # Errors
+    ///
+    /// [`TrySendError`], with the value.
+    ///
+    /// ```
+    /// let (sender, receiver) = luna_channels::channel();
+    /// assert!(sender.try_send(1).unwrap_err().is_full()); // a rendezvous: nobody waits
+    /// drop(receiver);
+    /// assert!(sender.try_send(1).unwrap_err().is_closed());
+    /// ```
+    pub fn try_send(&self, value: T) -> Result<(), TrySendError<T>> {
+        let mut offered = Offered::value(value);
+        let offered = NonNull::from(&mut offered);
+        // SAFETY: the node is this call's alone, and holds its value unless that was sent.
+        let value = || unsafe { offered.as_ref().waiter.take_value() };
+        let mut section = self.channel().lock();
+        // SAFETY: as above.
+        let sent = unsafe { section.send_now(offered, None) };
+        section.release();
+        match sent {
+            Sent::Done(ready, dropped) => {
+                ready.wake();
+                drop(dropped);
+                Ok(())
+            }
+            // Nobody can be held by a call that does not wait, and a value that is there need not be made.
+            Sent::Held(ready) | Sent::Broken(ready) => {
+                ready.wake();
+                Ok(())
+            }
+            Sent::Full => Err(TrySendError::Full(value())),
+            Sent::Ended(Ending::Poisoned) => Err(TrySendError::Poisoned(value())),
+            Sent::Ended(_) => Err(TrySendError::Closed(value())),
+        }
+    }
+
+    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.
+    ///
+    /// # Panics
+    ///
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers. Drop a plain `send` at your runtime's
+    /// timeout instead, which withdraws the value too.
+    ///
+    /// ```
+    /// # luna_executors::block_on(async {
+    /// let (sender, _receiver) = luna_channels::channel();
+    /// let late = sender.send_timeout(5, std::time::Duration::from_millis(1)).await.unwrap_err();
+    /// assert!(late.is_timeout());
+    /// assert_eq!(late.into_inner(), 5);
+    /// # }).unwrap();
+    /// ```
+    pub fn send_timeout(&self, value: T, timeout: Duration) -> SendTimeout<'_, T> {
+        self.send_deadline(value, Instant::now() + timeout)
+    }
+
+    /// Like [`send_timeout`](Self::send_timeout), until an absolute deadline: so several operations can share one. A sender that is held by
+    /// an extended rendezvous goes on at the deadline, and has sent.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// # luna_executors::block_on(async {
+    /// let (sender, _receiver) = luna_channels::channel();
+    /// assert!(sender.send_deadline(5, Instant::now()).await.unwrap_err().is_timeout());
+    /// # }).unwrap();
+    /// ```
+    pub fn send_deadline(&self, value: T, deadline: Instant) -> SendTimeout<'_, T> {
+        SendTimeout {
+            send: self.send(value),
+            sleep: Sleep::until(deadline),
+        }
+    }
+
+    /// Like [`send`](Self::send), blocking this thread. For plain threads and OS-thread processes.
+    ///
+    /// # Errors
+    ///
+    /// As for `send`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_send(&self, value: T) -> Result<(), SendError<T>> {
+        luna_platform::park::block_on(self.send(value))
+    }
+
+    /// Like [`blocking_send`](Self::blocking_send), for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// [`SendTimeoutError`], with the value.
+    ///
+    /// # Panics
+    ///
+    /// As for `blocking_send`.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// let (sender, _receiver) = luna_channels::channel();
+    /// let error = sender.blocking_send_timeout(1, Duration::from_millis(1)).unwrap_err();
+    /// assert!(error.is_timeout());
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_send_timeout(
+        &self,
+        value: T,
+        timeout: Duration,
+    ) -> Result<(), SendTimeoutError<T>> {
+        let mut send = std::pin::pin!(self.send(value));
+        match luna_platform::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
+            Some(sent) => sent.map_err(SendTimeoutError::from),
+            None => send.give_up(),
+        }
+    }
+
+    /// Poisons the channel: all operations that wait on it, and all that come to it later, on both ends, fail as poisoned.
+    ///
+    /// What was communicated before stays communicated; what is still buffered is dropped. May be called more than once.
+    /// Real-time path: yes; O(those who wait + what is buffered).
+    ///
+    /// ```
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// sender.poison();
+    /// assert!(receiver.blocking_recv().unwrap_err().is_poisoned());
+    /// ```
+    pub fn poison(&self) {
+        self.channel().poison();
+    }
+
+    /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned. It offers nothing, and of no receiver is it
+    /// seen; for one who waits for other things before it sends.
+    ///
+    /// Cancel-safe. Real-time path: yes; no allocation, O(1), and O(those of lower priority who wait for the same end) to wait.
+    ///
+    /// ```
+    /// # use futures_lite::future::{block_on, zip};
+    /// use luna_channels::ChannelEnd;
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// let end = block_on(zip(sender.ended(), async { drop(receiver) })).0;
+    /// assert_eq!(end, ChannelEnd::Closed);
+    /// ```
+    pub fn ended(&self) -> Ended<'_> {
+        Ended::new(self.channel().place(), false)
+    }
+
+    /// Names the channel in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.channel().place().identity.set_name(name);
+        self
+    }
+
+    /// Says that somebody outside of the system uses the channel too: a plain thread, a device. A process that waits on it is then never
+    /// part of a deadlock. A channel that a thread outside has used already is known to be one.
+    #[must_use]
+    pub fn external(self) -> Self {
+        self.channel().place().identity.set_external();
+        self
+    }
+}
+
+impl<T> Clone for Sender<T> {
+    fn clone(&self) -> Self {
+        self.channel().add_sender();
+        // SAFETY: the sender that was just counted.
+        unsafe { Sender::new(self.channel) }
+    }
+}
+
+impl<T> Drop for Sender<T> {
+    fn drop(&mut self) {
+        // SAFETY: this sender is not used again.
+        unsafe { Channel::drop_sender(self.channel) };
+    }
+}
+
+impl<T> fmt::Debug for Sender<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Sender")
+            .field("channel", &self.channel)
+            .finish()
+    }
+}

@@ -1,0 +1,179 @@
+//! Where the value of a send comes from: out of the send itself, out of a slot to which it goes back if it is not sent, or from a closure that
+//! makes it when it is taken.
+
+use crate::waiter::{Make, Waiter};
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::NonNull;
+
+/// A send's node with its source.
+#[repr(C)]
+pub struct Offered<T, S> {
+    /// First, so that the node leads to the source.
+    pub(crate) waiter: Waiter<T>,
+    pub(crate) source: S,
+}
+
+impl<T, S> fmt::Debug for Offered<T, S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Offered")
+    }
+}
+
+/// Where a value comes from. Sealed: its module is private.
+///
+/// # Safety
+///
+/// With `MAKE`, nothing that it borrows is used by it: it runs on another thread, perhaps after the future that it lies in was leaked.
+pub unsafe trait Source<T>: Sized {
+    /// What a failed send gives back.
+    type Unsent;
+
+    /// Makes the value, if it is not in the node.
+    #[doc(hidden)]
+    const MAKE: Option<Make<T>> = None;
+
+    /// Whether there is, or will be, a value.
+    #[inline]
+    fn is_open(&self) -> bool {
+        true
+    }
+
+    /// Gives back what was not sent.
+    ///
+    /// # Safety
+    ///
+    /// The value was not taken, nobody else accesses the node, and this is called once.
+    unsafe fn unsent(offered: &mut Offered<T, Self>) -> Self::Unsent;
+}
+
+impl<T, S: Source<T>> Offered<T, S> {
+    /// Takes or makes the value, before the node is listed. `None` if making it panicked.
+    ///
+    /// # Safety
+    ///
+    /// There is one, or one can be made; `offered` is live, and nobody else accesses it.
+    #[inline]
+    pub(crate) unsafe fn take(offered: NonNull<Self>) -> Option<T> {
+        // SAFETY: the contract.
+        unsafe {
+            match S::MAKE {
+                None => Some(offered.as_ref().waiter.take_value()),
+                Some(make) => make(offered.cast()),
+            }
+        }
+    }
+}
+
+/// The value lies in the node: [`Sender::send`](crate::Sender::send).
+#[derive(Debug)]
+pub struct InNode;
+
+// SAFETY: nothing is made.
+unsafe impl<T> Source<T> for InNode {
+    type Unsent = T;
+
+    #[inline]
+    unsafe fn unsent(offered: &mut Offered<T, Self>) -> T {
+        // SAFETY: the contract: the value is still there.
+        unsafe { offered.waiter.take_value() }
+    }
+}
+
+impl<T> Offered<T, InNode> {
+    #[inline]
+    pub(crate) fn value(value: T) -> Self {
+        Self {
+            waiter: Waiter::with_value(value),
+            source: InNode,
+        }
+    }
+}
+
+/// The value lies in the node, and goes back to its slot if it is not sent: [`Sender::send_from`](crate::Sender::send_from).
+///
+/// Not in the slot: partners would then reach into what the send borrows, also after a send that is leaked has given it back.
+pub struct FromSlot<'a, T> {
+    slot: &'a mut Option<T>,
+    was_full: bool,
+}
+
+impl<T> fmt::Debug for FromSlot<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("FromSlot")
+    }
+}
+
+// SAFETY: nothing is made.
+unsafe impl<T> Source<T> for FromSlot<'_, T> {
+    type Unsent = ();
+
+    fn is_open(&self) -> bool {
+        self.was_full
+    }
+
+    unsafe fn unsent(offered: &mut Offered<T, Self>) {
+        if offered.source.was_full {
+            // SAFETY: the contract: the value is still there.
+            *offered.source.slot = Some(unsafe { offered.waiter.take_value() });
+        }
+    }
+}
+
+impl<'a, T> Offered<T, FromSlot<'a, T>> {
+    pub(crate) fn slot(slot: &'a mut Option<T>) -> Self {
+        let value = slot.take();
+        Self {
+            source: FromSlot {
+                slot,
+                was_full: value.is_some(),
+            },
+            waiter: value.map_or_else(Waiter::empty, Waiter::with_value),
+        }
+    }
+}
+
+/// The value is made when it is taken: [`Sender::send_with`](crate::Sender::send_with).
+pub struct Made<F>(Option<F>);
+
+impl<F> fmt::Debug for Made<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Made")
+    }
+}
+
+// SAFETY: the closure borrows nothing that ends.
+unsafe impl<T, F: FnOnce() -> T + Send + 'static> Source<T> for Made<F> {
+    type Unsent = ();
+    const MAKE: Option<Make<T>> = Some(make_by_closure::<T, F>);
+
+    unsafe fn unsent(_: &mut Offered<T, Self>) {}
+}
+
+impl<T, F: FnOnce() -> T + Send + 'static> Offered<T, Made<F>> {
+    pub(crate) fn made(make: F) -> Self {
+        Self {
+            waiter: Waiter::empty(),
+            source: Made(Some(make)),
+        }
+    }
+}
+
+/// # Safety
+///
+/// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and nobody else accesses it.
+unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) -> Option<T> {
+    // SAFETY: the contract; the waiter is the first field.
+    let make = unsafe {
+        let offered = node.cast::<Offered<T, Made<F>>>().as_ptr();
+        (*offered).source.0.take()
+    }?;
+    match catch_unwind(AssertUnwindSafe(make)) {
+        Ok(value) => Some(value),
+        Err(payload) => {
+            // Its drop is the user's code, and this is under the lock. The panic hook has told what it was.
+            std::mem::forget(payload);
+            None
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! Barriers: rounds, enrolling and resigning, cancelling, alternatives, groups on one executor, and all of it across threads.
+
+#![cfg(not(loom))]
+
+use futures_lite::future::{block_on, poll_once, zip};
+use luna_channels::{Barrier, alt, channel, pri_alt};
+use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_platform::thread::Attributes;
+use std::future::Future;
+use std::pin::{Pin, pin};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Context, Waker};
+
+fn is_pending<F: Future>(future: &mut Pin<Box<F>>) -> bool {
+    future
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()))
+        .is_pending()
+}
+
+#[test]
+fn nobody_goes_before_all_have_come_round_after_round() {
+    let barrier = Barrier::new(3);
+    for _ in 0..3 {
+        let (mut first, mut second) = (Box::pin(barrier.sync()), Box::pin(barrier.sync()));
+        assert!(is_pending(&mut first) && is_pending(&mut second));
+        assert!(is_pending(&mut first));
+        let mut third = Box::pin(barrier.sync());
+        assert!(!is_pending(&mut third));
+        assert!(!is_pending(&mut second) && !is_pending(&mut first));
+    }
+}
+
+#[test]
+fn a_barrier_without_parties_holds_nobody() {
+    block_on(Barrier::new(0).sync());
+    block_on(Barrier::new(1).sync());
+}
+
+#[test]
+fn one_that_is_dropped_has_not_come() {
+    let barrier = Barrier::new(2);
+    let mut gone = Box::pin(barrier.sync());
+    assert!(is_pending(&mut gone));
+    drop(gone);
+    let mut first = Box::pin(barrier.sync());
+    assert!(is_pending(&mut first));
+    assert!(!is_pending(&mut Box::pin(barrier.sync())));
+    assert!(!is_pending(&mut first));
+}
+
+#[test]
+fn one_that_is_dropped_after_the_round_has_come() {
+    let barrier = Barrier::new(2);
+    let mut gone = Box::pin(barrier.sync());
+    assert!(is_pending(&mut gone));
+    assert!(!is_pending(&mut Box::pin(barrier.sync())));
+    drop(gone);
+    assert!(is_pending(&mut Box::pin(barrier.sync())));
+}
+
+#[test]
+fn who_enrolls_is_waited_for_and_who_resigns_is_not() {
+    let barrier = Barrier::new(1);
+    let party = barrier.enroll();
+    assert_eq!(barrier.parties(), 2);
+    let mut sync = Box::pin(barrier.sync());
+    assert!(is_pending(&mut sync));
+    drop(party);
+    assert!(!is_pending(&mut sync));
+
+    let barrier = Barrier::new(2);
+    let mut sync = Box::pin(barrier.sync());
+    assert!(is_pending(&mut sync));
+    barrier.resign();
+    assert!(!is_pending(&mut sync));
+    barrier.resign();
+    barrier.resign();
+    assert_eq!(barrier.parties(), 0);
+}
+
+#[test]
+fn an_alternative_comes_only_if_all_others_have() {
+    let barrier = Barrier::new(2);
+    let (sender, receiver) = channel::<u32>();
+    let choose = async || {
+        pri_alt! {
+            _ = barrier.sync() => None,
+            value = receiver.recv() => value.ok(),
+        }
+    };
+    // The other guard is chosen: the barrier knows nothing of it any more.
+    let mut alternative = Box::pin(choose());
+    assert!(is_pending(&mut alternative));
+    assert!(sender.try_send(1).is_ok());
+    let mut sync = Box::pin(barrier.sync());
+    assert!(is_pending(&mut sync), "the alternative has chosen already");
+    assert_eq!(block_on(alternative), Some(1));
+    // It waits, and the alternative comes second.
+    assert_eq!(block_on(choose()), None);
+    assert!(!is_pending(&mut sync));
+    // The alternative waits, and is chosen by who comes.
+    let mut alternative = Box::pin(choose());
+    assert!(is_pending(&mut alternative));
+    assert!(!is_pending(&mut Box::pin(barrier.sync())));
+    assert!(sender.try_send(2).is_err(), "it has chosen");
+    assert_eq!(block_on(alternative), None);
+    // One that is dropped leaves no trace.
+    let mut alternative = Box::pin(choose());
+    assert!(is_pending(&mut alternative));
+    drop(alternative);
+    assert!(is_pending(&mut Box::pin(barrier.sync())));
+}
+
+#[test]
+fn alternatives_alone_meet_and_the_same_barrier_twice_is_one_party() {
+    let barrier = Barrier::new(2);
+    let twice = async || {
+        alt! {
+            _ = barrier.sync() => 1,
+            _ = barrier.sync() => 2,
+        }
+    };
+    let mut first = Box::pin(twice());
+    assert!(is_pending(&mut first));
+    assert!((1..=2).contains(&block_on(twice())));
+    assert_eq!(block_on(first), 1);
+}
+
+/// Each of three has two of three barriers, in a circle: whichever two meet, the third waits.
+#[test]
+fn two_barriers_in_each_of_three_alternatives() {
+    let barriers = [Barrier::new(2), Barrier::new(2), Barrier::new(2)];
+    let choose = async |index: usize| {
+        pri_alt! {
+            _ = barriers[index].sync() => index,
+            _ = barriers[(index + 1) % 3].sync() => (index + 1) % 3,
+        }
+    };
+    let mut all: Vec<_> = (0..3).map(|index| Box::pin(choose(index))).collect();
+    assert!(is_pending(&mut all[0]));
+    assert_eq!(
+        block_on(poll_once(all[1].as_mut())),
+        Some(1),
+        "0 and 1 have barrier 1"
+    );
+    assert_eq!(block_on(poll_once(all[0].as_mut())), Some(1));
+    assert!(is_pending(&mut all[2]));
+}
+
+#[test]
+fn a_timeout_beside_a_barrier() {
+    luna_executors::block_on(async {
+        let barrier = Barrier::new(2);
+        let late = alt! {
+            _ = barrier.sync() => false,
+            _ = luna_channels::after(std::time::Duration::from_millis(1)) => true,
+        };
+        assert!(late);
+        let mut other = pin!(barrier.sync());
+        assert!(poll_once(other.as_mut()).await.is_none());
+    })
+    .unwrap();
+}
+
+/// In each round all have the same number, on two executors and a thread, some of them by alternatives that may choose something else.
+#[test]
+fn rounds_across_executors_and_threads() {
+    const ROUNDS: usize = 300;
+    let barrier = Barrier::new(5);
+    let arrived = Arc::new(AtomicUsize::new(0));
+    let executors = ["left", "right"].map(|name| Executor::start(Attributes::new(name)).unwrap());
+    let mut processes = Vec::new();
+    for party in 0..4 {
+        let (barrier, arrived) = (barrier.clone(), arrived.clone());
+        let executor = &executors[party % 2];
+        processes.push(
+            executor.spawn(ProcessSpec::new("party"), move || async move {
+                let (_quiet, nothing) = channel::<u32>();
+                for round in 1..=ROUNDS {
+                    arrived.fetch_add(1, Ordering::SeqCst);
+                    if party < 2 {
+                        barrier.sync().await;
+                    } else {
+                        alt! {
+                            _ = nothing.recv() => unreachable!(),
+                            _ = barrier.sync() => {}
+                        }
+                    }
+                    assert!(arrived.load(Ordering::SeqCst) >= 5 * round);
+                }
+            }),
+        );
+    }
+    for executor in &executors {
+        executor.release();
+    }
+    for round in 1..=ROUNDS {
+        arrived.fetch_add(1, Ordering::SeqCst);
+        block_on(barrier.sync());
+        assert!(arrived.load(Ordering::SeqCst) >= 5 * round);
+    }
+    for process in processes {
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+    assert_eq!(arrived.load(Ordering::SeqCst), 5 * ROUNDS);
+}
+
+#[test]
+fn groups_on_two_executors() {
+    const ROUNDS: usize = 300;
+    let barrier = Barrier::new(3);
+    let arrived = Arc::new(AtomicUsize::new(0));
+    let executors = ["left", "right"].map(|name| Executor::start(Attributes::new(name)).unwrap());
+    let mut processes = Vec::new();
+    for executor in &executors {
+        let group = barrier.local(4);
+        for _ in 0..4 {
+            let (group, arrived) = (group.clone(), arrived.clone());
+            processes.push(
+                executor.spawn(ProcessSpec::new("member"), move || async move {
+                    for round in 1..=ROUNDS {
+                        arrived.fetch_add(1, Ordering::SeqCst);
+                        group.sync().await;
+                        assert!(arrived.load(Ordering::SeqCst) >= 9 * round);
+                    }
+                }),
+            );
+        }
+        executor.release();
+    }
+    for _ in 0..ROUNDS {
+        arrived.fetch_add(1, Ordering::SeqCst);
+        block_on(barrier.sync());
+    }
+    for process in processes {
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+}
+
+#[test]
+fn members_of_a_group_may_be_dropped_at_any_point() {
+    luna_executors::block_on(async {
+        let barrier = Barrier::new(2);
+        let group = barrier.local(2);
+        // One that waits.
+        {
+            let mut gone = Box::pin(group.sync());
+            assert!(is_pending(&mut gone));
+        }
+        // The one that leads.
+        let mut first = Box::pin(group.sync());
+        assert!(is_pending(&mut first));
+        {
+            let mut leader = Box::pin(group.sync());
+            assert!(is_pending(&mut leader));
+        }
+        assert!(is_pending(&mut first));
+        let mut outside = Box::pin(barrier.sync());
+        assert!(is_pending(&mut outside), "the group's coming was withdrawn");
+        let mut leader = Box::pin(group.sync());
+        assert!(!is_pending(&mut leader));
+        assert!(!is_pending(&mut first) && !is_pending(&mut outside));
+        // The one that leads, after the round was complete.
+        let mut first = Box::pin(group.sync());
+        let mut leader = Box::pin(group.sync());
+        assert!(is_pending(&mut first) && is_pending(&mut leader));
+        assert!(!is_pending(&mut Box::pin(barrier.sync())));
+        drop(leader);
+        assert!(!is_pending(&mut first));
+    })
+    .unwrap();
+}
+
+#[test]
+#[should_panic(expected = "runs no LUNA process")]
+fn a_group_where_no_process_runs_says_so() {
+    block_on(Barrier::new(1).local(1).sync());
+}
+
+#[test]
+fn both_guards_of_two_processes_at_two_barriers() {
+    let (left, right) = (Barrier::new(2), Barrier::new(2));
+    let choose = async || {
+        alt! {
+            _ = left.sync() => "left",
+            _ = right.sync() => "right",
+        }
+    };
+    for _ in 0..10 {
+        let (one, other) = block_on(zip(choose(), choose()));
+        assert_eq!(one, other);
+    }
+}

@@ -1,0 +1,232 @@
+//! Others' code at its worst: wakers that panic when woken, cloned or dropped, closures that panic, futures that are forgotten.
+
+#![cfg(not(loom))]
+
+use futures_lite::future::poll_once;
+use luna_channels::{Alternative, Barrier, Buffer, LocalBarrier, RecvError, buffered, channel};
+use luna_executors::block_on;
+use std::cell::RefCell;
+use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::{Pin, pin};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::task::{Context, Poll, RawWaker, RawWakerVTable, Wake, Waker};
+
+fn poll<F: Future + ?Sized>(future: &mut Pin<Box<F>>, waker: &Waker) -> Poll<F::Output> {
+    future.as_mut().poll(&mut Context::from_waker(waker))
+}
+
+fn panics(f: impl FnOnce()) -> bool {
+    catch_unwind(AssertUnwindSafe(f)).is_err()
+}
+
+/// Panics when woken for the first time.
+struct Explosive(AtomicBool);
+impl Wake for Explosive {
+    fn wake(self: Arc<Self>) {
+        assert!(!self.0.swap(false, Ordering::SeqCst), "a waker that panics");
+    }
+}
+
+fn explosive() -> Waker {
+    Waker::from(Arc::new(Explosive(AtomicBool::new(true))))
+}
+
+#[derive(Default)]
+struct Count(AtomicUsize);
+impl Wake for Count {
+    fn wake(self: Arc<Self>) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+/// Wakers of a thread whose clones panic while this says so.
+mod clones {
+    use super::*;
+    use std::cell::Cell;
+
+    thread_local! {
+        pub(super) static PANIC: Cell<bool> = const { Cell::new(false) };
+    }
+
+    static TABLE: RawWakerVTable = RawWakerVTable::new(
+        |data| {
+            assert!(!PANIC.get(), "a waker whose clone panics");
+            RawWaker::new(data, &TABLE)
+        },
+        |_| (),
+        |_| (),
+        |_| (),
+    );
+
+    pub(super) fn waker() -> Waker {
+        // SAFETY: the functions use no data.
+        unsafe { Waker::from_raw(RawWaker::new(std::ptr::null(), &TABLE)) }
+    }
+}
+
+#[test]
+fn a_closure_that_panics_poisons_a_registered_alternative() {
+    let (sender, receiver) = channel::<String>();
+    let receivers = [receiver];
+    let mut inputs = Alternative::fair(&receivers);
+    let mut recv = Box::pin(inputs.recv());
+    assert!(poll(&mut recv, Waker::noop()).is_pending());
+    let mut send = Box::pin(sender.send_with(|| panic!("no value")));
+    assert!(panics(|| {
+        let _ = poll(&mut send, Waker::noop());
+    }));
+    assert_eq!(
+        poll(&mut recv, Waker::noop()),
+        Poll::Ready((0, Err(RecvError::Poisoned)))
+    );
+}
+
+#[test]
+fn a_value_stays_in_its_channel_when_the_partners_waker_panics() {
+    let (sender, receiver) = channel::<u32>();
+    let receivers = [receiver];
+    let mut send = Box::pin(sender.send(7));
+    assert!(poll(&mut send, &explosive()).is_pending());
+    let mut inputs = Alternative::fair(&receivers);
+    assert!(panics(|| {
+        let _ = poll(&mut Box::pin(inputs.recv()), Waker::noop());
+    }));
+    drop(inputs);
+    assert!(poll(&mut send, Waker::noop()).is_ready(), "it was sent");
+    assert_eq!(receivers[0].try_recv(), Ok(7));
+}
+
+#[test]
+fn one_waker_that_panics_keeps_no_other_party_waiting() {
+    let barrier = Barrier::new(3);
+    let count = Arc::new(Count::default());
+    let (mut first, mut second) = (Box::pin(barrier.sync()), Box::pin(barrier.sync()));
+    assert!(poll(&mut first, &explosive()).is_pending());
+    assert!(poll(&mut second, &Waker::from(count.clone())).is_pending());
+    assert!(panics(|| {
+        let _ = poll(&mut Box::pin(barrier.sync()), Waker::noop());
+    }));
+    assert_eq!(count.0.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn one_waker_that_panics_keeps_nobody_from_learning_of_the_end() {
+    let (sender, receiver) = channel::<u32>();
+    let count = Arc::new(Count::default());
+    let (mut first, mut second) = (Box::pin(receiver.recv()), Box::pin(receiver.recv()));
+    assert!(poll(&mut first, &explosive()).is_pending());
+    assert!(poll(&mut second, &Waker::from(count.clone())).is_pending());
+    assert!(panics(|| sender.poison()));
+    assert_eq!(count.0.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn a_clone_that_panics_leaves_a_barrier_as_it_was() {
+    let barrier = Barrier::new(2);
+    let waker = clones::waker();
+    clones::PANIC.set(true);
+    let mut sync = Box::pin(barrier.sync());
+    assert!(panics(|| {
+        let _ = poll(&mut sync, &waker);
+    }));
+    clones::PANIC.set(false);
+    drop(sync);
+    assert!(poll(&mut Box::pin(barrier.sync()), &waker).is_pending());
+}
+
+#[test]
+fn a_clone_that_panics_leaves_those_who_watch_an_end() {
+    let (sender, receiver) = channel::<u32>();
+    let count = Arc::new(Count::default());
+    let mut ended = Box::pin(sender.ended());
+    assert!(poll(&mut ended, &Waker::from(count.clone())).is_pending());
+    let waker = clones::waker();
+    let mut other = Box::pin(sender.ended());
+    clones::PANIC.set(true);
+    assert!(panics(|| {
+        let _ = poll(&mut other, &waker);
+    }));
+    clones::PANIC.set(false);
+    drop(other);
+    drop(receiver);
+    assert_eq!(count.0.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn a_receive_that_is_forgotten_hides_no_channel_that_is_added() {
+    let (_sender, receiver) = channel::<u32>();
+    let (filled, full) = buffered::<u32>(Buffer::fifo(1));
+    filled.try_send(5).unwrap();
+    let receivers = [receiver];
+    let mut inputs = Alternative::fair(&receivers);
+    let mut forgotten = inputs.recv();
+    let polled = Pin::new(&mut forgotten).poll(&mut Context::from_waker(Waker::noop()));
+    assert!(polled.is_pending());
+    std::mem::forget(forgotten);
+    let index = inputs.add(&full);
+    let received = poll(&mut Box::pin(inputs.recv()), Waker::noop());
+    assert_eq!(received, Poll::Ready((index, Ok(5))));
+}
+
+#[test]
+fn a_member_that_leaves_takes_the_groups_coming_back() {
+    block_on(async {
+        let barrier = Barrier::new(2);
+        let group = barrier.local(2);
+        let mut other = pin!(barrier.sync());
+        let mut leads = pin!(group.sync());
+        let mut leaves = Box::pin(group.sync());
+        assert!(poll_once(leaves.as_mut()).await.is_none());
+        assert!(poll_once(leads.as_mut()).await.is_none());
+        drop(leaves);
+        // The group is not complete any more, and neither is the barrier with the other party.
+        assert!(poll_once(other.as_mut()).await.is_none());
+        assert!(poll_once(leads.as_mut()).await.is_none());
+        // It is when one comes again.
+        let mut again = pin!(group.sync());
+        assert!(poll_once(again.as_mut()).await.is_some());
+        assert!(poll_once(leads.as_mut()).await.is_some());
+        assert!(poll_once(other.as_mut()).await.is_some());
+    })
+    .unwrap();
+}
+
+thread_local! {
+    static LAST_MEMBER: RefCell<Option<Pin<Box<dyn Future<Output = ()>>>>> = const { RefCell::new(None) };
+}
+
+/// When dropped, lets the last member of a group come.
+struct Reentrant(Arc<AtomicUsize>);
+impl Wake for Reentrant {
+    fn wake(self: Arc<Self>) {
+        assert_eq!(self.0.load(Ordering::SeqCst), 0, "woken after its drop");
+    }
+}
+impl Drop for Reentrant {
+    fn drop(&mut self) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+        if let Some(mut last) = LAST_MEMBER.with_borrow_mut(Option::take) {
+            let _ = poll(&mut last, Waker::noop());
+        }
+    }
+}
+
+#[test]
+fn a_wakers_drop_may_complete_the_group() {
+    block_on(async {
+        let barrier: &'static Barrier = Box::leak(Box::new(Barrier::new(1)));
+        let group: &'static LocalBarrier = Box::leak(Box::new(barrier.local(2)));
+        let mut first = Box::pin(group.sync());
+        LAST_MEMBER.set(Some(Box::pin(group.sync())));
+        let drops = Arc::new(AtomicUsize::new(0));
+        let waker = Waker::from(Arc::new(Reentrant(drops.clone())));
+        assert!(poll(&mut first, &waker).is_pending());
+        drop(waker);
+        // The former waker goes, and with it comes the last member.
+        assert!(poll(&mut first, Waker::noop()).is_ready());
+        assert_eq!(drops.load(Ordering::SeqCst), 1);
+    })
+    .unwrap();
+}
