@@ -37,31 +37,45 @@
 
 mod csp;
 mod error;
+#[cfg(unix)]
+pub mod external;
 pub mod prelude;
 mod report;
 mod safety;
 mod system;
 mod time;
 
+pub use csp::composition::{self, Composition};
+pub use csp::named::{Named, named};
+pub use csp::par::{ParAll, par_all, par_for};
 pub use csp::process::{IntoProcess, Process, run};
-pub use error::{Error, OtherError, Result, SetupError};
+pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
+pub use luna_channels::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
 pub use luna_channels::{
-    Buffer, BufferError, Incoming, Receiver, RecvError, RecvOp, RecvTimeout, RecvTimeoutError,
-    SendError, SendOp, SendTimeout, SendTimeoutError, Sender, TryRecvError, TrySendError, buffered,
-    channel, try_buffered,
+    After, Buffer, BufferError, Extended, Guard, Incoming, Receiver, RecvError, RecvOp,
+    RecvTimeout, RecvTimeoutError, SendError, SendOp, SendTimeout, SendTimeoutError, Sender,
+    TryRecvError, TrySendError, When, after, alt, at, buffered, channel, inspect, pri_alt,
+    try_buffered,
+};
+pub use luna_channels::{
+    Alternative, AlternativeRecv, Barrier, ChannelEnd, Ended, LocalBarrier, LocalSync, Party,
+    SyncOp,
 };
 pub use luna_executors::{
     Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
 };
 #[cfg(unix)]
 pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
-pub use luna_platform::current::{ProcessId, on_path};
+pub use luna_platform::current::{ProcessId, on_path, refused_boosts};
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use report::{End, ProcessReport, Report, ThreadReport};
-pub use system::{Executor, ExecutorBuilder, ProcessBuilder, System, Thread};
+pub use safety::{Bite, Watchdog, WatchdogProcess};
+pub use system::deadlock::{self, Deadlock};
+pub use system::{Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
-    After, Cycle, Distribution, Instant, LoopReport, Overrun, Periodic, after, at, now, periodic,
+    Cycle, Distribution, Expiry, Instant, LoopReport, NextTick, Overrun, Periodic, Tick, Ticks,
+    Timer, now, periodic, ticks,
 };
 
 #[doc(hidden)]

@@ -1,3 +1,6 @@
 //! What most programs use: `use luna::prelude::*;`.
 
-pub use crate::{Buffer, Policy, Process, Receiver, Sender, System, par};
+pub use crate::{
+    Alternative, Barrier, Buffer, Policy, Process, Receiver, Sender, System, alt, par, pri_alt,
+    pri_par,
+};

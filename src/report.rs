@@ -1,5 +1,6 @@
 //! What a system did, told when it has ended.
 
+use crate::system::deadlock::Deadlock;
 use crate::time::{Distribution, LoopReport};
 use luna_executors::Exit;
 use luna_platform::shortfall::Shortfall;
@@ -39,6 +40,8 @@ pub struct Report {
     pub loops: BTreeMap<String, LoopReport>,
     /// What the system as a whole was not given: locked memory, short wake-ups, the emergency manager's priority.
     pub shortfalls: Vec<Shortfall>,
+    /// The deadlock that the system came to, if it did. A thread outside of it may have ended that later.
+    pub deadlock: Option<Deadlock>,
 }
 
 /// How a system came to its end.
@@ -51,6 +54,9 @@ pub enum End {
     Signal(i32),
     /// A process panicked: the emergency functions ran, then all others were cancelled.
     Panic,
+    /// Every process waited for another, and the system was [`strict`](crate::System::strict): the emergency functions ran, then all were
+    /// cancelled.
+    Deadlock,
 }
 
 /// An executor or OS thread.
@@ -108,6 +114,7 @@ impl fmt::Display for Report {
             End::Signal(15) => "ended by SIGTERM".to_owned(),
             End::Signal(number) => format!("ended by signal {number}"),
             End::Panic => "ended by a panic".to_owned(),
+            End::Deadlock => "ended by a deadlock".to_owned(),
         };
         writeln!(
             f,
@@ -138,6 +145,9 @@ impl fmt::Display for Report {
                 shortfall.what(),
                 shortfall.why()
             )?;
+        }
+        if let Some(deadlock) = &self.deadlock {
+            writeln!(f, "  {}", deadlock.to_string().replace('\n', "\n  "))?;
         }
         if self.loops.is_empty() {
             return Ok(());

@@ -1,4 +1,9 @@
 //! Processes and the constructs that compose them.
 
+pub(crate) mod alone;
+pub mod composition;
+pub(crate) mod named;
+pub(crate) mod network;
 pub mod par;
 pub(crate) mod process;
+pub(crate) mod tree;

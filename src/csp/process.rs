@@ -1,5 +1,7 @@
 //! What can be a process, and how the framework starts and ends it.
 
+use crate::csp::alone;
+use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
@@ -270,6 +272,7 @@ pub(crate) struct Frame {
     pub(crate) verdict: Arc<Verdict>,
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
+    pub(crate) tree: Arc<Tree>,
 }
 
 /// How a body ended, if it was not cancelled and did not panic.
@@ -324,6 +327,7 @@ impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.scope.enter_thread();
+        frame.tree.enter_thread();
         let alarm = Alarm(&frame.emergency);
         let body = make();
         std::mem::forget(alarm);
@@ -395,6 +399,9 @@ fn poll_until_failure<F: Future>(
 ///
 /// The smallest way to run a network: a program's `main`, a test. The body may make blocking calls. A panic passes through.
 ///
+/// If it has waited for a second and nothing can wake it (no deadline, file, blocking call, channel that is marked external or whose other
+/// end another thread has used), it says once on standard error what it waits for, and waits on.
+///
 /// # Errors
 ///
 /// The body's own, or [`SetupError::Nested`](crate::SetupError::Nested) inside a process.
@@ -408,8 +415,7 @@ fn poll_until_failure<F: Future>(
 pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
     let _scope = Scope::free_standing().enter_until_dropped();
     let mut body = std::pin::pin!(body);
-    luna_executors::block_on(std::future::poll_fn(|cx| {
-        poll_until_failure(body.as_mut(), cx)
-    }))?
-    .map_err(Error::from)?
+    let body = std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx));
+    luna_executors::block_on_patiently(body, alone::PATIENCE, alone::tell_if_stuck)?
+        .map_err(Error::from)?
 }

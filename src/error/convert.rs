@@ -87,6 +87,16 @@ impl<T> From<channels::TrySendError<T>> for Error {
     }
 }
 
+impl<Q> From<channels::CallError<Q>> for Error {
+    fn from(error: channels::CallError<Q>) -> Error {
+        match error {
+            channels::CallError::Closed(_) => Error::Closed,
+            channels::CallError::Poisoned(_) | channels::CallError::Interrupted => Error::Poisoned,
+            channels::CallError::Unanswered => Error::Unanswered,
+        }
+    }
+}
+
 impl From<channels::TryRecvError> for Error {
     fn from(error: channels::TryRecvError) -> Error {
         match error {
@@ -129,6 +139,13 @@ impl From<channels::BufferError> for Error {
 impl From<luna_executors::FileError> for Error {
     fn from(error: luna_executors::FileError) -> Error {
         Error::other(error)
+    }
+}
+
+#[cfg(unix)]
+impl From<crate::external::LinkError> for Error {
+    fn from(error: crate::external::LinkError) -> Error {
+        Error::External(error)
     }
 }
 

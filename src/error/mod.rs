@@ -2,9 +2,13 @@
 
 mod convert;
 mod setup;
+mod several;
 
 pub use setup::SetupError;
+pub(crate) use several::Failures;
+pub use several::{Errors, Several};
 
+use crate::system::deadlock::Deadlock;
 use crate::time::LoopName;
 use std::fmt;
 use std::sync::Arc;
@@ -27,6 +31,8 @@ pub enum Error {
     Full,
     /// Receiving at once: nothing is there.
     Empty,
+    /// A call that its server has taken and dropped without a reply.
+    Unanswered,
     /// The time ran out.
     Timeout,
     /// A process failed.
@@ -47,8 +53,15 @@ pub enum Error {
         /// How many cycles in a row were late.
         consecutive: u32,
     },
+    /// Every process of a [`strict`](crate::System::strict) system waited for another one.
+    Deadlock(Box<Deadlock>),
     /// What was asked for cannot be set up.
     Setup(SetupError),
+    /// Several branches of a parallel construct failed: see [`Error::errors`].
+    Several(Several),
+    /// A link to a file failed.
+    #[cfg(unix)]
+    External(crate::external::LinkError),
     /// An error of the user's own: see [`Error::other`].
     Other(OtherError),
 }
@@ -64,7 +77,25 @@ impl Error {
         Error::Other(OtherError(Arc::from(error.into())))
     }
 
-    /// Whether it comes from poison, however deep.
+    /// All errors in it: those of the branches if it is [`Several`](Error::Several), in the order in which they are written, else itself.
+    ///
+    /// Real-time path: yes; O(1) a step, but O(branches) past branches that did not fail. No allocation.
+    ///
+    /// ```
+    /// use luna::Error;
+    /// use luna::prelude::*;
+    ///
+    /// let fails = async || Err::<(), _>(Error::other("the cause"));
+    /// let error = luna::run(async { par!(fails(), async { Ok(()) }, async { Err::<(), _>(Error::Timeout) }).await }).unwrap_err();
+    /// let texts: Vec<String> = error.errors().map(Error::to_string).collect();
+    /// assert_eq!(texts, ["the cause", "the time ran out"]);
+    /// assert_eq!(Error::Closed.errors().count(), 1);
+    /// ```
+    pub fn errors(&self) -> Errors<'_> {
+        Errors::of(self)
+    }
+
+    /// Whether it comes from poison, however deep. Of several errors the first one in written order is asked.
     ///
     /// ```
     /// let deep = luna::Error::Process { name: "drive".into(), source: Box::new(luna::Error::Poisoned) };
@@ -74,15 +105,17 @@ impl Error {
         match self {
             Error::Poisoned => true,
             Error::Process { source, .. } => source.is_poisoned(),
+            Error::Several(several) => several.first().is_poisoned(),
             _ => false,
         }
     }
 
-    /// Whether it comes from a closed channel, however deep.
+    /// Whether it comes from a closed channel, however deep. Of several errors the first one in written order is asked.
     pub fn is_closed(&self) -> bool {
         match self {
             Error::Closed => true,
             Error::Process { source, .. } => source.is_closed(),
+            Error::Several(several) => several.first().is_closed(),
             _ => false,
         }
     }
@@ -116,6 +149,7 @@ impl fmt::Display for Error {
             ),
             Error::Closed => f.write_str("the other ends of the channel are gone"),
             Error::Full => f.write_str("nobody waits to receive and there is no room"),
+            Error::Unanswered => f.write_str("the server has dropped the call without a reply"),
             Error::Empty => f.write_str("nobody waits to send and nothing is buffered"),
             Error::Timeout => f.write_str("the time ran out"),
             Error::Process { name, source } => write!(f, "process `{name}`: {source}"),
@@ -126,7 +160,11 @@ impl fmt::Display for Error {
                 "loop `{name}` was late {consecutive} cycles in a row, which is its limit: give it less to do, a longer \
                  period, a higher priority, or a greater limit"
             ),
+            Error::Deadlock(deadlock) => deadlock.fmt(f),
             Error::Setup(error) => error.fmt(f),
+            Error::Several(several) => several.fmt(f),
+            #[cfg(unix)]
+            Error::External(error) => error.fmt(f),
             Error::Other(error) => error.fmt(f),
         }
     }
@@ -137,6 +175,9 @@ impl std::error::Error for Error {
         match self {
             Error::Process { source, .. } => Some(source),
             Error::Setup(error) => error.source(),
+            Error::Several(several) => Some(several.first()),
+            #[cfg(unix)]
+            Error::External(error) => error.source(),
             Error::Other(error) => error.0.source(),
             _ => None,
         }

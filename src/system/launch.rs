@@ -1,6 +1,7 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
 use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running};
+use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
@@ -41,6 +42,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
             .into());
         }
         members.phase = Phase::Running;
+        members.places = members.executors.iter().map(ExecutorPlan::part).collect();
         (
             std::mem::take(&mut members.executors),
             std::mem::take(&mut members.waiting),
@@ -103,6 +105,13 @@ fn launch_described(
             .map_err(|error| Error::not_started(&executor.name, error))?;
         executors.push((executor.name, started));
     }
+    let places = executors
+        .iter()
+        .map(|(name, executor)| {
+            ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())
+        })
+        .collect();
+    plan.members().places = places;
     let handles = executors
         .iter()
         .map(|(_, executor)| executor.handle().clone())
@@ -113,6 +122,7 @@ fn launch_described(
         scope,
         emergency,
         mode,
+        tree: plan.tree().clone(),
     };
 
     let mut held = Held::default();

@@ -1,12 +1,17 @@
 //! The system: which processes there are, where each runs, and their common start and end.
 
 mod builder;
+mod compose;
+pub mod deadlock;
 mod launch;
 mod plan;
+mod quiet;
 mod supervise;
 
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
+pub use compose::Observer;
 
+use crate::csp::composition::Composition;
 use crate::error::Result;
 use crate::report::Report;
 use luna_executors::ProcessHandle;
@@ -48,7 +53,8 @@ impl System {
         }
     }
 
-    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory.
+    /// Refuses to start, with an error, if anything that was asked for cannot be had: policies, cores, locked memory. And a deadlock, which
+    /// otherwise is only told, is an emergency that ends the system with [`Error::Deadlock`](crate::Error::Deadlock).
     pub fn strict(&mut self) -> &mut Self {
         self.plan.settings().strict = true;
         self
@@ -123,6 +129,32 @@ impl System {
         self.plan.process_handle(id)
     }
 
+    /// What the system is made of at this moment: a tree of threads, processes and named sub-processes, and the channels between them.
+    ///
+    /// Before [`run`](Self::run) it shows what was asked for, then what there is. Since `run` keeps this thread busy, another one asks an
+    /// [`observer`](Self::observer). Not for the real-time path: it allocates, and takes plain locks; each process' named
+    /// sub-processes are read in pieces of a few at a time.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let mut system = System::new("greeter");
+    /// let main = system.executor("main").build()?;
+    /// main.process("hello").priority(20).spawn(async { Ok(()) })?;
+    /// let composition = system.composition();
+    /// assert_eq!(composition.threads[0].processes[0].name, "hello");
+    /// println!("{composition}");
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn composition(&self) -> Composition {
+        self.observer().composition()
+    }
+
+    /// A handle to look at the system with while it runs, for another thread or for a process of it. Cloning it is cheap.
+    pub fn observer(&self) -> Observer {
+        Observer::new(self.plan.clone())
+    }
+
     /// Runs the system: returns when all processes have ended, and `post_run` of each, and all threads.
     ///
     /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
@@ -135,7 +167,8 @@ impl System {
     ///
     /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
     /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
-    /// fails is told on standard error at once, and the others go on.
+    /// fails is told on standard error at once, and the others go on. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
+    /// [`strict`](Self::strict) and every process waits for another.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan)
     }

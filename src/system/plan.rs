@@ -1,6 +1,8 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
+use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
+use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
 use crate::safety::{Emergency, Function};
@@ -16,6 +18,7 @@ pub(crate) struct Plan {
     name: String,
     settings: Mutex<Settings>,
     members: Mutex<Members>,
+    tree: Arc<Tree>,
 }
 
 #[derive(Default)]
@@ -43,6 +46,13 @@ pub(crate) struct ExecutorPlan {
     pub(crate) attributes: Attributes,
 }
 
+impl ExecutorPlan {
+    /// It as a part of the system, as it was asked for.
+    pub(crate) fn part(&self) -> ThreadPart {
+        ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
+    }
+}
+
 /// A process to be.
 pub(crate) struct ProcessPlan {
     pub(crate) name: String,
@@ -61,6 +71,16 @@ pub(crate) struct Member {
     pub(crate) resident: Option<Box<dyn Phases>>,
     pub(crate) error: Option<Error>,
     pub(crate) buried: bool,
+    pub(crate) on: On,
+}
+
+/// Where a process was started.
+#[derive(Clone)]
+pub(crate) enum On {
+    /// The executor with this number.
+    Executor(usize),
+    /// A thread of its own.
+    Thread(ThreadPart),
 }
 
 /// What processes are started with while the system runs.
@@ -71,6 +91,7 @@ pub(crate) struct Running {
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) mode: Mode,
+    pub(crate) tree: Arc<Tree>,
 }
 
 /// An OS thread with its name.
@@ -93,6 +114,7 @@ impl Running {
             verdict: Verdict::new(),
             scope: self.scope.clone(),
             emergency: self.emergency.clone(),
+            tree: self.tree.clone(),
         }
     }
 
@@ -110,10 +132,11 @@ impl Running {
         } = plan;
         let frame = self.frame();
         let verdict = frame.verdict.clone();
-        let (handle, thread) = match place {
+        let (handle, thread, on) = match place {
             Place::Executor(number) => (
                 starter.on_executor(&self.executors[number], spec, frame),
                 None,
+                On::Executor(number),
             ),
             Place::Thread {
                 name: thread_name,
@@ -125,7 +148,18 @@ impl Running {
                     self.living.clone(),
                     frame,
                 ) {
-                    Ok(thread) => (thread.process().clone(), Some((thread_name, thread))),
+                    Ok(thread) => {
+                        let part = ThreadPart::obtained(
+                            &thread_name,
+                            ThreadKind::OsThread,
+                            thread.obtained(),
+                        );
+                        (
+                            thread.process().clone(),
+                            Some((thread_name, thread)),
+                            On::Thread(part),
+                        )
+                    }
                     Err(error) => {
                         return Err(NotStarted {
                             error: Error::not_started(&name, error),
@@ -144,6 +178,7 @@ impl Running {
                 resident,
                 error: None,
                 buried: false,
+                on,
             },
             thread,
         ))
@@ -154,6 +189,8 @@ impl Running {
 pub(crate) struct Members {
     pub(crate) phase: Phase,
     pub(crate) executors: Vec<ExecutorPlan>,
+    /// The executors that were started, as parts of the system.
+    pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
     pub(crate) started: Vec<Member>,
     pub(crate) threads: Vec<NamedThread>,
@@ -191,11 +228,17 @@ impl Plan {
             name: name.to_owned(),
             settings: Mutex::default(),
             members: Mutex::default(),
+            tree: Tree::new(),
         }
     }
 
     pub(crate) fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The named sub-processes.
+    pub(crate) fn tree(&self) -> &Arc<Tree> {
+        &self.tree
     }
 
     pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {

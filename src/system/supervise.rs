@@ -1,13 +1,15 @@
 //! The run: from the release of the bodies to the report.
 
+use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::plan::{Member, NamedThread, Phase, Plan};
+use super::quiet::Lookout;
 use crate::csp::process::{Ended, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, ProcessReport, Report, ThreadReport};
 use luna_executors::{Executor, Exit, ProcessState};
 use luna_platform::clock::Instant;
-use luna_platform::thread::{Obtained, Policy};
+use luna_platform::thread::{Mode, Obtained, Policy};
 use luna_platform::{current, reclaim};
 use std::time::Duration;
 
@@ -33,7 +35,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         }
     }
 
-    let threads = watch(plan, &launched);
+    let (threads, deadlock) = watch(plan, &launched);
     let emergency = launched.running.emergency.is_safe();
     let elapsed = Instant::now() - started;
     let Launched {
@@ -61,19 +63,23 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let processes = members.started.iter().map(process_report).collect();
     let report = Report {
         system: plan.name().to_owned(),
-        end: match (signal, emergency) {
-            (Some(number), _) => End::Signal(number),
-            (None, true) => End::Panic,
-            (None, false) => End::Completed,
+        end: match (signal, emergency, has_panicked(&members.started)) {
+            (Some(number), _, _) => End::Signal(number),
+            (None, true, false) if deadlock.is_some() && running.mode == Mode::Strict => {
+                End::Deadlock
+            }
+            (None, true, _) => End::Panic,
+            (None, false, _) => End::Completed,
         },
         elapsed,
         threads,
         processes,
         loops: running.scope.take_reports(),
         shortfalls,
+        deadlock,
     };
     members.report = Some(report.clone());
-    match first_error(&mut members.started, report.end) {
+    match first_error(&members.started, &report) {
         Some(error) => Err(error),
         None => Ok(report),
     }
@@ -127,9 +133,10 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
 }
 
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
-/// the OS threads.
-fn watch(plan: &Plan, launched: &Launched) -> Vec<NamedThread> {
+/// the OS threads, and the deadlock that was found, if one was.
+fn watch(plan: &Plan, launched: &Launched) -> (Vec<NamedThread>, Option<Deadlock>) {
     let running = &launched.running;
+    let mut lookout = Lookout::new();
     loop {
         let seen = running.living.changes();
         bury(plan, true);
@@ -138,10 +145,20 @@ fn watch(plan: &Plan, launched: &Launched) -> Vec<NamedThread> {
             if running.is_over() {
                 members.phase = Phase::Ended;
                 members.running = None;
-                return std::mem::take(&mut members.threads);
+                let threads = std::mem::take(&mut members.threads);
+                return (threads, lookout.into_found());
             }
         }
-        running.living.wait(seen, Instant::NEVER);
+        // After the burial, which may have dropped channel ends.
+        let (found, until) = lookout.look(plan, running);
+        if let Some(deadlock) = found {
+            eprintln!("luna: {deadlock}");
+            if running.mode == Mode::Strict {
+                // The machine may stand in the middle of a movement.
+                running.emergency.trigger();
+            }
+        }
+        running.living.wait(seen, until);
     }
 }
 
@@ -272,15 +289,28 @@ fn process_report(member: &Member) -> ProcessReport {
     }
 }
 
+fn is_panic(error: &Error) -> bool {
+    matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)))
+}
+
+fn has_panicked(members: &[Member]) -> bool {
+    let mut errors = members.iter().filter_map(|member| member.error.as_ref());
+    errors.any(is_panic)
+}
+
 /// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
 /// processes return while they are being ended says nothing.
-fn first_error(members: &mut [Member], end: End) -> Option<Error> {
-    let is_panic = |error: &Error| matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)));
-    let wanted = |error: &&Error| match end {
+fn first_error(members: &[Member], report: &Report) -> Option<Error> {
+    let wanted = |error: &&Error| match report.end {
         End::Signal(_) => false,
         End::Panic => is_panic(error),
         End::Completed => true,
+        // What they return while they are being ended says nothing either.
+        End::Deadlock => false,
     };
+    if report.end == End::Deadlock {
+        return report.deadlock.clone().map(Box::new).map(Error::Deadlock);
+    }
     members
         .iter()
         .filter_map(|member| member.error.as_ref())

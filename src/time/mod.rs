@@ -1,14 +1,18 @@
-//! Time as processes see it: the clock, delays, and periodic loops with their statistics.
+//! Time as processes see it: the clock, timer channels, and periodic loops with their statistics.
 
-mod after;
+mod clock;
 mod distribution;
 mod periodic;
 mod registry;
 mod statistics;
+mod ticks;
+mod timer;
 
-pub use after::{After, after, at, now};
+pub use clock::now;
 pub use distribution::Distribution;
 pub use luna_platform::clock::Instant;
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
 pub use statistics::LoopReport;
+pub use ticks::{NextTick, Tick, Ticks, ticks};
+pub use timer::{Expiry, Timer};

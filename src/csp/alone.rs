@@ -1,0 +1,29 @@
+//! What `luna::run` says when its body waits for nobody: there is no system around it that could look after it.
+
+use crate::csp::network;
+use crate::system::deadlock::{Sleeping, find};
+use luna_platform::current::ProcessId;
+use std::time::Duration;
+
+/// How long it waits before it says so. A thread that has not used its end yet may be about to: here nobody marks channels for it.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Says what `process` waits for, if no other thread is known to use that; whether it was said.
+pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
+    let body = Sleeping {
+        id: process,
+        name: "main".to_owned(),
+        has_ended: false,
+        joiners: Vec::new(),
+    };
+    let Some(found) = find("", &[body], &network::meetings()) else {
+        return false;
+    };
+    let mut text =
+        String::from("luna: the body of luna::run waits, and nothing that it knows of can wake it");
+    for wait in found.waits {
+        text.push_str(&format!("\n  {wait}"));
+    }
+    eprintln!("{text}");
+    true
+}

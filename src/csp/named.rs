@@ -1,0 +1,211 @@
+//! Named sub-processes: futures that show themselves, with a name, in the composition tree of the system while they live.
+
+use super::tree::{Label, Node, Tree};
+use luna_platform::current::{self, Process, ProcessId};
+use std::cell::{Cell, RefCell, UnsafeCell};
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll};
+
+/// Gives a part of a process a name: it stands as a sub-process in the [`Composition`](crate::Composition) of the system from its first
+/// poll until it has ended or is dropped, under the named sub-process that it runs in, or else under its process.
+///
+/// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there is no system, and under other
+/// runtimes it is the future and nothing else.
+///
+/// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting lock for a few steps, O(1); the
+/// polls in between cost some stores. Cancel-safe if the future is.
+///
+/// ```
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("named");
+/// let observer = system.observer();
+/// let main = system.executor("main").build()?;
+/// main.process("drive").spawn(async move {
+///     par!(
+///         luna::named("left", async {
+///             let shown = observer.composition().threads[0].processes[0].children[0].name.clone();
+///             assert_eq!(shown, "left");
+///             Ok(())
+///         }),
+///         luna::named("right", async { Ok(()) }),
+///     )
+///     .await?;
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
+    Named {
+        tree: None,
+        node: Place(UnsafeCell::new(Node::new(Label::new(name)))),
+        future,
+        _pinned: PhantomPinned,
+    }
+}
+
+/// A named sub-process: see [`named`].
+///
+/// # Invariants
+///
+/// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links, `id`, `parent` and `process` are
+/// written under the list's lock alone, and but for the links by this future alone.
+#[must_use = "a sub-process does nothing unless awaited"]
+pub struct Named<F> {
+    tree: Option<Arc<Tree>>,
+    node: Place,
+    future: F,
+    _pinned: PhantomPinned,
+}
+
+/// Where a node lies.
+struct Place(UnsafeCell<Node>);
+
+// SAFETY: a node's links are guarded by the list's lock, wherever the future is; all else is its future's, or does not change while listed.
+unsafe impl Send for Place {}
+// SAFETY: `&Named` gives access to the name alone, which does not change.
+unsafe impl Sync for Place {}
+
+thread_local! {
+    /// The tree of the system that this thread works for.
+    static TREE: RefCell<Option<Arc<Tree>>> = const { RefCell::new(None) };
+    /// The sub-process that is being polled, 0 if none is.
+    static WITHIN: Cell<u64> = const { Cell::new(0) };
+}
+
+impl Tree {
+    /// Makes this the tree of the calling thread, for as long as the thread lives.
+    pub(crate) fn enter_thread(self: &Arc<Self>) {
+        TREE.with_borrow_mut(|tree| {
+            if !tree.as_ref().is_some_and(|there| Arc::ptr_eq(there, self)) {
+                *tree = Some(self.clone());
+            }
+        });
+    }
+}
+
+impl<F> Named<F> {
+    /// The name, as it is kept.
+    pub fn name(&self) -> &str {
+        // SAFETY: the name does not change, and this borrows it alone.
+        unsafe { &(*self.node.0.get()).name }.as_str()
+    }
+
+    /// Sees to it that the node is listed under what it is being polled in. Gives its id, 0 where there is no system.
+    ///
+    /// # Safety
+    ///
+    /// The future is pinned.
+    unsafe fn list(&mut self, process: ProcessId) -> u64 {
+        let node = NonNull::from(&self.node.0).cast::<Node>();
+        let parent = WITHIN.get();
+        if self.tree.is_some() {
+            // SAFETY: this future alone writes these fields, so it may read them without the lock.
+            let (of, under, id) = unsafe {
+                (
+                    (*node.as_ptr()).process,
+                    (*node.as_ptr()).parent,
+                    (*node.as_ptr()).id,
+                )
+            };
+            if of == Some(process) && under == parent {
+                return id;
+            }
+            // It was moved to another process, or to another part of this one.
+            self.unlist();
+        }
+        let Some(tree) = TREE.with_borrow(Clone::clone) else {
+            return 0;
+        };
+        let id = {
+            let mut list = tree.list.lock();
+            let (id, last) = (list.next_id, list.last);
+            list.next_id += 1;
+            // SAFETY: the node is in no list, so it is this future's alone; it is pinned, and unlisted before it dies.
+            unsafe {
+                (*node.as_ptr()).id = id;
+                (*node.as_ptr()).parent = parent;
+                (*node.as_ptr()).process = Some(process);
+                list.insert(node, last);
+            }
+            id
+        };
+        self.tree = Some(tree);
+        id
+    }
+
+    fn unlist(&mut self) {
+        if let Some(tree) = self.tree.take() {
+            let node = NonNull::from(&self.node.0).cast::<Node>();
+            // SAFETY: while there was a tree the node was in its list.
+            unsafe { tree.list.lock().remove(node) };
+        }
+    }
+}
+
+impl<F: Future> Future for Named<F> {
+    type Output = F::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+        /// Says that it does not run any more, also when it has panicked.
+        struct Ended<'a> {
+            within: u64,
+            is_running: &'a AtomicBool,
+        }
+        impl Drop for Ended<'_> {
+            fn drop(&mut self) {
+                WITHIN.set(self.within);
+                self.is_running.store(false, Ordering::Relaxed);
+            }
+        }
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.get_unchecked_mut() };
+        let process = current::process(|process| process.map(Process::id));
+        // SAFETY: the future is pinned, as this value is.
+        let id = process.map_or(0, |process| unsafe { this.list(process) });
+        let polled = {
+            // SAFETY: both are atomic, and may be borrowed while others look at them.
+            let (is_running, level) = unsafe {
+                let node = this.node.0.get();
+                (&(*node).is_running, &(*node).level)
+            };
+            is_running.store(true, Ordering::Relaxed);
+            level.store(current::priority().level, Ordering::Relaxed);
+            let within = if id == 0 { WITHIN.get() } else { id };
+            let _ended = Ended {
+                within: WITHIN.replace(within),
+                is_running,
+            };
+            // SAFETY: the future is pinned with the whole.
+            unsafe { Pin::new_unchecked(&mut this.future) }.poll(cx)
+        };
+        if polled.is_ready() {
+            this.unlist();
+        }
+        polled
+    }
+}
+
+impl<F> Drop for Named<F> {
+    fn drop(&mut self) {
+        self.unlist();
+    }
+}
+
+impl<F> fmt::Debug for Named<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Named")
+            .field("name", &self.name())
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,86 @@
+//! Branches with errors of any type, by autoref specialization.
+
+use crate::error::{Error, Result};
+use std::cell::Cell;
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// A branch on its way through autoref specialization: it never outlives the macro's expression.
+pub struct Branch<F>(Cell<Option<F>>);
+
+impl<F> fmt::Debug for Branch<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Branch")
+    }
+}
+
+impl<F> Branch<F> {
+    /// Takes the branch as it was written.
+    pub fn new(branch: F) -> Self {
+        Branch(Cell::new(Some(branch)))
+    }
+
+    fn take(&self) -> F {
+        self.0.take().expect("the macro takes each branch once")
+    }
+}
+
+/// A branch whose error is, or can still be inferred to be, [`Error`].
+pub trait Exact {
+    /// The branch.
+    type Branch;
+    /// Takes it as it is.
+    fn branch(self) -> Self::Branch;
+}
+
+impl<F: Future<Output = Result<T>>, T> Exact for Branch<F> {
+    type Branch = F;
+    fn branch(self) -> F {
+        self.take()
+    }
+}
+
+/// A branch with any other error.
+pub trait Converted {
+    /// The branch with its error converted.
+    type Branch;
+    /// Converts its error.
+    fn branch(self) -> Self::Branch;
+}
+
+impl<F, T, E> Converted for &Branch<F>
+where
+    F: Future<Output = Result<T, E>>,
+    E: Into<Error>,
+{
+    type Branch = Converting<F>;
+    fn branch(self) -> Converting<F> {
+        Converting(self.take())
+    }
+}
+
+/// Turns a branch's error into [`Error`].
+pub struct Converting<F>(F);
+
+impl<F> fmt::Debug for Converting<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Converting")
+    }
+}
+
+impl<F, T, E> Future for Converting<F>
+where
+    F: Future<Output = Result<T, E>>,
+    E: Into<Error>,
+{
+    type Output = Result<T>;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Result<T>> {
+        // SAFETY: the branch is pinned with the whole.
+        let branch = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
+        branch.poll(cx).map(|outcome| outcome.map_err(Into::into))
+    }
+}

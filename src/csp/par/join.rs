@@ -1,0 +1,227 @@
+//! The branches of a parallel construct, in their places.
+
+use crate::error::{Error, Failures, Result};
+use luna_platform::current;
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+/// The future of [`par!`](crate::par), and of [`pri_par!`](crate::pri_par) where `BY_PRIORITY`: branches and their values.
+#[must_use = "a parallel construct does nothing unless awaited"]
+pub struct Join<T, const BY_PRIORITY: bool> {
+    branches: T,
+    failed: bool,
+}
+
+impl<T, const BY_PRIORITY: bool> fmt::Debug for Join<T, BY_PRIORITY> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Join")
+            .field("failed", &self.failed)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Used by the macros.
+pub fn join<const BY_PRIORITY: bool, T: Branches>(branches: T) -> Join<T::Slots, BY_PRIORITY> {
+    Join {
+        branches: branches.into_slots(),
+        failed: false,
+    }
+}
+
+/// A tuple of branches.
+pub trait Branches {
+    /// Them with their outcomes.
+    type Slots;
+    /// Makes room for the outcomes.
+    fn into_slots(self) -> Self::Slots;
+}
+
+/// A branch, or what it came to.
+enum State<F, T> {
+    Running(F),
+    Done(Result<T>),
+    Taken,
+}
+
+/// A branch in its place. Pinned with the whole.
+pub struct Slot<F, T>(State<F, T>);
+
+impl<F, T> Slot<F, T> {
+    pub(super) fn new(branch: F) -> Self {
+        Slot(State::Running(branch))
+    }
+
+    pub(super) fn is_running(&self) -> bool {
+        matches!(self.0, State::Running(_))
+    }
+}
+
+impl<F, T> fmt::Debug for Slot<F, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.0 {
+            State::Running(_) => "Running",
+            State::Done(_) => "Done",
+            State::Taken => "Taken",
+        })
+    }
+}
+
+impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
+    /// Polls the branch once if it runs, `below` levels lower than its construct. Says whether it runs on, and notes in `failed` that it
+    /// has just failed.
+    #[inline]
+    pub(super) fn poll(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        below: u8,
+        failed: &mut bool,
+    ) -> bool {
+        // SAFETY: a running branch is polled in its place, and dropped there when it is overwritten.
+        let state = unsafe { &mut self.get_unchecked_mut().0 };
+        let State::Running(branch) = state else {
+            return false;
+        };
+        // SAFETY: as above.
+        let branch = unsafe { Pin::new_unchecked(branch) };
+        if *failed || current::branch_failed() {
+            // One that a panic has left behind is nobody's.
+            current::take_branch_end();
+        }
+        let polled = current::with_branch_below(*failed, below, || branch.poll(cx));
+        let is_over = (*failed || current::branch_failed()) && current::take_branch_end();
+        match polled {
+            Poll::Pending if is_over => {
+                *failed = true;
+                *state = State::Done(Err(Error::Poisoned));
+                false
+            }
+            Poll::Pending => true,
+            Poll::Ready(outcome) => {
+                *failed |= outcome.is_err();
+                // Drops the branch, and with it its channel ends, before the siblings go on.
+                *state = State::Done(outcome);
+                false
+            }
+        }
+    }
+
+    /// Takes what it came to.
+    ///
+    /// # Panics
+    ///
+    /// If it runs, or was taken before.
+    pub(super) fn take(self: Pin<&mut Self>) -> Result<T> {
+        // SAFETY: an outcome is not pinned.
+        match std::mem::replace(unsafe { &mut self.get_unchecked_mut().0 }, State::Taken) {
+            State::Done(outcome) => outcome,
+            State::Running(_) | State::Taken => {
+                panic!("a parallel construct was polled after it had ended")
+            }
+        }
+    }
+}
+
+/// One turn of all branches.
+struct Turn<'a, const BY_PRIORITY: bool> {
+    failed: &'a mut bool,
+    running: bool,
+    /// How many levels the next branch runs below the construct.
+    below: u8,
+    /// What is more urgent than the next branch runs first.
+    gave_way: bool,
+}
+
+impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
+    #[inline]
+    fn new(failed: &'a mut bool) -> Self {
+        Turn {
+            failed,
+            running: false,
+            below: 0,
+            gave_way: false,
+        }
+    }
+
+    #[inline]
+    fn poll<F: Future<Output = Result<T>>, T>(
+        &mut self,
+        mut slot: Pin<&mut Slot<F, T>>,
+        cx: &mut Context<'_>,
+    ) {
+        if !BY_PRIORITY {
+            self.running |= slot.poll(cx, 0, self.failed);
+            return;
+        }
+        if !self.gave_way && self.below > 0 && slot.is_running() {
+            // The process may have been given its turn for a more urgent branch. Whether this one has anything to do is not known,
+            // so the process comes again at this one's level.
+            self.gave_way = current::with_branch_below(false, self.below, || current::give_way(cx));
+        }
+        self.running |= if self.gave_way {
+            slot.is_running()
+        } else {
+            slot.as_mut().poll(cx, self.below, self.failed)
+        };
+        self.below += 1;
+    }
+}
+
+macro_rules! joins {
+    ($($branch:ident $value:ident $slot:ident),+) => {
+        impl<$($branch: Future<Output = Result<$value>>, $value),+> Branches for ($($branch,)+) {
+            type Slots = ($(Slot<$branch, $value>,)+);
+            fn into_slots(self) -> Self::Slots {
+                let ($($slot,)+) = self;
+                ($(Slot::new($slot),)+)
+            }
+        }
+
+        impl<$($branch: Future<Output = Result<$value>>, $value,)+ const BY_PRIORITY: bool> Future for Join<($(Slot<$branch, $value>,)+), BY_PRIORITY> {
+            type Output = Result<($($value,)+)>;
+
+            fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+                // SAFETY: the slots are pinned with the whole.
+                let this = unsafe { self.get_unchecked_mut() };
+                let ($($slot,)+) = &mut this.branches;
+                // SAFETY: as above.
+                $(let mut $slot = unsafe { Pin::new_unchecked($slot) };)+
+                loop {
+                    let failed_before = this.failed;
+                    let mut turn = Turn::<BY_PRIORITY>::new(&mut this.failed);
+                    $(turn.poll($slot.as_mut(), cx);)+
+                    let running = turn.running;
+                    // The siblings of a branch that has just failed learn of it now; that happens once.
+                    if running && this.failed == failed_before {
+                        return Poll::Pending;
+                    }
+                    if !running {
+                        break;
+                    }
+                }
+                Poll::Ready(match ($($slot.take(),)+) {
+                    ($(Ok($slot),)+) => Ok(($($slot,)+)),
+                    ($($slot,)+) => {
+                        let mut failures = Failures::new();
+                        $(failures.add($slot.err());)+
+                        Err(failures.take_error().expect("not all branches have ended well"))
+                    }
+                })
+            }
+        }
+    };
+}
+
+joins!(A TA a);
+joins!(A TA a, B TB b);
+joins!(A TA a, B TB b, C TC c);
+joins!(A TA a, B TB b, C TC c, D TD d);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g, H TH h);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g, H TH h, I TI i);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g, H TH h, I TI i, J TJ j);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g, H TH h, I TI i, J TJ j, K TK k);
+joins!(A TA a, B TB b, C TC c, D TD d, E TE e, F TF f, G TG g, H TH h, I TI i, J TJ j, K TK k, L TL l);

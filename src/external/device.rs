@@ -1,0 +1,175 @@
+//! The file of a link: reads and writes that wait as processes do.
+
+use super::error::{LinkError, OsError};
+use luna_channels::{ChannelEnd, Ended};
+use luna_executors::{FileError, readable, writable, yield_now};
+use luna_platform::file;
+use luna_platform::reactor::ReactorError;
+use std::fs::File;
+use std::future::{Future, poll_fn};
+use std::io::{ErrorKind, IsTerminal};
+use std::os::fd::OwnedFd;
+use std::pin::{Pin, pin};
+use std::task::Poll;
+
+/// How many calls are made in one go to a file that never lets its link wait. Then others have their turn.
+const CALLS_IN_ONE_GO: u32 = 16;
+
+/// An open file in non-blocking mode.
+#[derive(Debug)]
+pub(super) struct Device {
+    file: File,
+    is_terminal: bool,
+    /// Calls since the process last waited.
+    calls: u32,
+    /// Whether the last read took all there was, so that the next one would be in vain.
+    is_drained: bool,
+    /// Whether the system cannot wait for it, because it never has to be waited for: one on a disk, `/dev/zero`.
+    is_always_ready: bool,
+}
+
+/// Why a read or write was not done.
+#[derive(Debug)]
+pub(super) enum Stop {
+    Failed(LinkError),
+    /// The channel has ended, so there is no use in it.
+    Ended(ChannelEnd),
+}
+
+impl From<LinkError> for Stop {
+    fn from(error: LinkError) -> Self {
+        Stop::Failed(error)
+    }
+}
+
+impl Device {
+    pub(super) fn new(file: OwnedFd) -> Self {
+        let is_terminal = file.is_terminal();
+        Self {
+            file: file.into(),
+            is_terminal,
+            calls: 0,
+            is_drained: false,
+            is_always_ready: false,
+        }
+    }
+
+    pub(super) fn prepare(&mut self) -> Result<(), LinkError> {
+        self.is_always_ready = self.file.metadata().is_ok_and(|about| about.is_file());
+        file::set_non_blocking(&self.file).map_err(|error| LinkError::SetUp(error.into()))
+    }
+
+    /// Reads what is there, to a place that is not empty; waits for some, while the channel has not `ended`. 0 is the end of the file.
+    pub(super) async fn read(
+        &mut self,
+        to: &mut [u8],
+        mut ended: Pin<&mut Ended<'_>>,
+    ) -> Result<usize, Stop> {
+        loop {
+            if self.is_drained {
+                self.wait(Direction::In, ended.as_mut()).await?;
+            }
+            self.give_way(ended.as_mut()).await?;
+            match file::read(&self.file, to) {
+                Ok(count) => {
+                    self.is_drained = count < to.len() && !self.is_always_ready;
+                    return Ok(count);
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    self.is_drained = true;
+                    // What claims to be always ready, and is not, would be asked for ever.
+                    if self.is_always_ready {
+                        return Err(LinkError::Read(error.into()).into());
+                    }
+                }
+                // What a terminal says whose other side has hung up.
+                Err(error) if self.is_terminal && error.raw_os_error() == Some(EIO) => {
+                    return Ok(0);
+                }
+                Err(error) => return Err(LinkError::Read(error.into()).into()),
+            }
+        }
+    }
+
+    /// Writes all of `bytes`, the record `number`; waits for room, while the channel has not `ended`.
+    pub(super) async fn write(
+        &mut self,
+        bytes: &[u8],
+        number: u64,
+        mut ended: Pin<&mut Ended<'_>>,
+    ) -> Result<(), Stop> {
+        let mut written = 0;
+        let failed = |written, error: std::io::Error| {
+            Err(Stop::Failed(LinkError::Write {
+                record: number,
+                written,
+                error: OsError::from(error),
+            }))
+        };
+        while written < bytes.len() {
+            self.give_way(ended.as_mut()).await?;
+            match file::write(&self.file, &bytes[written..]) {
+                Ok(0) => return failed(written, ErrorKind::WriteZero.into()),
+                Ok(count) => written += count,
+                Err(error) if error.kind() == ErrorKind::WouldBlock && !self.is_always_ready => {
+                    self.wait(Direction::Out, ended.as_mut()).await?;
+                }
+                Err(error) => return failed(written, error),
+            }
+        }
+        Ok(())
+    }
+
+    async fn wait(
+        &mut self,
+        direction: Direction,
+        mut ended: Pin<&mut Ended<'_>>,
+    ) -> Result<(), Stop> {
+        let mut ready = pin!(match direction {
+            Direction::In => readable(&self.file),
+            Direction::Out => writable(&self.file),
+        });
+        let waited = poll_fn(|cx| match ended.as_mut().poll(cx) {
+            Poll::Ready(end) => Poll::Ready(Err(Stop::Ended(end))),
+            Poll::Pending => ready.as_mut().poll(cx).map(Ok),
+        })
+        .await?;
+        self.is_drained = false;
+        match waited {
+            Ok(()) => {
+                self.calls = 0;
+                Ok(())
+            }
+            Err(FileError::Refused(ReactorError::AlwaysReady { .. })) => {
+                self.is_always_ready = true;
+                Ok(())
+            }
+            Err(error) => Err(LinkError::Wait(error).into()),
+        }
+    }
+
+    async fn give_way(&mut self, mut ended: Pin<&mut Ended<'_>>) -> Result<(), Stop> {
+        self.calls += 1;
+        if self.calls > CALLS_IN_ONE_GO {
+            self.calls = 1;
+            yield_now().await;
+            let end = poll_fn(|cx| match ended.as_mut().poll(cx) {
+                Poll::Ready(end) => Poll::Ready(Some(end)),
+                Poll::Pending => Poll::Ready(None),
+            });
+            if let Some(end) = end.await {
+                return Err(Stop::Ended(end));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Direction {
+    In,
+    Out,
+}
+
+/// The same on every Unix.
+const EIO: i32 = 5;

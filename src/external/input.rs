@@ -1,0 +1,165 @@
+//! From a file to a channel.
+
+use super::device::{Device, Stop};
+use super::error::LinkError;
+use super::framing::Framing;
+use super::record::{Fault, FromBytes};
+use super::splitter::Splitter;
+use crate::Sender;
+use crate::csp::process::Process;
+use crate::error::{Error, Result};
+use luna_channels::ChannelEnd;
+use std::fmt;
+use std::future::Future;
+use std::os::fd::OwnedFd;
+use std::pin::pin;
+
+/// Makes a process that reads records from `file` and sends them to `sender`'s channel.
+///
+/// Spawn it where it is to run, on an executor or as an OS-thread process; it need not be the place of those who receive. It reads ahead at most
+/// 4 KiB or one record; what it has read waits in the link until the channel takes it. The end of the file, or a terminal that has hung up, ends the process, and with its
+/// sender the channel. So does a broken record (a line too long, a record that the end of the file cuts off, bytes that do not decode), with an error: unless the
+/// channel carries `Result<T, BadRecord>`, which then gets that in its place. It also ends, without an error, when the last receiver is gone;
+/// and with [`Error::Poisoned`](crate::Error::Poisoned) when the channel is poisoned. The file is closed when the process has ended.
+///
+/// The file is put in non-blocking mode, for good and for all duplicates of its descriptor: give a terminal that a shell uses too as one opened
+/// anew (`/dev/tty`). One on a disk can be read, but the system holds up the whole thread for it. Nothing is allocated after
+/// [`pre_run`](Process::pre_run).
+///
+/// ```
+/// use luna::external::{Framing, Frame};
+/// use luna::prelude::*;
+/// use std::io::Write;
+///
+/// let (near, mut far) = std::io::pipe()?;
+/// let (sender, lines) = luna::channel::<Frame<80>>();
+/// let mut system = System::new("console");
+/// let executor = system.executor("main").build()?;
+/// executor.process("console").spawn(luna::external::input(near, sender, Framing::lines(80)))?;
+/// executor.process("reader").spawn(async move {
+///     assert_eq!(lines.recv().await?.text(), Ok("hello"));
+///     assert!(lines.recv().await.is_err_and(|error| error.is_closed()));
+///     Ok(())
+/// })?;
+/// far.write_all(b"hello\n")?;
+/// drop(far);
+/// # match system.run() {
+/// #     Err(luna::Error::Process { source, .. }) if matches!(&*source, luna::Error::External(luna::external::LinkError::Wait(e)) if e.is_unsupported()) => return Ok(()),
+/// #     ran => ran,
+/// # }?;
+/// # #[cfg(any())]
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub fn input<T: FromBytes + Send>(
+    file: impl Into<OwnedFd>,
+    sender: Sender<T>,
+    framing: Framing,
+) -> Input<T> {
+    Input {
+        device: Some(Device::new(file.into())),
+        sender: Some(sender.external()),
+        framing,
+        splitter: None,
+    }
+}
+
+/// A link from a file to a channel, to be spawned: see [`input`].
+///
+/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and `link.run().await?`.
+#[must_use = "a link is a process: spawn it"]
+pub struct Input<T> {
+    /// Until the end.
+    device: Option<Device>,
+    sender: Option<Sender<T>>,
+    framing: Framing,
+    /// From `pre_run` on.
+    splitter: Option<Splitter>,
+}
+
+impl<T: FromBytes + Send> Process for Input<T> {
+    /// Checks the framing, makes room for records, and puts the file in non-blocking mode.
+    ///
+    /// # Errors
+    ///
+    /// A [`LinkError`] that says which of these failed.
+    fn pre_run(&mut self) -> Result<()> {
+        self.framing.validate()?;
+        if let Some(device) = &mut self.device {
+            device.prepare()?;
+        }
+        self.splitter = Some(Splitter::new(self.framing));
+        Ok(())
+    }
+
+    fn run(&mut self) -> impl Future<Output = Result<()>> {
+        // Now, when the body is made: off the real-time path, on its thread. If it fails, so does the first wait, which tells; a file
+        // that is never waited for does not care.
+        let _ = luna_executors::prepare_files();
+        async {
+            // The channel ends with the body, without waiting for the clean-up.
+            let sender = self.sender.take();
+            let (Some(device), Some(splitter), Some(sender)) =
+                (&mut self.device, &mut self.splitter, sender)
+            else {
+                return Err(LinkError::NotPrepared.into());
+            };
+            pump(device, splitter, &sender).await
+        }
+    }
+
+    /// Closes the file.
+    fn post_run(&mut self) {
+        self.device = None;
+    }
+}
+
+async fn pump<T: FromBytes + Send>(
+    device: &mut Device,
+    splitter: &mut Splitter,
+    sender: &Sender<T>,
+) -> Result<()> {
+    let mut ended = pin!(sender.ended());
+    let mut is_at_end = false;
+    loop {
+        let record = if is_at_end {
+            splitter.finish()
+        } else {
+            splitter.next()
+        };
+        let decoded = match record {
+            Some(Ok(bytes)) => T::from_bytes(bytes).map_err(Fault::Malformed),
+            Some(Err(bad)) => Err(bad.fault),
+            None if is_at_end => return Ok(()),
+            None => {
+                match device.read(splitter.room(), ended.as_mut()).await {
+                    Ok(0) => is_at_end = true,
+                    Ok(count) => splitter.filled(count),
+                    // Nobody reads the device any more.
+                    Err(Stop::Ended(ChannelEnd::Closed)) => return Ok(()),
+                    Err(Stop::Ended(ChannelEnd::Poisoned)) => return Err(Error::Poisoned),
+                    Err(Stop::Failed(error)) => return Err(error.into()),
+                }
+                continue;
+            }
+        };
+        let value = match decoded {
+            Ok(value) => value,
+            Err(fault) => T::from_bad(splitter.bad(fault)).map_err(LinkError::Record)?,
+        };
+        match sender.send(value).await {
+            Ok(()) => {}
+            Err(error) if error.is_closed() => return Ok(()),
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+impl<T> fmt::Debug for Input<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Input")
+            .field("device", &self.device)
+            .field("framing", &self.framing)
+            .finish_non_exhaustive()
+    }
+}

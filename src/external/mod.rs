@@ -1,0 +1,24 @@
+//! External channels: a device, pipe, socket or terminal that is read and written as a channel.
+//!
+//! A *link* is a process between a file and a channel: [`input`] reads records and sends them, [`output`] receives values and writes them. The
+//! other side is an ordinary [`Receiver`](crate::Receiver) or [`Sender`](crate::Sender), with all that these can. How records lie in the bytes is
+//! a [`Framing`]; what they mean is said by [`FromBytes`] and [`ToBytes`], which a [`Frame`] has for bytes as they are.
+//!
+//! A program that reads and writes one device makes two links of it, the one with a clone of the file.
+
+mod device;
+mod error;
+mod frame;
+mod framing;
+mod input;
+mod output;
+mod packer;
+mod record;
+mod splitter;
+
+pub use error::{LinkError, OsError};
+pub use frame::Frame;
+pub use framing::{Framing, Prefix};
+pub use input::{Input, input};
+pub use output::{Output, output};
+pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};

@@ -1,0 +1,136 @@
+//! From a channel to a file.
+
+use super::device::{Device, Stop};
+use super::error::LinkError;
+use super::framing::Framing;
+use super::packer::Packer;
+use super::record::ToBytes;
+use crate::Receiver;
+use crate::csp::process::Process;
+use crate::error::{Error, Result};
+use std::fmt;
+use std::future::Future;
+use std::os::fd::OwnedFd;
+use std::pin::pin;
+
+/// Makes a process that receives values from `receiver`'s channel and writes them to `file` as records.
+///
+/// Each record is written whole, with as many calls as that takes, before the next value is received: on a rendezvous a sender is at most one record ahead
+/// of the file. The process ends when the last sender is gone and all that it sent is written; with [`Error::Poisoned`](crate::Error::Poisoned)
+/// when the channel is poisoned; and with an error when nobody reads the file any more, writing fails, or a value cannot be written in this framing. Senders
+/// then find the channel closed. The file is closed when the process has ended.
+///
+/// What it does to the file, and what it costs, is as for [`input`](super::input).
+///
+/// ```
+/// use luna::external::{Framing, Frame};
+/// use luna::prelude::*;
+/// use std::io::Read;
+///
+/// let (mut far, near) = std::io::pipe()?;
+/// let (lines, receiver) = luna::channel();
+/// let mut system = System::new("console");
+/// let executor = system.executor("main").build()?;
+/// executor.process("console").spawn(luna::external::output(receiver, near, Framing::lines(80)))?;
+/// executor.process("writer").spawn(async move {
+///     lines.send(Frame::<80>::new(b"hello").unwrap()).await?;
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// let mut text = String::new();
+/// far.read_to_string(&mut text)?;
+/// assert_eq!(text, "hello\n");
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub fn output<T: ToBytes + Send>(
+    receiver: Receiver<T>,
+    file: impl Into<OwnedFd>,
+    framing: Framing,
+) -> Output<T> {
+    Output {
+        device: Some(Device::new(file.into())),
+        receiver: Some(receiver.external()),
+        framing,
+        packer: None,
+    }
+}
+
+/// A link from a channel to a file, to be spawned: see [`output`].
+///
+/// As every [`Process`] it can also be run by hand, once: `link.pre_run()?` and `link.run().await?`.
+#[must_use = "a link is a process: spawn it"]
+pub struct Output<T> {
+    /// Until the end.
+    device: Option<Device>,
+    receiver: Option<Receiver<T>>,
+    framing: Framing,
+    /// From `pre_run` on.
+    packer: Option<Packer>,
+}
+
+impl<T: ToBytes + Send> Process for Output<T> {
+    /// Checks the framing, makes room for a record, and puts the file in non-blocking mode.
+    ///
+    /// # Errors
+    ///
+    /// A [`LinkError`] that says which of these failed.
+    fn pre_run(&mut self) -> Result<()> {
+        self.framing.validate()?;
+        if let Some(device) = &mut self.device {
+            device.prepare()?;
+        }
+        self.packer = Some(Packer::new(self.framing));
+        Ok(())
+    }
+
+    fn run(&mut self) -> impl Future<Output = Result<()>> {
+        // As for an input.
+        let _ = luna_executors::prepare_files();
+        async {
+            let receiver = self.receiver.take();
+            let (Some(device), Some(packer), Some(receiver)) =
+                (&mut self.device, &mut self.packer, receiver)
+            else {
+                return Err(LinkError::NotPrepared.into());
+            };
+            pump(device, packer, &receiver).await
+        }
+    }
+
+    /// Closes the file.
+    fn post_run(&mut self) {
+        self.device = None;
+    }
+}
+
+async fn pump<T: ToBytes + Send>(
+    device: &mut Device,
+    packer: &mut Packer,
+    receiver: &Receiver<T>,
+) -> Result<()> {
+    let mut poisoned = pin!(receiver.poisoned());
+    let mut number = 0;
+    loop {
+        let value = match receiver.recv().await {
+            Ok(value) => value,
+            Err(error) if error.is_closed() => return Ok(()),
+            Err(error) => return Err(error.into()),
+        };
+        number += 1;
+        let bytes = packer.pack(&value).map_err(LinkError::Record)?;
+        match device.write(bytes, number, poisoned.as_mut()).await {
+            Ok(()) => {}
+            Err(Stop::Ended(_)) => return Err(Error::Poisoned),
+            Err(Stop::Failed(error)) => return Err(error.into()),
+        }
+    }
+}
+
+impl<T> fmt::Debug for Output<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Output")
+            .field("device", &self.device)
+            .field("framing", &self.framing)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,225 @@
+//! What a watchdog knows: when it was fed last, in one word.
+
+use luna_platform::clock::{Instant, nanos};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// The watch has not begun.
+const ASLEEP: u64 = 0;
+/// Set when it has bitten, beside the feed that was the last. No instant reaches it: the clock would run for 292 years.
+const BITTEN: u64 = 1 << 63;
+
+fn is_bitten(last: u64) -> bool {
+    last & BITTEN != 0
+}
+
+/// An instant as it is kept.
+fn time(now: Instant) -> u64 {
+    now.as_nanos().min(BITTEN - 2)
+}
+
+/// When a watchdog was fed last, and whether it has bitten since.
+///
+/// One word, which each step changes by one compare-and-swap: so a bite and a feed have an order, and who bites has seen that there was
+/// no feed in time. The times in it only rise, so no two bites are the same word.
+#[derive(Debug)]
+pub(super) struct Food {
+    last: AtomicU64,
+    timeout: u64,
+}
+
+impl Food {
+    pub(super) fn new(timeout: Duration) -> Self {
+        Self {
+            last: AtomicU64::new(ASLEEP),
+            // At least what the clock can tell apart.
+            timeout: nanos(timeout).max(1),
+        }
+    }
+
+    pub(super) fn timeout(&self) -> Duration {
+        Duration::from_nanos(self.timeout)
+    }
+
+    /// Its bite, if it has bitten: each is another number.
+    pub(super) fn bite(&self) -> Option<u64> {
+        let last = self.last.load(Ordering::Acquire);
+        is_bitten(last).then_some(last)
+    }
+
+    /// Feeds at `now`, if it is not too late. Repeats only when another feed was counted meanwhile, of a thread that had begun before.
+    #[inline]
+    pub(super) fn feed(&self, now: Instant) {
+        self.change(|last| match last {
+            ASLEEP => Some(time(now)),
+            last if is_bitten(last) => None,
+            // A feed does not undo the silence before it, should nobody have looked yet.
+            last if self.is_over(last, now) => Some(last | BITTEN),
+            // Of a thread that was held up between its look at the clock and here.
+            last if time(now) <= last => None,
+            _ => Some(time(now)),
+        });
+    }
+
+    /// Looks at `now`: when it will bite if it is not fed. `None` if it has bitten. Begins the watch.
+    pub(super) fn look(&self, now: Instant) -> Option<Instant> {
+        let last = self.change(|last| match last {
+            ASLEEP => Some(time(now)),
+            last if is_bitten(last) => None,
+            last => self.is_over(last, now).then_some(last | BITTEN),
+        });
+        // A feed at the very end of the time is in time; one nanosecond later it is over.
+        (!is_bitten(last))
+            .then(|| Instant::from_nanos(last).plus_nanos(self.timeout.saturating_add(1)))
+    }
+
+    /// Forgets all, and begins a new watch at `now`.
+    pub(super) fn reset(&self, now: Instant) {
+        self.change(|last| match last {
+            last if is_bitten(last) => Some(time(now).max((last & !BITTEN) + 1)),
+            // Of a thread that was held up since its look at the clock, a later feed stays.
+            last => (last < time(now)).then_some(time(now)),
+        });
+    }
+
+    fn is_over(&self, last: u64, now: Instant) -> bool {
+        now.nanos_since(Instant::from_nanos(last)) > self.timeout
+    }
+
+    /// Makes one step, if `step` says one; gives what is known after it.
+    #[inline]
+    fn change(&self, step: impl Fn(u64) -> Option<u64>) -> u64 {
+        let mut last = self.last.load(Ordering::Acquire);
+        while let Some(next) = step(last) {
+            match self
+                .last
+                .compare_exchange(last, next, Ordering::AcqRel, Ordering::Acquire)
+            {
+                Ok(_) => return next,
+                Err(other) => last = other,
+            }
+        }
+        last
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(nanos: u64) -> Instant {
+        Instant::from_nanos(nanos)
+    }
+
+    fn watched_from(now: u64) -> Food {
+        let food = Food::new(Duration::from_nanos(10));
+        assert_eq!(food.look(at(now)), Some(at(now + 11)));
+        food
+    }
+
+    #[test]
+    fn bites_when_the_time_has_passed_and_not_before() {
+        let food = watched_from(100);
+        assert_eq!(food.look(at(110)), Some(at(111)));
+        assert_eq!(food.bite(), None);
+        assert_eq!(food.look(at(111)), None);
+        assert!(food.bite().is_some());
+    }
+
+    #[test]
+    fn a_feed_in_time_puts_it_off() {
+        let food = watched_from(100);
+        food.feed(at(110));
+        assert_eq!(food.look(at(111)), Some(at(121)));
+        assert_eq!(food.look(at(120)), Some(at(121)));
+        assert_eq!(food.look(at(121)), None);
+    }
+
+    #[test]
+    fn a_feed_too_late_bites_before_anybody_looks() {
+        let food = watched_from(100);
+        food.feed(at(111));
+        assert!(food.bite().is_some());
+        assert_eq!(food.look(at(112)), None);
+    }
+
+    #[test]
+    fn it_stays_bitten_until_it_is_reset() {
+        let food = watched_from(100);
+        assert_eq!(food.look(at(200)), None);
+        food.feed(at(201));
+        assert_eq!(food.look(at(202)), None);
+        food.reset(at(300));
+        assert_eq!(food.look(at(300)), Some(at(311)));
+        assert_eq!(food.bite(), None);
+    }
+
+    /// So that who was called for one is called for the next, though nobody has looked in between.
+    #[test]
+    fn no_two_bites_are_the_same() {
+        let food = watched_from(100);
+        let mut bites = std::collections::BTreeSet::new();
+        for resets_at in [111, 111, 0, 200, 200] {
+            assert_eq!(food.look(at(1000)), None);
+            assert!(bites.insert(food.bite().unwrap()));
+            food.reset(at(resets_at));
+            assert_eq!(food.bite(), None);
+        }
+    }
+
+    #[test]
+    fn a_reset_that_was_held_up_takes_nothing_from_a_later_feed() {
+        let food = watched_from(100);
+        food.feed(at(108));
+        food.reset(at(103));
+        assert_eq!(food.look(at(110)), Some(at(119)));
+    }
+
+    #[test]
+    fn the_watch_begins_with_the_first_look_or_feed() {
+        let food = Food::new(Duration::from_nanos(10));
+        food.feed(at(1000));
+        assert_eq!(food.look(at(1005)), Some(at(1011)));
+        assert_eq!(watched_from(5000).look(at(5001)), Some(at(5011)));
+    }
+
+    #[test]
+    fn a_feed_that_was_held_up_takes_nothing_from_a_later_one() {
+        let food = watched_from(100);
+        food.feed(at(108));
+        food.feed(at(103));
+        assert_eq!(food.look(at(110)), Some(at(119)));
+    }
+
+    #[test]
+    fn timeouts_at_the_ends_of_the_clock() {
+        let food = Food::new(Duration::ZERO);
+        assert_eq!(food.look(at(5)), Some(at(7)));
+        let food = Food::new(Duration::MAX);
+        assert_eq!(food.look(at(5)), Some(Instant::NEVER));
+        food.feed(at(u64::MAX - 2));
+        assert_eq!(food.bite(), None);
+    }
+
+    /// Many feed at once while one looks: with steps of the clock that never leave the time, it never bites.
+    #[test]
+    fn feeds_of_many_threads() {
+        let food = Food::new(Duration::from_nanos(1_000_000));
+        let clock = AtomicU64::new(1);
+        food.look(at(1));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..20_000 {
+                        food.feed(at(clock.fetch_add(1, Ordering::Relaxed)));
+                    }
+                });
+            }
+            while clock.load(Ordering::Relaxed) < 80_000 {
+                assert!(food.look(at(clock.load(Ordering::Relaxed))).is_some());
+            }
+        });
+        // The latest of all feeds counts.
+        assert_eq!(food.look(at(80_001)), Some(at(80_000 + 1_000_001)));
+    }
+}

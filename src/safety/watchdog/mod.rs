@@ -1,0 +1,217 @@
+//! Watchdogs: they fire when they are not fed in time.
+
+mod food;
+
+use crate::csp::process::Process;
+use crate::error::Result;
+use food::Food;
+use luna_channels::{Due, Stamp, When};
+use luna_platform::clock::Instant;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How often at most a process looks whether its watchdog, which has bitten, was reset.
+const SHORTEST_LOOK: Duration = Duration::from_millis(1);
+
+/// Fires when it is not fed in time.
+///
+/// Its handles are clones of one another: some feed it, some wait until it has [`expired`](Self::expired) or run a [`process`](Self::process) that calls a
+/// function then. Feeding costs one look at the clock and one compare-and-swap: no timer is set anew, nobody is woken. Whoever waits wakes once a timeout, looks
+/// when it was fed last, and sleeps on.
+///
+/// Exact: it has expired at an instant if and only if, since the watch began, there was a time as long as its timeout without a feed. So a feed that comes too late does not hide that it
+/// did, however late those wake who wait. It then stays expired until it is [`reset`](Self::reset). The watch begins with the first feed, or when
+/// somebody first waits: not when it is made, so that a system's start does not count.
+///
+/// ```
+/// use luna::Watchdog;
+/// use luna::prelude::*;
+/// use std::time::Duration;
+///
+/// let dog = Watchdog::new(Duration::from_millis(5));
+/// let fed = dog.clone();
+/// let mut system = System::new("guarded");
+/// let executor = system.executor("main").build()?;
+/// executor.process("control").spawn(async move {
+///     for _ in 0..3 {
+///         fed.feed();
+///         luna::after(Duration::from_millis(1)).await;
+///     }
+///     Ok(()) // and then no more
+/// })?;
+/// executor.process("guard").spawn(async move {
+///     let (_commands, commanded) = luna::channel::<f64>();
+///     luna::alt! {
+///         _ = commanded.recv() => unreachable!("nobody commands"),
+///         _ = dog.expired() => assert!(dog.has_expired()), // stop the motors
+///     }
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Watchdog {
+    food: Arc<Food>,
+    chosen: Stamp,
+}
+
+impl Watchdog {
+    /// A watchdog that wants to be fed at least once in each `timeout`, of at least 1 ns. Allocates; not for the real-time path.
+    pub fn new(timeout: Duration) -> Watchdog {
+        Watchdog {
+            food: Arc::new(Food::new(timeout)),
+            chosen: Stamp::new(),
+        }
+    }
+
+    /// Feeds it, from any thread. If it has expired, nothing happens.
+    ///
+    /// Real-time path: yes; O(1), no system call, no allocation, no lock. Wait-free: a step is repeated only if another thread's feed, which had begun before,
+    /// came between; so at most once for each of the threads that feed.
+    ///
+    /// ```
+    /// let dog = luna::Watchdog::new(std::time::Duration::from_secs(60));
+    /// dog.feed();
+    /// assert!(!dog.has_expired());
+    /// ```
+    #[inline]
+    pub fn feed(&self) {
+        self.food.feed(Instant::now());
+    }
+
+    /// Whether it has expired by now. Real-time path: yes; O(1), and it also begins the watch.
+    pub fn has_expired(&self) -> bool {
+        self.food.look(Instant::now()).is_none()
+    }
+
+    /// Begins a new watch now, whatever was before: from then on it can be fed, and expire, again. Real-time path: yes; O(1).
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// let dog = luna::Watchdog::new(Duration::from_nanos(1));
+    /// dog.feed();
+    /// while !dog.has_expired() {}
+    /// dog.feed();
+    /// assert!(dog.has_expired()); // until
+    /// dog.reset();
+    /// ```
+    pub fn reset(&self) {
+        self.food.reset(Instant::now());
+    }
+
+    /// How often it wants to be fed.
+    pub fn timeout(&self) -> Duration {
+        self.food.timeout()
+    }
+
+    /// Waits until it has expired; if it has, and was not reset, that is at once, each time. Alone, or as a guard of an alternative.
+    ///
+    /// Cancel-safe. Real-time path: yes; O(log n) for n delays of this thread, no allocation; it wakes once a timeout while the watchdog is fed.
+    ///
+    /// ```
+    /// use std::time::Duration;
+    /// luna::run(async {
+    ///     let dog = luna::Watchdog::new(Duration::from_millis(1));
+    ///     dog.expired().await;
+    ///     assert!(dog.has_expired());
+    ///     Ok(())
+    /// })?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn expired(&self) -> When<Bite<'_>> {
+        When::new(Bite(self))
+    }
+
+    /// A process, to be spawned, that calls `bite` each time the watchdog expires; if it is reset after that, the watch goes on.
+    ///
+    /// Give it the highest priority of its executor, or an executor of its own above those it watches, since a callback comes as late as its process. The
+    /// process ends, without a call, when no other handle is left, so nobody can feed it any more: it finds that out when it next would have expired. `bite` runs on the
+    /// real-time path: it must not block.
+    ///
+    /// ```
+    /// use luna::Watchdog;
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let dog = Watchdog::new(Duration::from_millis(1));
+    /// let (emergency, called) = luna::buffered(Buffer::overwrite_oldest(1));
+    /// let mut system = System::new("guarded");
+    /// let guards = system.executor("guards").policy(Policy::fifo(90)).build()?;
+    /// guards.process("dog").spawn(dog.process(move || {
+    ///     let _ = emergency.try_send("not fed");
+    /// }))?;
+    /// let control = system.executor("control").build()?;
+    /// control.process("hangs").spawn(async move {
+    ///     dog.feed();
+    ///     assert_eq!(called.recv().await?, "not fed"); // instead of feeding
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn process<F: FnMut() + Send>(&self, bite: F) -> WatchdogProcess<F> {
+        WatchdogProcess {
+            dog: self.clone(),
+            bite,
+        }
+    }
+
+    fn is_alone(&self) -> bool {
+        Arc::strong_count(&self.food) == 1
+    }
+}
+
+/// What [`Watchdog::expired`] waits for.
+#[derive(Debug)]
+pub struct Bite<'a>(&'a Watchdog);
+
+impl Due for Bite<'_> {
+    type Output = ();
+
+    fn due_at(&self, now: Instant) -> Instant {
+        self.0.food.look(now).unwrap_or(now)
+    }
+
+    fn stamp(&self) -> Option<&Stamp> {
+        Some(&self.0.chosen)
+    }
+
+    fn serve(&mut self, _: Instant) {}
+}
+
+/// A process that calls a function when a watchdog expires: see [`Watchdog::process`].
+#[must_use = "it is a process: spawn it"]
+pub struct WatchdogProcess<F> {
+    dog: Watchdog,
+    bite: F,
+}
+
+impl<F: FnMut() + Send> Process for WatchdogProcess<F> {
+    async fn run(&mut self) -> Result<()> {
+        loop {
+            self.dog.expired().await;
+            if self.dog.is_alone() {
+                return Ok(());
+            }
+            let bite = self.dog.food.bite();
+            (self.bite)();
+            while bite.is_some() && self.dog.food.bite() == bite {
+                if self.dog.is_alone() {
+                    return Ok(());
+                }
+                // A reset wakes nobody.
+                luna_channels::after(self.dog.timeout().max(SHORTEST_LOOK)).await;
+            }
+        }
+    }
+}
+
+impl<F> fmt::Debug for WatchdogProcess<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("WatchdogProcess")
+            .field("dog", &self.dog)
+            .finish_non_exhaustive()
+    }
+}

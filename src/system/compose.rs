@@ -1,0 +1,193 @@
+//! Makes the picture of a system from its plan, its threads, and what its processes say of themselves.
+
+use super::plan::{ExecutorPlan, Members, On, Place, Plan};
+use crate::csp::composition::{
+    ChannelKind, ChannelPart, Composition, EndUser, ProcessKind, ProcessPart, ThreadKind,
+    ThreadPart, WaitingPart,
+};
+use crate::csp::network::{self, Meeting, Role};
+use crate::csp::tree::SubProcess;
+use luna_channels::inspect::PlaceKind;
+use luna_executors::ProcessState;
+use luna_platform::current::{ProcessId, User};
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::Arc;
+
+/// A handle to look at a system while it runs: see [`System::observer`](crate::System::observer). Cloning it is cheap.
+///
+/// ```
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("observed");
+/// let observer = system.observer();
+/// let main = system.executor("main").build()?;
+/// let (output, input) = luna::channel::<u32>();
+/// main.process("source").spawn(async move {
+///     output.send(1).await?;
+///     Ok(())
+/// })?;
+/// main.process("sink").spawn(async move {
+///     input.recv().await?;
+///     let composition = observer.composition(); // not in a loop that is in a hurry
+///     println!("{composition}");
+///     assert!(composition.find("source").is_some());
+///     assert_eq!(composition.channels.len(), 1);
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Clone)]
+pub struct Observer {
+    plan: Arc<Plan>,
+}
+
+impl Observer {
+    pub(super) fn new(plan: Arc<Plan>) -> Self {
+        Self { plan }
+    }
+
+    /// What the system is made of at this moment: as [`System::composition`](crate::System::composition), which says more.
+    pub fn composition(&self) -> Composition {
+        // Each is read by itself: the parts first, since who uses a channel is looked up among them.
+        let mut threads = parts(&self.plan.members());
+        let mut names = HashMap::new();
+        let mut below = Children::of(self.plan.tree().read());
+        for process in threads.iter_mut().flat_map(|thread| &mut thread.processes) {
+            names.insert(process.id, process.name.clone());
+            process.children = below.take(process.id, 0);
+        }
+        let meetings = network::meetings();
+        let of_system = meetings
+            .iter()
+            .filter(|meeting| names.keys().any(|&id| meeting.concerns(User::Process(id))));
+        Composition {
+            system: self.plan.name().to_owned(),
+            threads,
+            channels: of_system
+                .map(|meeting| channel_part(meeting, &names))
+                .collect(),
+        }
+    }
+}
+
+impl fmt::Debug for Observer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Observer")
+            .field("system", &self.plan.name())
+            .finish_non_exhaustive()
+    }
+}
+
+/// The threads with their processes: those that are planned, or those that were started.
+fn parts(members: &Members) -> Vec<ThreadPart> {
+    let planned = members.executors.iter().map(ExecutorPlan::part);
+    let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
+    let started = members.started.iter().map(|member| {
+        let part = ProcessPart {
+            name: member.name.clone(),
+            id: member.id,
+            kind: ProcessKind::UserThread,
+            state: member.handle.state(),
+            priority: member.handle.priority(),
+            children: Vec::new(),
+        };
+        (part, member.on.clone())
+    });
+    let waiting = members.waiting.iter().map(|process| {
+        let part = ProcessPart {
+            name: process.name.clone(),
+            id: process.id,
+            kind: ProcessKind::UserThread,
+            state: ProcessState::Created,
+            priority: process.spec.priority(),
+            children: Vec::new(),
+        };
+        let on = match &process.place {
+            Place::Executor(number) => On::Executor(*number),
+            Place::Thread { name, attributes } => {
+                On::Thread(ThreadPart::asked(name, ThreadKind::OsThread, attributes))
+            }
+        };
+        (part, on)
+    });
+    for (mut part, on) in started.chain(waiting) {
+        match on {
+            // Executors are numbered in their order, and come first.
+            On::Executor(number) => {
+                if let Some(thread) = threads.get_mut(number) {
+                    thread.processes.push(part);
+                }
+            }
+            On::Thread(mut thread) => {
+                part.kind = ProcessKind::OsThread;
+                thread.processes.push(part);
+                threads.push(thread);
+            }
+        }
+    }
+    threads
+}
+
+/// Sub-processes by what they run in: a process, and a sub-process of it or 0.
+struct Children(HashMap<(ProcessId, u64), Vec<SubProcess>>);
+
+impl Children {
+    fn of(all: Vec<SubProcess>) -> Self {
+        let ids: HashMap<u64, ProcessId> = all.iter().map(|one| (one.id, one.process)).collect();
+        let mut below = HashMap::<_, Vec<_>>::new();
+        for one in all {
+            // One whose parent has just gone, or was moved, is shown in the process itself. A parent is older, so there are no circles.
+            let is_there = ids.get(&one.parent) == Some(&one.process) && one.parent < one.id;
+            let parent = if is_there { one.parent } else { 0 };
+            below.entry((one.process, parent)).or_default().push(one);
+        }
+        Self(below)
+    }
+
+    fn take(&mut self, process: ProcessId, parent: u64) -> Vec<ProcessPart> {
+        let children = self.0.remove(&(process, parent)).unwrap_or_default();
+        let parts = children.into_iter().map(|child| ProcessPart {
+            name: child.name().to_owned(),
+            id: process,
+            kind: ProcessKind::SubProcess,
+            state: if child.is_running {
+                ProcessState::Running
+            } else {
+                ProcessState::Waiting
+            },
+            priority: child.level,
+            children: self.take(process, child.id),
+        });
+        parts.collect()
+    }
+}
+
+fn channel_part(meeting: &Meeting, names: &HashMap<ProcessId, String>) -> ChannelPart {
+    let user = |user: User| match user {
+        User::Process(id) => names
+            .get(&id)
+            .map_or(EndUser::Outside, |name| EndUser::Process(name.clone())),
+        User::Outside => EndUser::Outside,
+    };
+    let waiting = meeting.waiting.iter().map(|one| WaitingPart {
+        user: user(one.user),
+        sends: matches!(one.role, Role::Sender | Role::Held),
+    });
+    ChannelPart {
+        name: meeting.name.clone(),
+        made_at: meeting.made_at.to_string(),
+        kind: match meeting.kind {
+            PlaceKind::Buffered(most) => ChannelKind::Buffered(most),
+            PlaceKind::Barrier => ChannelKind::Barrier,
+            _ => ChannelKind::Rendezvous,
+        },
+        buffered: meeting.buffered,
+        external: meeting.external,
+        ended: meeting.ended,
+        sender: meeting.sender.map(user),
+        receiver: meeting.receiver.map(user),
+        waiting: waiting.collect(),
+    }
+}

@@ -1,0 +1,290 @@
+//! The deadlock of a system: who waits for whom, and what can be said of it.
+//!
+//! A [`Deadlock`] is told on standard error, stands in the [`Report`](crate::Report), and ends a strict system.
+
+// That all threads sleep with nothing of their own to wake them is for `quiet` to know. Here it is decided whether somebody outside could wake
+// one all the same, and the circle is found in who waits for whom.
+
+use crate::csp::network::{Meeting, Role};
+use luna_platform::current::{ProcessId, User};
+use std::fmt;
+
+/// A deadlock: every process of a system waits, and nothing that the system knows of can wake one of them.
+///
+/// The system knows of deadlines, files, calls of [`blocking`](crate::blocking), of processes that compute or block, and of channels that are
+/// marked [`external`](crate::Sender::external) or whose other end was last used by a thread outside of the system, before the start too. A
+/// process that waits for anything else (another runtime's channel, say) may be woken by it, so then nothing is said.
+///
+/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier) that a thread outside of the system holds and has not used yet; and a
+/// channel that a process waits for together with something that is none of LUNA's, as in a race of both.
+///
+/// Its `Display` is a line for each wait, and the circle.
+///
+/// ```
+/// use luna::{Error, prelude::*};
+///
+/// let (a, from_a) = luna::channel::<u32>();
+/// let (b, from_b) = luna::channel::<u32>();
+/// let mut system = System::new("stuck");
+/// system.strict();
+/// let main = system.executor("main").build()?;
+/// main.process("left").spawn(async move {
+///     let n = from_b.recv().await?; // each waits for the other first
+///     a.send(n).await?;
+///     Ok(())
+/// })?;
+/// main.process("right").spawn(async move {
+///     let n = from_a.recv().await?;
+///     b.send(n).await?;
+///     Ok(())
+/// })?;
+/// let Err(Error::Deadlock(deadlock)) = system.run() else { panic!("it ends") };
+/// assert_eq!(deadlock.waits.len(), 2);
+/// assert_eq!(deadlock.waits[0].process, "left");
+/// println!("{deadlock}");
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Deadlock {
+    /// The system's name.
+    pub system: String,
+    /// What the processes wait for: in the order of their spawning, and all that one waits for, if it is an alternative or a parallel
+    /// construct, one after the other.
+    pub waits: Vec<Wait>,
+    /// Processes of which each waits for the next, and the last for the first. Empty where no such circle is known, as when nobody has
+    /// used the other end of a channel yet.
+    pub cycle: Vec<String>,
+}
+
+/// One of the things that a process waits for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Wait {
+    /// The name of the process that waits.
+    pub process: String,
+    /// To do what.
+    pub operation: Operation,
+    /// Where: the channel's or barrier's name, or where it was made; the name of the process whose end is awaited.
+    pub at: String,
+    /// For whom, as far as that is known.
+    pub partner: Partner,
+}
+
+/// What a process waits to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Operation {
+    /// To send.
+    Send,
+    /// To receive.
+    Receive,
+    /// To meet others at a barrier.
+    Sync,
+    /// To learn how another process ended.
+    Join,
+    /// Nothing: it is in an alternative without an open guard, which is STOP.
+    Stop,
+}
+
+/// For whom a process waits: who used the other end last.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Partner {
+    /// For the process of this name, which waits too.
+    Process(String),
+    /// For the process of this name, which has ended.
+    Ended(String),
+    /// Nobody has used the other end yet.
+    Nobody,
+    /// For all who take part in the barrier and have not come.
+    Others,
+}
+
+/// A process of the system, as the supervisor sees it while all sleep.
+#[derive(Debug, Clone)]
+pub(crate) struct Sleeping {
+    pub(crate) id: ProcessId,
+    pub(crate) name: String,
+    pub(crate) has_ended: bool,
+    /// Processes that wait for its end.
+    pub(crate) joiners: Vec<ProcessId>,
+}
+
+/// What all who wait in `processes` wait for at `meetings`. `None` if somebody outside might wake one.
+pub(crate) fn find(system: &str, processes: &[Sleeping], meetings: &[Meeting]) -> Option<Deadlock> {
+    let mut waits = Vec::new();
+    // From whom to whom, by their places among the processes.
+    let mut edges = Vec::new();
+    for (from, process) in processes.iter().enumerate() {
+        if process.has_ended {
+            continue;
+        }
+        let before = waits.len();
+        for meeting in meetings {
+            for waiting in meeting.waits_of(User::Process(process.id)) {
+                let (operation, partner, to) = wait_of(processes, meeting, waiting.role)?;
+                edges.extend(to.map(|to| (from, to)));
+                waits.push(Wait {
+                    process: process.name.clone(),
+                    operation,
+                    at: meeting.to_string(),
+                    partner,
+                });
+            }
+        }
+        for (to, awaited) in processes.iter().enumerate() {
+            if awaited.joiners.contains(&process.id) {
+                edges.push((from, to));
+                waits.push(Wait {
+                    process: process.name.clone(),
+                    operation: Operation::Join,
+                    at: awaited.name.clone(),
+                    partner: Partner::Process(awaited.name.clone()),
+                });
+            }
+        }
+        if waits.len() == before {
+            // It waits for something that is none of LUNA's, which may wake it.
+            return None;
+        }
+    }
+    if waits.is_empty() {
+        // All have ended just now: the system is about to.
+        return None;
+    }
+    let cycle = cycle(processes.len(), &edges);
+    Some(Deadlock {
+        system: system.to_owned(),
+        waits,
+        cycle: cycle
+            .into_iter()
+            .map(|place| processes[place].name.clone())
+            .collect(),
+    })
+}
+
+/// What one waits to do at `meeting`, for whom, and the place of that process if it lives. `None` if it waits for somebody outside of the
+/// system, or in a way that is not known here.
+fn wait_of(
+    processes: &[Sleeping],
+    meeting: &Meeting,
+    role: Role,
+) -> Option<(Operation, Partner, Option<usize>)> {
+    if meeting.external {
+        return None;
+    }
+    let (operation, other_end) = match role {
+        Role::Sender | Role::Held => (Operation::Send, meeting.receiver),
+        Role::Receiver => (Operation::Receive, meeting.sender),
+        Role::Party => return Some((Operation::Sync, Partner::Others, None)),
+        Role::Stopped => return Some((Operation::Stop, Partner::Nobody, None)),
+        _ => return None,
+    };
+    match other_end {
+        None => Some((operation, Partner::Nobody, None)),
+        Some(User::Outside) => None,
+        Some(User::Process(id)) => {
+            let place = processes.iter().position(|one| one.id == id)?;
+            let name = processes[place].name.clone();
+            Some(if processes[place].has_ended {
+                (operation, Partner::Ended(name), None)
+            } else {
+                (operation, Partner::Process(name), Some(place))
+            })
+        }
+    }
+}
+
+/// The first circle in a walk along `edges` from the first of `count` on. O(edges * count).
+fn cycle(count: usize, edges: &[(usize, usize)]) -> Vec<usize> {
+    let mut is_done = vec![false; count];
+    for start in 0..count {
+        // The way from the start, each with the edge that is tried next.
+        let mut way: Vec<(usize, usize)> = vec![(start, 0)];
+        while let Some((at, next)) = way.last_mut() {
+            let Some(&(_, to)) = edges.iter().filter(|(from, _)| from == at).nth(*next) else {
+                is_done[*at] = true;
+                way.pop();
+                continue;
+            };
+            *next += 1;
+            if let Some(begin) = way.iter().position(|&(on_way, _)| on_way == to) {
+                return way[begin..].iter().map(|&(on_way, _)| on_way).collect();
+            }
+            if !is_done[to] {
+                way.push((to, 0));
+            }
+        }
+    }
+    Vec::new()
+}
+
+impl fmt::Display for Wait {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Wait {
+            process,
+            operation,
+            at,
+            ..
+        } = self;
+        match operation {
+            Operation::Send => write!(f, "`{process}` waits to send to {at}")?,
+            Operation::Receive => write!(f, "`{process}` waits to receive from {at}")?,
+            Operation::Sync => write!(f, "`{process}` waits at {at}")?,
+            Operation::Join => return write!(f, "`{process}` waits for the end of `{at}`"),
+            Operation::Stop => {
+                return write!(
+                    f,
+                    "`{process}` has stopped: its alternative has no open guard and no `skip`"
+                );
+            }
+        }
+        match &self.partner {
+            Partner::Process(name) if name == process => {
+                f.write_str(", whose other end it used last itself")
+            }
+            Partner::Process(name) => write!(f, " for `{name}`, which used its other end last"),
+            Partner::Ended(name) => {
+                write!(
+                    f,
+                    " for `{name}`, which used its other end last and has ended"
+                )
+            }
+            Partner::Nobody => f.write_str(", whose other end nobody has used yet"),
+            Partner::Others => f.write_str(" for those who have not come"),
+        }
+    }
+}
+
+impl fmt::Display for Deadlock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "system `{}` is deadlocked: every process waits, and nothing that the system knows of can wake one",
+            self.system
+        )?;
+        for wait in &self.waits {
+            write!(f, "\n  {wait}")?;
+        }
+        if let Some(first) = self.cycle.first() {
+            write!(f, "\n  a circle: `{first}` waits for ")?;
+            for name in &self.cycle[1..] {
+                write!(f, "`{name}`, which waits for ")?;
+            }
+            write!(f, "`{first}`")?;
+        }
+        if self.waits.iter().any(|wait| {
+            matches!(wait.partner, Partner::Nobody | Partner::Others)
+                && wait.operation != Operation::Stop
+        }) {
+            f.write_str(
+                "\n  if a thread outside of the system is to use one of these, mark the channel or barrier with `external()`",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
