@@ -16,6 +16,8 @@ static ALLOCATOR: Counting = Counting::new();
 
 const PERIOD: Duration = Duration::from_millis(1);
 const ROUNDS: u64 = 500;
+/// Less than what one allocation a round would make.
+const A_FEW: u64 = 50;
 
 /// A line that all processes of a network wait at; the last one to come notes what was allocated until then.
 #[derive(Default)]
@@ -228,10 +230,9 @@ fn run_network(with_threads: bool) -> (Counted, Counted) {
         for n in 0..ROUNDS {
             let (_, received) = par!(a.send(n), b.recv()).await?;
             assert_eq!(received, n);
-            assert_eq!(
-                par!(a.send(n), async { Err::<(), _>(Error::Timeout) }).await,
-                Err(Error::Poisoned)
-            );
+            let failed = par!(a.send(n), async { Err::<(), _>(Error::Timeout) }).await;
+            let errors = [Error::Poisoned, Error::Timeout];
+            assert!(failed.unwrap_err().errors().eq(&errors));
         }
         Ok(())
     };
@@ -249,15 +250,15 @@ fn run_network(with_threads: bool) -> (Counted, Counted) {
 fn nothing_is_allocated_or_freed_while_the_bodies_run() {
     let _watch = watchdog();
     for with_threads in [false, true] {
-        // The framework's own threads, which have no real-time policy when there is no privilege, may still free what their
-        // start left when the bodies run already: not each time. What the bodies themselves allocated would be there each time.
+        // The framework's own threads, which are not real-time, may still free what their start left when the bodies run already, and
+        // allocate for a look whether all is deadlocked: a few times. What the bodies allocated would be there in each round.
         let is_quiet = (0..10).any(|_| {
             let (start, finish) = run_network(with_threads);
             assert!(start.0 > 0, "it does count");
             println!(
                 "allocations and frees until the start {start:?}, until the finish {finish:?}"
             );
-            start == finish
+            finish.0 - start.0 <= A_FEW && finish.1 - start.1 <= A_FEW
         });
         assert!(
             is_quiet,

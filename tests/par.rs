@@ -1,4 +1,4 @@
-//! `par!`: branches that borrow, the first error in written order, and how siblings of a failed branch end.
+//! `par!`: branches that borrow, all errors in written order, and how siblings of a failed branch end.
 
 mod common;
 
@@ -57,7 +57,7 @@ fn branches_borrow_from_their_surroundings() {
 }
 
 #[test]
-fn the_first_error_in_written_order_after_all_have_ended() {
+fn all_errors_in_written_order_after_all_have_ended() {
     let _watch = watchdog();
     let ended = RefCell::new(Vec::new());
     // Yields that often before it fails: so the last written ends before the first does.
@@ -73,7 +73,9 @@ fn the_first_error_in_written_order_after_all_have_ended() {
     };
     let outcome =
         luna::run(async { par!(fail(6, "first"), fail(0, "second"), fail(3, "third")).await });
-    assert_eq!(outcome.unwrap_err().to_string(), "first");
+    let error = outcome.unwrap_err();
+    let texts: Vec<String> = error.errors().map(Error::to_string).collect();
+    assert_eq!(texts, ["first", "second", "third"]);
     assert_eq!(*ended.borrow(), ["second", "third", "first"]);
 }
 
@@ -201,17 +203,20 @@ fn nested() {
         })
         .await
     });
+    let error = outcome.unwrap_err();
+    assert!(error.is_poisoned(), "the first in written order is");
     assert_eq!(
-        outcome.unwrap_err(),
-        Error::Poisoned,
-        "the first in written order"
+        error.to_string(),
+        "3 errors in a parallel construct: \
+         branches 1.1 to 1.2: the channel is poisoned, or a sibling in a parallel construct has failed; branch 2: outer"
     );
     // One within does not reach those without, but by its value.
     let outcome = luna::run(async {
         par!(
             async {
                 let inner = par!(a.send(1), async { Err::<(), _>(Error::other("inner")) }).await;
-                assert_eq!(inner, Err(Error::Poisoned));
+                let inner: Vec<_> = inner.unwrap_err().errors().map(Error::to_string).collect();
+                assert_eq!(inner, [Error::Poisoned.to_string(), "inner".to_owned()]);
                 Ok::<_, Error>(())
             },
             async {

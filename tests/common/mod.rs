@@ -195,6 +195,21 @@ impl Program {
         }
     }
 
+    /// The next line that the program says on standard error; empty when it has ended.
+    pub(crate) fn error_line(&mut self) -> String {
+        // Byte by byte, so that nothing is read that `end` is to give.
+        let mut line = Vec::new();
+        let mut byte = [0];
+        let errors = self.child.stderr.as_mut().unwrap();
+        while errors.read(&mut byte).unwrap() == 1 {
+            line.push(byte[0]);
+            if byte[0] == b'\n' {
+                break;
+            }
+        }
+        String::from_utf8_lossy(&line).into_owned()
+    }
+
     /// Sends it a signal, by number.
     #[cfg(unix)]
     pub(crate) fn signal(&self, signal: i32) {
