@@ -380,10 +380,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
         if let Some(level) = signals.highest_level()
             && with_queue(|queue| queue.highest_level()) <= Some(level)
         {
-            for link in shared.inbound.take(level) {
-                // SAFETY: a process taken from outside is live and in no queue any more.
-                with_queue(|queue| unsafe { queue.push_back(level, link) });
-            }
+            task::take_in(shared, level);
         }
     }
     let deadline = timers.next_deadline();
@@ -396,7 +393,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
     watch::glance(shared.inbound.bell());
     match with_queue(|queue| queue.pop()) {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
-        Some(link) => unsafe { (link.as_ref().run())(link) },
+        Some(link) => unsafe { task::run(link) },
         None => sleep(shared, timers.next_deadline()),
     }
 }

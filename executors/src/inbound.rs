@@ -1,28 +1,26 @@
-//! Wakes from elsewhere: how other threads hand processes to an executor, and how it goes to sleep without missing one.
+//! Wakes from elsewhere: how other threads tell an executor whom they have woken, and how it goes to sleep without missing one.
 //!
-//! One stack for each level, pushed to by compare-and-swap and taken whole by one swap, so that nobody ever waits for another's
-//! progress, and a high wake never waits behind low ones. One word of signals says which stacks hold something:
+//! [Seats](crate::seats) say who was woken at which level; one word of signals says at which levels there is somebody, so that a high wake never
+//! waits behind low ones:
 //!
 //! ```text
-//!   pusher                              owner
-//!   1 push the node                     a look at the signals: 0? queue empty?
+//!   waker                               owner
+//!   1 mark the seat                     a look at the signals: 0? queue empty?
 //!   2 set the level's bit      <----->  b swap 0 for ASLEEP in one step: fails if a bit was set
 //!   3 it was ASLEEP? ring               c wait for the bell
 //!                                       d clear ASLEEP; a again
 //! ```
 //!
 //! All of 2, b and d are read-modify-write operations on the one word, so they have one order: either 2 comes before b, which then
-//! fails, or the pusher sees `ASLEEP` and rings. Everybody who sees it rings, not the first alone: that one may be preempted before
+//! fails, or the waker sees `ASLEEP` and rings. Everybody who sees it rings, not the first alone: that one may be preempted before
 //! it does, and a more urgent one must not have to wait for it. While the owner is awake nobody makes a system call. It is the
 //! protocol of the [`Bell`], which says what the bell is.
 
-use crate::link::Link;
 use crate::presence::Presence;
+use crate::seats::{Seat, Seats};
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
-use luna_platform::current::LEVELS;
-use luna_platform::sync::atomic::{AtomicPtr, AtomicU64, Ordering};
-use std::ptr::{self, NonNull};
+use luna_platform::sync::atomic::{AtomicU64, Ordering};
 
 /// Set while the owner sleeps or is about to. Bits 0 to 31 are the levels.
 const ASLEEP: u64 = 1 << 32;
@@ -34,7 +32,7 @@ const ATTENTION: u64 = 1 << 33;
 pub(crate) struct Signals(u64);
 
 impl Signals {
-    /// The highest level at which somebody was pushed.
+    /// The highest level at which somebody was woken.
     #[inline]
     pub(crate) fn highest_level(self) -> Option<u8> {
         let levels = self.0 as u32;
@@ -54,15 +52,10 @@ impl Signals {
     }
 }
 
-/// The stacks, the signals, and the bell.
-///
-/// # Invariants
-///
-/// A node on a stack is live, is in no other queue, and belongs to the owner from the moment it is taken.
+/// The signals and the bell.
 #[derive(Debug)]
 pub(crate) struct Inbound {
     signals: AtomicU64,
-    stacks: [AtomicPtr<Link>; LEVELS as usize],
     bell: Bell,
 }
 
@@ -70,33 +63,15 @@ impl Inbound {
     pub(crate) fn new() -> Self {
         Self {
             signals: AtomicU64::new(0),
-            stacks: std::array::from_fn(|_| AtomicPtr::new(ptr::null_mut())),
             bell: Bell::new(),
         }
     }
 
-    /// Hands `node` over, from any thread. Lock-free; a system call only if the owner sleeps.
-    ///
-    /// # Safety
-    ///
-    /// `node` is live until the owner has taken it and is in no queue. `level` is below [`LEVELS`].
-    pub(crate) unsafe fn push(&self, level: u8, node: NonNull<Link>) {
-        let stack = &self.stacks[usize::from(level)];
-        let mut top = stack.load(Ordering::Relaxed);
-        loop {
-            // SAFETY: the node is the caller's until the exchange succeeds.
-            unsafe { node.as_ref() }.set_next(NonNull::new(top));
-            // Release: whoever takes the stack sees the node's link and all that happened before the wake.
-            match stack.compare_exchange_weak(
-                top,
-                node.as_ptr(),
-                Ordering::Release,
-                Ordering::Relaxed,
-            ) {
-                Ok(_) => break,
-                Err(now) => top = now,
-            }
-        }
+    /// Wakes who has `seat`, a seat of this executor, at `level`, from any thread. Wait-free: three instructions; a system call only if the owner
+    /// sleeps.
+    #[inline]
+    pub(crate) fn wake(&self, seat: &Seat, level: u8) {
+        seat.mark(level);
         self.signal(1 << level);
     }
 
@@ -128,28 +103,14 @@ impl Inbound {
         self.signals.fetch_and(!ATTENTION, Ordering::AcqRel);
     }
 
-    /// Takes all that wait at `level`, in the order of their arrival. O(their number); owner only.
-    pub(crate) fn take(&self, level: u8) -> Taken {
-        // The bit goes first: a node that is pushed after the swap sets it again.
+    /// Gives all of `seats`, those of this executor, who were woken at `level`. O(their number); owner only.
+    pub(crate) fn take<T: Copy>(&self, level: u8, seats: &Seats<T>, woken: impl FnMut(T)) {
+        // The signal goes first: who marks after the look signals again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
-        let mut from = self.stacks[usize::from(level)].swap(ptr::null_mut(), Ordering::Acquire);
-        // A stack gives the last first: turn it over.
-        let mut turned = None;
-        while let Some(node) = NonNull::new(from) {
-            // SAFETY: the swap made the chain ours, and its nodes live.
-            unsafe {
-                from = node
-                    .as_ref()
-                    .next()
-                    .map_or(ptr::null_mut(), NonNull::as_ptr);
-                node.as_ref().set_next(turned);
-            }
-            turned = Some(node);
-        }
-        Taken(turned)
+        seats.take(level, woken);
     }
 
-    /// Whether something was pushed or asked for that the owner has not taken. From any thread.
+    /// Whether somebody was woken or something asked for that the owner has not taken. From any thread.
     pub(crate) fn is_signalled(&self) -> bool {
         // Acquire: who sees that the owner has taken it sees what the owner did before.
         self.signals.load(Ordering::Acquire) & !ASLEEP != 0
@@ -188,21 +149,5 @@ impl Inbound {
             after();
             self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
         }
-    }
-}
-
-/// Processes taken from a stack, first come first.
-#[derive(Debug)]
-pub(crate) struct Taken(Option<NonNull<Link>>);
-
-impl Iterator for Taken {
-    type Item = NonNull<Link>;
-
-    #[inline]
-    fn next(&mut self) -> Option<NonNull<Link>> {
-        let node = self.0?;
-        // SAFETY: taken nodes are the owner's, and live.
-        self.0 = unsafe { node.as_ref() }.next();
-        Some(node)
     }
 }

@@ -29,6 +29,8 @@ mod link;
 mod presence;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod run_queue;
+#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
+mod seats;
 
 #[cfg(not(loom))]
 mod blocking;

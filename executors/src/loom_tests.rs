@@ -1,78 +1,67 @@
-//! The wake protocol on every interleaving: nobody is lost, nobody comes twice, nobody sleeps through a wake. And the protocol by which it is
+//! The wake protocol on every interleaving: no wake is lost or slept through, and none relies on another. And the protocol by which it is
 //! seen that all sleep: never while something is under way, and always in the end.
 //!
 //! Run with `RUSTFLAGS="--cfg loom" cargo test -p luna-executors --release --lib`.
 
 use crate::inbound::Inbound;
-use crate::link::Link;
 use crate::presence::{Look, Presence, Sleeper, look};
-use crate::run_queue::RunQueue;
+use crate::seats::{Seat, Seats};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use loom::thread;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
-use std::ptr::NonNull;
 
-/// A process: its link, and whether it is queued, as async-task's state would say.
-struct Node {
-    link: Link,
-    is_scheduled: AtomicBool,
+/// The executor's part that its wakers see, and a process' part: its seat, and what its wakers bring.
+struct Process {
+    seat: Seat,
     level: u8,
+    brought: AtomicUsize,
 }
 
-unsafe fn nothing(_: NonNull<Link>) {}
+impl Process {
+    fn wake(&self, inbound: &Inbound) {
+        self.brought.fetch_add(1, Ordering::Relaxed);
+        inbound.wake(&self.seat, self.level);
+    }
+}
 
-impl Node {
-    /// On the heap for as long as the program: loom's threads have no scope.
-    fn leak(level: u8) -> &'static Node {
-        Box::leak(Box::new(Node {
-            link: Link::new(nothing),
-            is_scheduled: AtomicBool::new(false),
+/// Processes at these levels, each of which is a member by its place.
+fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, Seats<usize>) {
+    let mut seats = Seats::new();
+    let mut member = 0;
+    let processes = levels.map(|level| {
+        let seat = seats.reserve();
+        seats.fill(seat.number(), member);
+        member += 1;
+        Process {
+            seat,
             level,
-        }))
-    }
-
-    /// A waker's work: schedules the process unless it is scheduled.
-    fn wake(&'static self, inbound: &Inbound) {
-        if !self.is_scheduled.swap(true, Ordering::AcqRel) {
-            // SAFETY: the node lives for ever, and is in no queue unless it is scheduled.
-            unsafe { inbound.push(self.level, NonNull::from(&self.link)) };
+            brought: AtomicUsize::new(0),
         }
-    }
+    });
+    (Arc::new(processes), seats)
 }
 
-/// The owner's loop, as in `executor::round`: runs until `expected` runs were counted. Gives the levels in the order of their runs.
-fn run_until(inbound: &Inbound, nodes: &[&'static Node], expected: usize) -> Vec<u8> {
-    let queue = RunQueue::new();
+/// The owner's loop, as in `executor::round`: runs processes until all has been seen that `expected` wakes bring. Gives who ran.
+fn run_until<const N: usize>(
+    inbound: &Inbound,
+    seats: &Seats<usize>,
+    processes: &[Process; N],
+    expected: usize,
+) -> Vec<usize> {
     let mut runs = Vec::new();
-    while runs.len() < expected {
-        if let Some(level) = inbound.signals().highest_level()
-            && queue.highest_level() <= Some(level)
-        {
-            for link in inbound.take(level) {
-                // SAFETY: taken from the stack, so live and in no queue.
-                unsafe { queue.push_back(level, link) };
-            }
-        }
-        match queue.pop() {
-            Some(link) => {
-                let node = nodes
-                    .iter()
-                    .find(|node| NonNull::from(&node.link) == link)
-                    .unwrap();
-                // A run clears the flag before it polls, so that a wake during the poll schedules again.
-                assert!(
-                    node.is_scheduled.swap(false, Ordering::AcqRel),
-                    "ran without being scheduled"
-                );
-                runs.push(node.level);
-            }
+    let mut seen = [0; N];
+    while seen.iter().sum::<usize>() < expected {
+        match inbound.signals().highest_level() {
+            Some(level) => inbound.take(level, seats, |member| {
+                assert_eq!(processes[member].level, level);
+                runs.push(member);
+                seen[member] = processes[member].brought.load(Ordering::Relaxed);
+            }),
             None => inbound.sleep(Instant::NEVER),
         }
     }
-    assert!(queue.pop().is_none());
-    luna_platform::current::set_ready_levels(0);
     runs
 }
 
@@ -83,92 +72,64 @@ fn model(f: impl Fn() + Sync + Send + 'static) {
     builder.check(f);
 }
 
+/// Wakers of these members, all at once, and the owner, who must see all that they bring.
+fn all_are_seen<const N: usize, const W: usize>(levels: [u8; N], wakers: [usize; W]) {
+    model(move || {
+        let inbound = Arc::new(Inbound::new());
+        let (processes, seats) = processes(levels);
+        let wakers = wakers.map(|member| {
+            let (inbound, processes) = (inbound.clone(), processes.clone());
+            thread::spawn(move || processes[member].wake(&inbound))
+        });
+        let runs = run_until(&inbound, &seats, &processes, W);
+        for waker in wakers {
+            waker.join().unwrap();
+        }
+        // One who came with what was seen before may be left.
+        let mut left = 0;
+        while let Some(level) = inbound.signals().highest_level() {
+            inbound.take(level, &seats, |_| left += 1);
+        }
+        assert!(runs.len() + left <= W, "{runs:?}: ran without being woken");
+    });
+}
+
 #[test]
 fn a_wake_is_never_slept_through() {
-    model(|| {
-        let inbound = Arc::new(Inbound::new());
-        let node = Node::leak(3);
-        let other = inbound.clone();
-        let waker = thread::spawn(move || node.wake(&other));
-        assert_eq!(run_until(&inbound, &[node], 1), [3]);
-        waker.join().unwrap();
-    });
+    all_are_seen([3], [0]);
 }
 
 #[test]
 fn two_wakers_of_two_processes_at_one_level() {
-    model(|| {
-        let inbound = Arc::new(Inbound::new());
-        let nodes = [Node::leak(3), Node::leak(3)];
-        let wakers = nodes.map(|node| {
-            let inbound = inbound.clone();
-            thread::spawn(move || node.wake(&inbound))
-        });
-        assert_eq!(run_until(&inbound, &nodes, 2), [3, 3]);
-        for waker in wakers {
-            waker.join().unwrap();
-        }
-    });
+    all_are_seen([3, 3], [0, 1]);
 }
 
 #[test]
 fn two_wakers_at_two_levels() {
-    model(|| {
-        let inbound = Arc::new(Inbound::new());
-        let nodes = [Node::leak(0), Node::leak(31)];
-        let wakers = nodes.map(|node| {
-            let inbound = inbound.clone();
-            thread::spawn(move || node.wake(&inbound))
-        });
-        let mut runs = run_until(&inbound, &nodes, 2);
-        runs.sort_unstable();
-        assert_eq!(runs, [0, 31]);
-        for waker in wakers {
+    all_are_seen([0, 31], [0, 1]);
+}
+
+#[test]
+fn two_wakers_of_one_process() {
+    all_are_seen([7], [0, 0]);
+}
+
+/// One waker stands still for ever after any of its steps: the wake of another is seen all the same.
+#[test]
+fn a_waker_that_goes_no_further_holds_up_nobody() {
+    for steps in 0..3 {
+        model(move || {
+            let inbound = Arc::new(Inbound::new());
+            let (processes, seats) = processes([7]);
+            processes[0].seat.mark_partly(7, steps);
+            let waker = {
+                let (inbound, processes) = (inbound.clone(), processes.clone());
+                thread::spawn(move || processes[0].wake(&inbound))
+            };
+            assert!(!run_until(&inbound, &seats, &processes, 1).is_empty());
             waker.join().unwrap();
-        }
-    });
-}
-
-#[test]
-fn a_process_woken_twice_runs_once_or_twice_and_ends_unscheduled() {
-    model(|| {
-        let inbound = Arc::new(Inbound::new());
-        let node = Node::leak(7);
-        let other = inbound.clone();
-        let waker = thread::spawn(move || {
-            node.wake(&other);
-            node.wake(&other);
         });
-        let runs = run_until(&inbound, &[node], 1).len();
-        waker.join().unwrap();
-        let rest = if inbound.signals().highest_level().is_some() {
-            inbound.take(7).count()
-        } else {
-            0
-        };
-        assert!(runs + rest <= 2);
-        assert_eq!(node.is_scheduled.load(Ordering::Acquire), rest == 1);
-    });
-}
-
-#[test]
-fn pushes_of_one_thread_stay_in_order() {
-    model(|| {
-        let inbound = Arc::new(Inbound::new());
-        let nodes = [Node::leak(5), Node::leak(5)];
-        let other = inbound.clone();
-        let waker = thread::spawn(move || nodes.iter().for_each(|node| node.wake(&other)));
-        let mut seen = Vec::new();
-        while seen.len() < 2 {
-            if inbound.signals().highest_level().is_some() {
-                seen.extend(inbound.take(5));
-            } else {
-                inbound.sleep(Instant::NEVER);
-            }
-        }
-        assert_eq!(seen, nodes.map(|node| NonNull::from(&node.link)));
-        waker.join().unwrap();
-    });
+    }
 }
 
 #[test]

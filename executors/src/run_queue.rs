@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn highest_level_first_then_by_arrival() {
-        let links: Vec<Link> = (0..6).map(|_| Link::new(|_| {})).collect();
+        let links: Vec<Link> = (0..6).map(|_| Link::new()).collect();
         let queue = RunQueue::new();
         for (index, level) in [0, 31, 5, 5, 31, 0].into_iter().enumerate() {
             // SAFETY: the links outlive the queue and are pushed once.
@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn who_resumes_comes_before_its_level_and_after_higher_ones() {
-        let links: Vec<Link> = (0..3).map(|_| Link::new(|_| {})).collect();
+        let links: Vec<Link> = (0..3).map(|_| Link::new()).collect();
         let queue = RunQueue::new();
         // SAFETY: the links outlive the queue and are pushed once.
         unsafe {
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn who_is_taken_out_leaves_the_others_in_order() {
         for gone in 0..4 {
-            let links: Vec<Link> = (0..4).map(|_| Link::new(|_| {})).collect();
+            let links: Vec<Link> = (0..4).map(|_| Link::new()).collect();
             let queue = RunQueue::new();
             // SAFETY: the links outlive the queue and are pushed once; the one that is taken out is queued.
             unsafe {

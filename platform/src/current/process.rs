@@ -85,12 +85,14 @@ pub enum Place {
     Last,
 }
 
-/// What an executor does for its processes. Both are given the owner that the process was made with.
+/// What an executor does for its processes. All are given the owner that the process was made with.
 #[derive(Debug)]
 pub struct Methods {
     /// Readies the process without its waker, on its home's thread, at this level. If it is ready at a lower one, it is moved up, also
     /// when the place is the last. It may have ended: then this does nothing.
     pub ready_here: unsafe fn(NonNull<()>, u8, Place),
+    /// Readies the process without its waker, at this level, on any other thread. It must not rely on another wake to go on.
+    pub ready_elsewhere: unsafe fn(NonNull<()>, u8),
     /// Frees the owner, on any thread: the process has ended, and nobody refers to it any more.
     pub free: unsafe fn(NonNull<()>),
 }
@@ -226,6 +228,21 @@ impl Process {
         unsafe {
             if let Some((owner, methods)) = *self.owner.get() {
                 (methods.ready_here)(owner, self.lowered_priority(lowered).level, place);
+            }
+        }
+    }
+
+    /// Readies the process without its waker, if it can be, that many levels below its own.
+    ///
+    /// # Safety
+    ///
+    /// The process is referred to by counting, and this is not its home's thread.
+    #[inline]
+    pub(super) unsafe fn ready_elsewhere(&self, lowered: u8) {
+        // SAFETY: the contract, and that of `set_owner`.
+        unsafe {
+            if let Some((owner, methods)) = *self.owner.get() {
+                (methods.ready_elsewhere)(owner, self.lowered_priority(lowered).level);
             }
         }
     }

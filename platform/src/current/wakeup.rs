@@ -3,7 +3,6 @@
 use super::process::{Place, Process};
 use super::{LEVELS, home, lowered, process};
 use std::fmt;
-use std::marker::PhantomData;
 use std::num::NonZeroUsize;
 use std::ptr::NonNull;
 use std::task::{Context, Waker};
@@ -139,18 +138,12 @@ impl Wakeup {
         }
     }
 
-    /// Makes ready to wake after the lock is released: a process of this thread without its waker, all others with theirs.
+    /// Makes ready to wake after the lock is released. O(1): nothing of another's is called.
     #[inline]
     pub fn take(self) -> Ready {
         Ready(match self.0 {
-            Inner::Waker(waker) => Readying::Elsewhere(waker),
-            Inner::Process(reference) if reference.is_here() => {
-                Readying::Here(reference, PhantomData)
-            }
-            Inner::Process(reference) => match reference.process().waker() {
-                Some(waker) => Readying::Elsewhere(waker.clone()),
-                None => Readying::Nobody,
-            },
+            Inner::Waker(waker) => Readying::Waker(waker),
+            Inner::Process(reference) => Readying::Process(reference),
         })
     }
 
@@ -176,23 +169,22 @@ impl Wakeup {
     }
 }
 
-/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks, on the thread that took it.
+/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
 pub struct Ready(Readying);
 
 enum Readying {
-    /// On its thread, where the marker keeps it.
-    Here(Reference, PhantomData<*const ()>),
-    Elsewhere(Waker),
+    Process(Reference),
+    Waker(Waker),
     Nobody,
 }
 
 impl fmt::Debug for Readying {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Readying::Here(reference, _) => reference.process().fmt(f),
-            Readying::Elsewhere(waker) => waker.fmt(f),
+            Readying::Process(reference) => reference.process().fmt(f),
+            Readying::Waker(waker) => waker.fmt(f),
             Readying::Nobody => f.write_str("Nobody"),
         }
     }
@@ -206,9 +198,17 @@ impl Ready {
     #[inline]
     pub fn wake(self) {
         match self.0 {
-            // SAFETY: `take` saw that this is the home's thread, and this value cannot leave it.
-            Readying::Here(reference, _) => unsafe { reference.ready_here(Place::Last) },
-            Readying::Elsewhere(waker) => waker.wake(),
+            Readying::Process(reference) => {
+                // SAFETY: in each case the thread is what it must be; the reference keeps the process' memory.
+                unsafe {
+                    if reference.is_here() {
+                        reference.ready_here(Place::Last);
+                    } else {
+                        reference.process().ready_elsewhere(reference.lowered());
+                    }
+                }
+            }
+            Readying::Waker(waker) => waker.wake(),
             Readying::Nobody => {}
         }
     }

@@ -1,5 +1,5 @@
-//! A task has two links, one for wakes on its own thread and one for wakers (see `task.rs`). Here both are pulled at once, in all orders,
-//! by all threads, also while the process ends.
+//! A process is woken by its wakers and without them, on its own thread and from elsewhere (see `task`). Here all is done at once, in all
+//! orders, by all threads, also while the process ends.
 
 #![cfg(not(loom))]
 
@@ -85,30 +85,36 @@ fn every_pair_of_pulls_in_the_first_a_later_and_the_last_poll() {
 }
 
 #[test]
-fn both_links_at_once_poll_at_most_twice() {
-    let _watchdog = watchdog("both_links_at_once_poll_at_most_twice");
+fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
+    let _watchdog = watchdog("however_often_it_is_woken_on_its_thread_it_runs_once_more");
     let executor = executor();
-    let process = executor.spawn(ProcessSpec::new("both"), || async {
-        let mut polls = 0;
+    let spec = || ProcessSpec::new("woken").level(20);
+    let process = executor.spawn(spec(), || async {
+        pulled(
+            2,
+            [[Pull::Waker; 10], [Pull::Here(Place::Last); 10]].concat(),
+        )
+        .await;
+        // Nobody wakes it any more, so the lower one below runs, and then this one again.
+        let mut is_polled = false;
         poll_fn(move |cx| {
-            polls += 1;
-            match polls {
-                1 => {
-                    for _ in 0..10 {
-                        cx.waker().wake_by_ref();
-                        current::ready_again(cx, Place::Last);
-                    }
-                    Poll::Pending
-                }
-                // By either link, and the other does no harm.
-                2 => Poll::Pending,
-                _ => Poll::Ready(()),
+            if is_polled {
+                return Poll::Ready(());
             }
+            is_polled = true;
+            WOKEN.lock().unwrap().replace(cx.waker().clone());
+            Poll::Pending
         })
         .await;
     });
+    static WOKEN: Mutex<Option<Waker>> = Mutex::new(None);
+    let lower = executor.spawn(ProcessSpec::new("lower").level(10), || async {
+        WOKEN.lock().unwrap().take().unwrap().wake();
+    });
     executor.release();
-    assert_eq!((process.wait(), process.polls()), (Exit::Completed, 3));
+    assert_eq!(lower.wait(), Exit::Completed);
+    // Once to begin, once for twenty wakes in the first poll, once for as many in the second, and once for the last one.
+    assert_eq!((process.wait(), process.polls()), (Exit::Completed, 4));
 }
 
 /// A process whose polls do random things, and which hands its waker to all the attackers.

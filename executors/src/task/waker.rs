@@ -1,0 +1,78 @@
+//! The wakers of a task: counted pointers to it.
+
+use super::{Task, ready, ready_elsewhere};
+use luna_platform::current::{self, Place};
+use luna_platform::reclaim;
+use std::ptr::NonNull;
+use std::sync::atomic::{Ordering, fence};
+use std::task::{RawWaker, RawWakerVTable, Waker};
+
+/// Another waker of `task`.
+///
+/// # Safety
+///
+/// The task is live: it has a waker already, or nobody else knows it yet.
+pub(super) unsafe fn new(task: NonNull<Task>) -> Waker {
+    // SAFETY: the contract. Relaxed: who has a waker may pass it on, and brings what that needs itself.
+    unsafe {
+        task.as_ref().references.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker is counted.
+        Waker::new(task.as_ptr().cast(), &TABLE)
+    }
+}
+
+static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, discard);
+
+/// The task that a waker leads to.
+///
+/// # Safety
+///
+/// `data` is of a waker made above, so it is not null.
+#[inline]
+unsafe fn task(data: *const ()) -> NonNull<Task> {
+    // SAFETY: the contract.
+    unsafe { NonNull::new_unchecked(data.cast_mut().cast()) }
+}
+
+// SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is discarded.
+
+unsafe fn clone(data: *const ()) -> RawWaker {
+    // SAFETY: see above.
+    unsafe { task(data).as_ref() }
+        .references
+        .fetch_add(1, Ordering::Relaxed);
+    RawWaker::new(data, &TABLE)
+}
+
+unsafe fn wake(data: *const ()) {
+    // SAFETY: see above.
+    unsafe {
+        wake_by_ref(data);
+        discard(data);
+    }
+}
+
+unsafe fn wake_by_ref(data: *const ()) {
+    // SAFETY: see above; on the home's thread the task can be queued at once.
+    unsafe {
+        let task = task(data);
+        let process = &task.as_ref().process;
+        if current::home() == Some(process.home()) {
+            ready(task, process.level(), Place::Last);
+        } else {
+            ready_elsewhere(task.cast(), process.level());
+        }
+    }
+}
+
+unsafe fn discard(data: *const ()) {
+    // SAFETY: see above; the last waker leaves nobody who uses the task. Its own two are dropped only after its body has ended, and its process.
+    unsafe {
+        let task = task(data);
+        // Release and Acquire: whoever frees the task does so after all that others did with it.
+        if task.as_ref().references.fetch_sub(1, Ordering::Release) == 1 {
+            fence(Ordering::Acquire);
+            reclaim::retire(NonNull::new_unchecked(&raw mut (*task.as_ptr()).retired));
+        }
+    }
+}
