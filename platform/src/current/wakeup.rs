@@ -147,6 +147,25 @@ impl Wakeup {
         })
     }
 
+    /// Whether it readies a process of this thread, without its waker.
+    pub(super) fn is_here(&self) -> bool {
+        matches!(&self.0, Inner::Process(reference) if reference.is_here())
+    }
+
+    /// Readies a process of another thread, or gives what does so with a waker, which is not to be woken under a lock.
+    ///
+    /// The caller has seen that it is not of this thread ([`is_here`](Self::is_here)).
+    pub(super) fn wake_elsewhere(&self) -> Ready {
+        match &self.0 {
+            Inner::Waker(waker) => Ready(Readying::Waker(waker.clone())),
+            Inner::Process(reference) => {
+                // SAFETY: the reference keeps the process' memory, and the caller saw that it is not of this thread.
+                unsafe { reference.process().ready_elsewhere(reference.lowered()) };
+                Ready::NOBODY
+            }
+        }
+    }
+
     /// Readies at once, at `place` if it is a process of this thread.
     #[inline]
     pub(super) fn wake_here(&self, place: Place) {

@@ -15,8 +15,8 @@ const WORD: usize = u64::BITS as usize;
 /// collection and the branches' wakers share.
 ///
 /// A wake sets the branch's bit, then its word's, then readies the parent, if that has said that it waits: a fixed number of steps,
-/// whoever else wakes. The parent takes them in the other direction. Of several who wake while the parent waits, the first one readies
-/// it; so the others rely on that one to go on, as they do among the wakers of one task in async-task.
+/// whoever else wakes. The parent takes them in the other direction. From elsewhere, all who wake while the parent waits ready it, not the first alone:
+/// that one may be preempted before it does. On the parent's own thread the first is enough, since that thread must go on in any case.
 ///
 /// # Invariants
 ///
@@ -221,10 +221,24 @@ impl Block {
     fn wake(&self, branch: usize) {
         self.set(branch / WORD, 1 << (branch % WORD));
         if self.is_waiting.load(Ordering::Acquire) {
-            self.take_parent()
-                .map_or(Ready::NOBODY, Wakeup::take)
-                .wake();
+            self.wake_parent();
         }
+    }
+
+    fn wake_parent(&self) {
+        let ready = {
+            let mut parent = self.parent.lock();
+            match parent.take_if(|wakeup| wakeup.is_here()) {
+                Some(wakeup) => {
+                    self.is_waiting.store(false, Ordering::Relaxed);
+                    wakeup.take()
+                }
+                None => parent
+                    .as_ref()
+                    .map_or(Ready::NOBODY, Wakeup::wake_elsewhere),
+            }
+        };
+        ready.wake();
     }
 }
 
