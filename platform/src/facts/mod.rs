@@ -2,7 +2,16 @@
 //!
 //! Every fact may be missing: another system, a container that hides a file, a user who may not read it. Nothing here fails.
 
+pub mod command_line;
+pub mod config;
+pub mod control_group;
+pub mod cpu_time;
+pub mod interrupts;
 pub mod parse;
+mod source;
+pub mod task;
+
+pub use source::{Source, Unread, UnreadReason};
 
 use crate::backend::facts as backend;
 use std::collections::BTreeMap;
@@ -102,6 +111,32 @@ impl fmt::Display for PreemptionModel {
     }
 }
 
+impl PreemptionModel {
+    /// The one in effect, as far as `source` tells; [`Dynamic`](Self::Dynamic) where it hides which.
+    ///
+    /// # Errors
+    ///
+    /// The file that should have told.
+    pub fn read(source: &Source) -> Result<PreemptionModel, Unread> {
+        if source.word("/sys/kernel/realtime").as_deref() == Ok("1") {
+            return Ok(PreemptionModel::RealTime);
+        }
+        let built = parse::preemption_of_version(&source.word("/proc/sys/kernel/version")?);
+        if built != PreemptionModel::Dynamic {
+            return Ok(built);
+        }
+        // Only root sees the one in effect, and only where debugfs is mounted. The command line is nearly as good, where it says one.
+        let in_effect = source
+            .parse(
+                "/sys/kernel/debug/sched/preempt",
+                parse::preemption_in_effect,
+            )
+            .ok();
+        let asked = || parse::preemption_asked(&source.read("/proc/cmdline").ok()?);
+        Ok(in_effect.or_else(asked).unwrap_or(PreemptionModel::Dynamic))
+    }
+}
+
 /// How much of each period real-time threads may take together, on each core. A spinning one is stopped for the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -110,6 +145,47 @@ pub struct Throttling {
     pub runtime_us: Option<u64>,
     /// The period in microseconds.
     pub period_us: u64,
+}
+
+impl Throttling {
+    /// That of `source`.
+    ///
+    /// # Errors
+    ///
+    /// The file that should have told.
+    pub fn read(source: &Source) -> Result<Throttling, Unread> {
+        let value = |name: &str| source.parse(&format!("/proc/sys/kernel/{name}"), parse::number);
+        Ok(Throttling {
+            // -1 says that there is no limit.
+            runtime_us: u64::try_from(value("sched_rt_runtime_us")?).ok(),
+            period_us: source.parse("/proc/sys/kernel/sched_rt_period_us", |text| {
+                u64::try_from(parse::number(text)?).ok()
+            })?,
+        })
+    }
+}
+
+/// How finely the kernel keeps time, in nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ClockResolution {
+    /// To which a timer can be set: 1 with high-resolution timers, else as the tick.
+    pub timer_ns: u64,
+    /// From one tick to the next: 1 000 000 000 / CONFIG_HZ.
+    pub tick_ns: u64,
+}
+
+impl ClockResolution {
+    /// This machine's; `None` on a backend that cannot ask. Two system calls.
+    ///
+    /// ```
+    /// if let Some(clock) = luna_platform::facts::ClockResolution::of_this_machine() {
+    ///     assert!(clock.timer_ns <= clock.tick_ns);
+    /// }
+    /// ```
+    pub fn of_this_machine() -> Option<ClockResolution> {
+        backend::clock_resolution()
+    }
 }
 
 /// A limit that the system sets a process.

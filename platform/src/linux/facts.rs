@@ -2,12 +2,28 @@
 
 use super::privileges::{self, Capability};
 use super::thread::available_cores;
-use crate::facts::parse::{
-    core_list, number, preemption_asked, preemption_in_effect, preemption_of_version,
+use crate::facts::parse::core_list;
+use crate::facts::{
+    ClockResolution, Limit, NumaNode, PreemptionModel, Source, SystemFacts, Throttling,
 };
-use crate::facts::{Limit, NumaNode, PreemptionModel, SystemFacts, Throttling};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+use nix::time::{ClockId, clock_getres};
 use std::fs;
+
+/// Below which the kernel's files lie.
+pub(crate) const ROOT: Option<&str> = Some("/");
+
+/// The coarse clock advances with the tick.
+pub(crate) fn clock_resolution() -> Option<ClockResolution> {
+    let nanos = |clock| {
+        let resolution = clock_getres(clock).ok()?;
+        u64::try_from(resolution.tv_sec() * 1_000_000_000 + resolution.tv_nsec()).ok()
+    };
+    Some(ClockResolution {
+        timer_ns: nanos(ClockId::CLOCK_MONOTONIC)?,
+        tick_ns: nanos(ClockId::CLOCK_MONOTONIC_COARSE)?,
+    })
+}
 
 pub(crate) fn gather() -> SystemFacts {
     let online_cores = cores("/sys/devices/system/cpu/online");
@@ -23,8 +39,8 @@ pub(crate) fn gather() -> SystemFacts {
         tickless_cores: cores("/sys/devices/system/cpu/nohz_full"),
         numa_nodes: numa_nodes(),
         kernel_release: word("/proc/sys/kernel/osrelease"),
-        preemption: preemption(),
-        throttling: throttling(),
+        preemption: PreemptionModel::read(&Source::machine()).ok(),
+        throttling: Throttling::read(&Source::machine()).ok(),
         clock_source: word("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         may_set_policy: may(Capability::SysNice),
         may_lock_memory: may(Capability::IpcLock),
@@ -49,31 +65,6 @@ fn numa_nodes() -> Option<Vec<NumaNode>> {
         Some(NumaNode { id, cores })
     });
     nodes.collect()
-}
-
-fn preemption() -> Option<PreemptionModel> {
-    if word("/sys/kernel/realtime").as_deref() == Some("1") {
-        return Some(PreemptionModel::RealTime);
-    }
-    let built = preemption_of_version(&word("/proc/sys/kernel/version")?);
-    if built != PreemptionModel::Dynamic {
-        return Some(built);
-    }
-    // Only root sees the one in effect, and only where debugfs is mounted. The command line is nearly as good, where it says one.
-    let in_effect = fs::read_to_string("/sys/kernel/debug/sched/preempt")
-        .ok()
-        .and_then(|text| preemption_in_effect(&text));
-    let asked = || preemption_asked(&fs::read_to_string("/proc/cmdline").ok()?);
-    in_effect.or_else(asked).or(Some(PreemptionModel::Dynamic))
-}
-
-fn throttling() -> Option<Throttling> {
-    let value = |name: &str| number(&fs::read_to_string(format!("/proc/sys/kernel/{name}")).ok()?);
-    Some(Throttling {
-        // -1 says that there is no limit.
-        runtime_us: u64::try_from(value("sched_rt_runtime_us")?).ok(),
-        period_us: u64::try_from(value("sched_rt_period_us")?).ok()?,
-    })
 }
 
 fn may(capability: Capability) -> Option<bool> {

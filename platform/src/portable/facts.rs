@@ -1,6 +1,13 @@
 //! The standard library knows how many threads can run at once, and nothing else of the machine.
 
-use crate::facts::SystemFacts;
+use crate::facts::{ClockResolution, SystemFacts};
+
+/// There are no files of the kernel.
+pub(crate) const ROOT: Option<&str> = None;
+
+pub(crate) fn clock_resolution() -> Option<ClockResolution> {
+    None
+}
 
 pub(crate) fn gather() -> SystemFacts {
     SystemFacts {
