@@ -37,6 +37,8 @@ pub(crate) enum Command {
     Demo(Demo),
     /// Measures how late a periodic process wakes up, as cyclictest does
     Jitter(Jitter),
+    /// Says whether this machine is fit for hard real time, and what to do about what is not
+    Doctor(Doctor),
 }
 
 /// The options of `luna demo`.
@@ -82,6 +84,39 @@ pub(crate) struct Jitter {
     /// Where to write the histogram, as CSV: latency_ns,count
     #[arg(long, value_name = "FILE")]
     pub(crate) histogram: Option<PathBuf>,
+}
+
+/// The options of `luna doctor`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+Exit codes: 0 fit (nothing is bad; things may be better, or unknown), 1 unfit (something is bad), 2 bad arguments,
+3 broken (a self-test failed or hung), 4 unknown (nothing is bad, but too little could be read to say that it is fit).
+
+JSON: schema, version, fitness (fit, unfit, broken, unknown), exit_code, core, this_machine, counts (good, could_be_better, bad,
+unknown), findings. A finding: name (stable), part (machine, measurement, self_test), verdict (good, could_be_better,
+bad, unknown), read, from, why, advice (or null), and for a measurement ns (samples, min, p50, p99, max).")]
+pub(crate) struct Doctor {
+    /// The core that is to run real-time executors [default: the last isolated one, else the last]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) core: Option<usize>,
+    /// Measure a shorter time: half a second instead of two
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Do not measure
+    #[arg(long)]
+    pub(crate) no_measure: bool,
+    /// Do not test the library's components
+    #[arg(long)]
+    pub(crate) no_self_test: bool,
+    /// Say of good findings too why they matter
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Read another machine's files (proc, sys, ...) below DIR; nothing is measured or tested then
+    #[arg(long, value_name = "DIR")]
+    pub(crate) root: Option<PathBuf>,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// Where the measured processes run, and how they are reported.
@@ -205,6 +240,22 @@ mod tests {
     }
 
     #[test]
+    fn doctor_takes_its_options() {
+        let Ok(Command::Doctor(doctor)) = parse("luna doctor") else {
+            panic!("no doctor");
+        };
+        assert_eq!((doctor.core, doctor.root), (None, None));
+        assert!(!(doctor.quick || doctor.no_measure || doctor.no_self_test));
+        let Ok(Command::Doctor(doctor)) =
+            parse("luna doctor --core 3 --no-measure --no-self-test --root a --json --explain")
+        else {
+            panic!("no doctor");
+        };
+        assert_eq!((doctor.core, doctor.root), (Some(3), Some("a".into())));
+        assert!(doctor.no_measure && doctor.no_self_test && doctor.json && doctor.explain);
+    }
+
+    #[test]
     fn bad_values_are_named() {
         for (line, option) in [
             ("luna demo --rate 0", "--rate"),
@@ -228,6 +279,7 @@ mod tests {
             ("luna jitter --interval 99999999999999999999", "--interval"),
             ("luna jitter --loops 0", "--loops"),
             ("luna jitter --loops -3", "--loops"),
+            ("luna doctor --core -1", "--core"),
         ] {
             let error = parse(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");

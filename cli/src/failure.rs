@@ -2,6 +2,7 @@
 
 use crate::joystick;
 use luna::SetupError;
+use luna_platform::facts::parse::write_core_list;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -22,6 +23,18 @@ pub(crate) enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// The folder with a machine's files is none.
+    Root {
+        /// As given.
+        path: PathBuf,
+    },
+    /// The machine has no such core, or it is switched off.
+    Core {
+        /// As given.
+        core: usize,
+        /// Those that are there.
+        online: Vec<usize>,
+    },
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -32,7 +45,10 @@ impl Failure {
     /// 2 for what the user can put right on the command line, as clap has it; 1 for the rest.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::Joystick { .. } | Self::Histogram { .. } => 2,
+            Self::Joystick { .. }
+            | Self::Histogram { .. }
+            | Self::Root { .. }
+            | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
             )) => 2,
@@ -48,6 +64,12 @@ impl fmt::Display for Failure {
                 write!(f, "joystick recording {}: {error}", path.display())
             }
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
+            Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
+            Self::Core { core, online } => write!(
+                f,
+                "--core {core}: the machine has the cores {}",
+                write_core_list(online)
+            ),
             Self::Luna(error) => error.fmt(f),
             Self::Output(error) => write!(f, "standard output: {error}"),
         }

@@ -1,8 +1,9 @@
-//! The `luna` command: the demo, and measurements of a machine.
+//! The `luna` command: the demo, measurements of a machine, and whether it is fit.
 
 mod alloc;
 mod args;
 mod demo;
+mod doctor;
 mod failure;
 mod histogram_text;
 mod jitter;
@@ -22,12 +23,14 @@ use std::process::ExitCode;
 static ALLOCATOR: alloc::Counting = alloc::Counting::new(luna::on_path);
 
 fn main() -> ExitCode {
+    let of_a_run = |complete: bool| ExitCode::from(u8::from(!complete));
     let outcome = match Arguments::parse().command() {
-        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR),
-        Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR),
+        Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR).map(of_a_run),
+        Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR).map(of_a_run),
+        Command::Doctor(arguments) => doctor::run(&arguments),
     };
     match outcome {
-        Ok(complete) => ExitCode::from(u8::from(!complete)),
+        Ok(code) => code,
         Err(failure) => {
             eprintln!("luna: {failure}");
             ExitCode::from(failure.exit_code())

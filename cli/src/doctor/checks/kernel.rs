@@ -1,0 +1,129 @@
+//! The kernel: which, how it preempts, how finely it keeps time.
+
+use crate::doctor::finding::{Check, Seen};
+use crate::doctor::machine::Machine;
+use luna_platform::facts::{PreemptionModel, Unread, command_line};
+
+pub(super) const CHECKS: &[Check] = &[
+    Check {
+        name: "kernel-version",
+        why: "5.14 has the futex operation that LUNA's lock is made for; 6.12 has PREEMPT_RT without a patch",
+        otherwise: "run `uname -r`",
+        look: version,
+    },
+    Check {
+        name: "preemption",
+        why: "what runs in the kernel holds up a real-time thread until the kernel lets itself be preempted",
+        otherwise: "run `uname -v` and look for PREEMPT",
+        look: preemption,
+    },
+    Check {
+        name: "timer-resolution",
+        why: "without high-resolution timers every wake-up waits for the next tick: milliseconds",
+        otherwise: "run `grep HIGH_RES_TIMERS /boot/config-$(uname -r)`",
+        look: resolution,
+    },
+    Check {
+        name: "tick",
+        why: "each tick takes a core for some microseconds; wake-ups do not depend on it",
+        otherwise: "run `zgrep CONFIG_HZ= /proc/config.gz` or `getconf CLK_TCK` (which is not it, but at most it)",
+        look: tick,
+    },
+];
+
+fn version(machine: &Machine) -> Result<Seen, Unread> {
+    let version = machine.kernel_version()?;
+    let from = "/proc/sys/kernel/osrelease";
+    let release = machine.source.word(from)?;
+    Ok(match version {
+        (5, 14..) | (6.., _) => Seen::good(release, from),
+        (4.., _) => Seen::better(
+            release,
+            from,
+            "install a kernel of 5.14 or later, best 6.12 or later",
+        ),
+        _ => Seen::bad(
+            release,
+            from,
+            "install a kernel of 5.14 or later, best 6.12 or later",
+        ),
+    })
+}
+
+fn preemption(machine: &Machine) -> Result<Seen, Unread> {
+    let from = "/proc/sys/kernel/version";
+    let model = PreemptionModel::read(&machine.source)?;
+    let install = "install a PREEMPT_RT kernel (Debian: `apt install linux-image-rt-amd64`; Ubuntu: `pro enable realtime-kernel`; \
+                   your own: CONFIG_PREEMPT_RT=y)";
+    Ok(match model {
+        PreemptionModel::RealTime => Seen::good("PREEMPT_RT", from),
+        PreemptionModel::Full => Seen::better("full, not PREEMPT_RT", from, install),
+        PreemptionModel::Lazy | PreemptionModel::Dynamic => Seen::better(
+            format!("{model}, not PREEMPT_RT"),
+            from,
+            format!("{install}; until then boot with preempt=full"),
+        ),
+        _ => Seen::bad(
+            model.to_string(),
+            from,
+            format!(
+                "{install}; until then boot with preempt=full, where the kernel has CONFIG_PREEMPT_DYNAMIC"
+            ),
+        ),
+    })
+}
+
+fn resolution(machine: &Machine) -> Result<Seen, Unread> {
+    let advice = "boot without highres=off, with a kernel that has CONFIG_HIGH_RES_TIMERS=y; a clock source that is no `tsc` may be the cause too";
+    if let Some(clock) = machine.clock {
+        let from = "clock_getres(CLOCK_MONOTONIC)";
+        let read = format!("{} ns", clock.timer_ns);
+        return Ok(match clock.timer_ns {
+            1 => Seen::good(read, from),
+            _ => Seen::bad(read, from, advice),
+        });
+    }
+    if command_line::value(&machine.command_line().unwrap_or_default(), "highres") == Some("off") {
+        return Ok(Seen::bad("highres=off", "/proc/cmdline", advice));
+    }
+    let (value, from) = machine.option("CONFIG_HIGH_RES_TIMERS")?;
+    let read = format!("CONFIG_HIGH_RES_TIMERS={value}");
+    Ok(match value.as_str() {
+        "y" => Seen::good(read, from),
+        _ => Seen::bad(read, from, advice),
+    })
+}
+
+fn tick(machine: &Machine) -> Result<Seen, Unread> {
+    let (hertz, from) = match machine.clock {
+        Some(clock) => (
+            1_000_000_000 / clock.tick_ns.max(1),
+            "clock_getres(CLOCK_MONOTONIC_COARSE)".to_owned(),
+        ),
+        None => {
+            let (value, from) = machine.option("CONFIG_HZ")?;
+            let Ok(hertz) = value.parse() else {
+                return Ok(Seen::unknown(
+                    format!("CONFIG_HZ={value}"),
+                    from,
+                    "see CONFIG_HZ in the kernel's configuration",
+                ));
+            };
+            (hertz, from)
+        }
+    };
+    let core = machine.core;
+    let tickless = machine.tickless().unwrap_or_default().contains(&core);
+    Ok(match hertz {
+        1000.. if !tickless => Seen::better(
+            format!("{hertz} Hz, also on core {core}"),
+            from,
+            format!("boot with nohz_full={core}, or a kernel with CONFIG_HZ=250 or less"),
+        ),
+        _ if tickless => Seen::good(
+            format!("{hertz} Hz, but not on core {core} while it runs one thread"),
+            from,
+        ),
+        _ => Seen::good(format!("{hertz} Hz"), from),
+    })
+}

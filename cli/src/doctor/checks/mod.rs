@@ -1,0 +1,34 @@
+//! What is looked at in the machine's files. One file a subject, each with its list; a new finding is one entry there.
+
+mod clock;
+mod cores;
+mod interrupts;
+mod kernel;
+mod memory;
+mod permissions;
+mod power;
+mod throttling;
+mod virtual_machine;
+mod watchdogs;
+
+pub(crate) use virtual_machine::steal_seen;
+
+use super::finding::Check;
+
+/// All of them, in the order in which they are shown.
+pub(crate) fn all() -> impl Iterator<Item = &'static Check> {
+    [
+        kernel::CHECKS,
+        permissions::CHECKS,
+        throttling::CHECKS,
+        cores::CHECKS,
+        interrupts::CHECKS,
+        power::CHECKS,
+        clock::CHECKS,
+        memory::CHECKS,
+        virtual_machine::CHECKS,
+        watchdogs::CHECKS,
+    ]
+    .into_iter()
+    .flatten()
+}

@@ -1,0 +1,204 @@
+//! What is measured: each for a bounded time, under SCHED_FIFO where that is given.
+
+mod across;
+mod costs;
+mod lock;
+mod threads;
+mod wake_up;
+
+use super::finding::{Finding, Part, Times, Verdict};
+use super::machine::Machine;
+use luna_platform::facts::parse::core_list;
+use luna_platform::latency::DmaLatency;
+use luna_platform::memory;
+use std::time::Duration;
+
+/// What a measurement gives: times in nanoseconds, unsorted, and the policy under which they were taken.
+#[derive(Debug)]
+pub(crate) struct Measured {
+    times: Vec<u64>,
+    /// Where, and how: `fifo:80, core 1`.
+    how: String,
+}
+
+/// From which on a measurement is what.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    /// A good one is at most this, in nanoseconds.
+    good: u64,
+    /// A bad one is more than this.
+    bad: u64,
+    /// What is held against them.
+    by: fn(&Times) -> u64,
+}
+
+/// Of what may be late: how late it rarely is.
+fn p99(times: &Times) -> u64 {
+    times.p99
+}
+
+/// Of what has a price: the usual one, since whoever measures is interrupted too.
+fn p50(times: &Times) -> u64 {
+    times.p50
+}
+
+/// A finding to be.
+struct Measurement {
+    name: String,
+    why: &'static str,
+    advice: &'static str,
+    bounds: Bounds,
+}
+
+/// Measures all, in about five times `each`.
+pub(crate) fn all(machine: &Machine, each: Duration) -> Vec<Finding> {
+    // As a system does while it runs; that they can be had is a finding of its own.
+    let _latency = DmaLatency::hold();
+    let _memory = memory::lock_memory();
+
+    let cores = cores(machine);
+    let mut findings = wake_up::on_each(&cores, each);
+    findings.extend(across::between(&cores, each));
+    findings.push(lock::under_contention(&cores, each));
+    findings.push(costs::clock_read(each));
+    findings.push(costs::system_call(each));
+    findings
+}
+
+/// The cores that this process may use, and the one that it is to use, which may be an isolated one.
+fn cores(machine: &Machine) -> Vec<usize> {
+    let mut cores = luna_platform::thread::available_cores();
+    let isolated = machine
+        .source
+        .parse("/sys/devices/system/cpu/isolated", core_list);
+    cores.extend(isolated.unwrap_or_default());
+    cores.push(machine.core);
+    cores.sort_unstable();
+    cores.dedup();
+    cores
+}
+
+impl Measurement {
+    /// Judges what was measured, or says why nothing was.
+    fn finding(self, outcome: Result<Measured, String>) -> Finding {
+        let (verdict, read, from, advice, ns) = match outcome {
+            Ok(Measured { times, how }) => match times_of(times) {
+                Some(times) => {
+                    let verdict = match (self.bounds.by)(&times) {
+                        ns if ns <= self.bounds.good => Verdict::Good,
+                        ns if ns <= self.bounds.bad => Verdict::CouldBeBetter,
+                        _ => Verdict::Bad,
+                    };
+                    let advice = (verdict != Verdict::Good).then(|| self.advice.to_owned());
+                    (verdict, times.text(), how, advice, Some(times))
+                }
+                None => unknown(
+                    "nothing was measured in the time that there was".to_owned(),
+                    how,
+                ),
+            },
+            Err(why) => unknown(why, "the measurement".to_owned()),
+        };
+        Finding {
+            name: self.name,
+            part: Part::Measurement,
+            verdict,
+            read,
+            from,
+            why: self.why,
+            advice,
+            ns,
+        }
+    }
+}
+
+fn unknown(why: String, how: String) -> (Verdict, String, String, Option<String>, Option<Times>) {
+    let advice = "run `luna doctor` again on an idle machine, without --quick".to_owned();
+    (Verdict::Unknown, why, how, Some(advice), None)
+}
+
+fn times_of(mut times: Vec<u64>) -> Option<Times> {
+    times.sort_unstable();
+    let max = *times.last()?;
+    let at = |percent: usize| {
+        let rank = (times.len() * percent).div_ceil(100).max(1) - 1;
+        times.get(rank).copied().unwrap_or(max)
+    };
+    Some(Times {
+        samples: times.len(),
+        min: at(0),
+        p50: at(50),
+        p99: at(99),
+        max,
+    })
+}
+
+impl Times {
+    fn text(&self) -> String {
+        let us = |ns: u64| ns as f64 / 1000.0;
+        // The cheap ones are tens of nanoseconds.
+        let digits = if self.p50 < 1000 { 3 } else { 1 };
+        format!(
+            "p50 {:.digits$} p99 {:.digits$} max {:.digits$} us, of {}",
+            us(self.p50),
+            us(self.p99),
+            us(self.max),
+            self.samples
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(times: Vec<u64>) -> Finding {
+        let measurement = Measurement {
+            name: "x".to_owned(),
+            why: "y",
+            advice: "z",
+            bounds: Bounds {
+                good: 50_000,
+                bad: 1_000_000,
+                by: p99,
+            },
+        };
+        measurement.finding(Ok(Measured {
+            times,
+            how: "here".to_owned(),
+        }))
+    }
+
+    #[test]
+    fn percentiles_are_of_the_sorted_times() {
+        let times = times_of((1..=200).rev().collect()).unwrap();
+        assert_eq!(
+            (times.min, times.p50, times.p99, times.max, times.samples),
+            (1, 100, 198, 200, 200)
+        );
+        let one = times_of(vec![7]).unwrap();
+        assert_eq!((one.min, one.p50, one.p99, one.max), (7, 7, 7, 7));
+        assert_eq!(times_of(Vec::new()), None);
+    }
+
+    #[test]
+    fn the_99th_percentile_decides() {
+        for (p99, verdict) in [
+            (50_000, Verdict::Good),
+            (50_001, Verdict::CouldBeBetter),
+            (1_000_000, Verdict::CouldBeBetter),
+            (1_000_001, Verdict::Bad),
+        ] {
+            // One in a hundred may be anything.
+            let times = [vec![p99; 99], vec![u64::MAX]].concat();
+            let found = judged(times);
+            assert_eq!(found.verdict, verdict, "{p99}");
+            assert_eq!(found.advice.is_some(), verdict != Verdict::Good);
+        }
+        assert_eq!(judged(Vec::new()).verdict, Verdict::Unknown);
+        assert_eq!(
+            judged(vec![1234; 3]).read,
+            "p50 1.2 p99 1.2 max 1.2 us, of 3"
+        );
+    }
+}

@@ -1,0 +1,97 @@
+//! `luna doctor`: whether this machine is fit for hard real time, and what to do about what is not.
+
+mod checks;
+mod diagnosis;
+mod finding;
+mod machine;
+mod measure;
+mod self_test;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use crate::args;
+use crate::demo::print_json;
+use crate::failure::Failure;
+use diagnosis::Diagnosis;
+use finding::Finding;
+use luna_platform::facts::Source;
+use luna_platform::facts::cpu_time::{CpuTime, cpu_time};
+use machine::Machine;
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// The time for each measurement: five of them, in about a second and a half.
+const EACH: Duration = Duration::from_millis(300);
+/// The same with `--quick`.
+const EACH_QUICK: Duration = Duration::from_millis(40);
+
+/// Examines, prints, and gives the exit code.
+pub(crate) fn run(arguments: &args::Doctor) -> Result<ExitCode, Failure> {
+    let source = match &arguments.root {
+        // A folder that is not there would make everything unknown, which is not what was meant.
+        Some(root) if !root.is_dir() => return Err(Failure::Root { path: root.clone() }),
+        Some(root) => Source::folder(root),
+        None => Source::machine(),
+    };
+    let machine = Machine::new(source, arguments.core);
+    if let (Some(core), Ok(online)) = (arguments.core, machine.online())
+        && !online.contains(&core)
+    {
+        return Err(Failure::Core { core, online });
+    }
+
+    let mut findings = look(&machine);
+    // Another machine's files say nothing of how fast this one is.
+    if machine.source.is_machine() {
+        if !arguments.no_measure {
+            let measured = measure(&machine, arguments.quick, &mut findings);
+            findings.extend(measured);
+        }
+        if !arguments.no_self_test {
+            findings.extend(self_test::run_all());
+        }
+    }
+    let diagnosis = Diagnosis::of(findings, &machine);
+
+    let mut out = std::io::stdout().lock();
+    let printed = if arguments.json {
+        print_json(&mut out, &diagnosis)
+    } else {
+        out.write_all(table::draw(&diagnosis, arguments.explain).as_bytes())
+            .and_then(|()| out.flush())
+    };
+    printed.map_err(Failure::Output)?;
+    Ok(ExitCode::from(diagnosis.exit_code))
+}
+
+/// All that the files say.
+fn look(machine: &Machine) -> Vec<Finding> {
+    checks::all().map(|check| check.find(machine)).collect()
+}
+
+/// All that is measured; and what was stolen meanwhile, in the place of what was since the start.
+fn measure(machine: &Machine, quick: bool, looked: &mut [Finding]) -> Vec<Finding> {
+    let time = || machine.source.parse("/proc/stat", cpu_time).ok();
+    let before = time();
+    let measured = measure::all(machine, if quick { EACH_QUICK } else { EACH });
+    if let (Some(before), Some(after)) = (before, time()) {
+        note_steal(looked, after.since(before));
+    }
+    measured
+}
+
+fn note_steal(looked: &mut [Finding], meanwhile: CpuTime) {
+    let steal = looked.iter_mut().find(|finding| finding.name == "steal");
+    // No tick has passed in a very short measurement.
+    if let (Some(finding), Some(share)) = (steal, meanwhile.stolen_share()) {
+        let seen = checks::steal_seen(share, "while it was measured");
+        finding.read = format!("{}; {}", seen.read, finding.read);
+        // The worse of both: now, or at other times.
+        if seen.verdict > finding.verdict {
+            finding.verdict = seen.verdict;
+            finding.advice = seen.advice;
+        }
+    }
+}
