@@ -1,1 +1,339 @@
-//! Fixtures.
+//! The findings on other machines' files, and on files that are broken in every way.
+
+use super::diagnosis::Diagnosis;
+use super::finding::{Check, Verdict};
+use super::machine::Machine;
+use super::{checks, look, table};
+use luna_platform::facts::{Source, Unread, UnreadReason};
+use std::collections::{BTreeMap, HashSet};
+use std::fs;
+use std::path::PathBuf;
+
+/// Machines, each in one text: sections that begin with `=== `, of which those with a path are files.
+const MACHINES: [(&str, &str); 5] = [
+    ("tuned", include_str!("../../tests/machines/tuned.txt")),
+    ("laptop", include_str!("../../tests/machines/laptop.txt")),
+    ("virtual", include_str!("../../tests/machines/virtual.txt")),
+    (
+        "container",
+        include_str!("../../tests/machines/container.txt"),
+    ),
+    ("old", include_str!("../../tests/machines/old.txt")),
+];
+
+/// One of them, unpacked into a folder, which is gone when this is dropped.
+struct Unpacked {
+    sections: BTreeMap<&'static str, &'static str>,
+    root: PathBuf,
+}
+
+impl Unpacked {
+    fn new(test: &str, name: &str, text: &'static str) -> Unpacked {
+        let root = std::env::temp_dir().join(format!("luna-{test}-{name}-{}", std::process::id()));
+        let mut sections = BTreeMap::new();
+        for section in text.split("=== ").skip(1) {
+            let (title, text) = section.split_once('\n').expect("a title has a line");
+            assert!(sections.insert(title, text).is_none(), "{title} twice");
+        }
+        let unpacked = Unpacked { sections, root };
+        for (path, text) in unpacked.files() {
+            unpacked.write(path, text.as_bytes());
+        }
+        unpacked
+    }
+
+    fn files(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        let sections = self.sections.iter();
+        sections
+            .filter(|(title, _)| title.starts_with('/'))
+            .map(|(title, text)| (*title, *text))
+    }
+
+    fn write(&self, path: &str, bytes: &[u8]) {
+        let path = self.root.join(path.trim_start_matches('/'));
+        fs::create_dir_all(path.parent().expect("below the root")).expect("a folder");
+        fs::write(path, bytes).expect("a file");
+    }
+
+    fn number(&self, section: &str) -> usize {
+        self.sections[section].trim().parse().expect("a number")
+    }
+
+    fn machine(&self) -> Machine {
+        // The old machine's process may not use the core that it is asked for.
+        let asked = (self.root.to_string_lossy().contains("-old-")).then(|| self.number("core"));
+        Machine::new(Source::folder(&self.root), asked)
+    }
+}
+
+impl Drop for Unpacked {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.root);
+    }
+}
+
+fn verdict(word: &str) -> Verdict {
+    match word {
+        "good" => Verdict::Good,
+        "could_be_better" => Verdict::CouldBeBetter,
+        "bad" => Verdict::Bad,
+        "unknown" => Verdict::Unknown,
+        other => panic!("no verdict: {other}"),
+    }
+}
+
+#[test]
+fn every_finding_on_every_machine() {
+    for (name, text) in MACHINES {
+        let unpacked = Unpacked::new("verdicts", name, text);
+        let machine = unpacked.machine();
+        assert_eq!(machine.core, unpacked.number("core"), "{name}");
+        let found = look(&machine);
+        let expected: Vec<_> = unpacked.sections["verdicts"]
+            .lines()
+            .map(|line| line.split_once(' ').expect("a name and a verdict"))
+            .collect();
+        assert_eq!(found.len(), expected.len(), "{name}");
+        for (finding, (finding_name, word)) in found.iter().zip(expected) {
+            assert_eq!(finding.name, finding_name, "{name}");
+            assert_eq!(finding.verdict, verdict(word), "{name}: {finding:#?}");
+        }
+        let diagnosis = Diagnosis::of(found, &machine);
+        assert_eq!(
+            usize::from(diagnosis.exit_code),
+            unpacked.number("exit"),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn every_finding_can_be_good_and_can_be_not() {
+    let mut seen: BTreeMap<String, HashSet<bool>> = BTreeMap::new();
+    for (name, text) in MACHINES {
+        for finding in look(&Unpacked::new("both", name, text).machine()) {
+            let is_good = finding.verdict == Verdict::Good;
+            seen.entry(finding.name).or_default().insert(is_good);
+        }
+    }
+    let mut one_sided = seen.iter().filter(|(_, seen)| seen.len() < 2);
+    assert_eq!(one_sided.next(), None);
+    assert_eq!(seen.len(), checks::all().count());
+}
+
+#[test]
+fn what_is_not_good_says_what_to_do_and_everything_says_why() {
+    for (name, text) in MACHINES {
+        let unpacked = Unpacked::new("advice", name, text);
+        let machine = unpacked.machine();
+        for finding in look(&machine) {
+            let is_good = finding.verdict == Verdict::Good;
+            assert_eq!(finding.advice.is_none(), is_good, "{name}: {finding:?}");
+            let texts = [&*finding.name, &finding.read, &finding.from, finding.why];
+            assert!(texts.iter().all(|text| !text.is_empty()), "{finding:?}");
+            assert!(!finding.why.contains('\n'), "one line: {finding:?}");
+            let advice = finding.advice.unwrap_or_default();
+            assert!(is_good || advice.len() > 10, "{name}: {advice}");
+        }
+    }
+}
+
+/// The advice names the values of the machine, not only the place where they go.
+#[test]
+fn advice_is_to_be_copied() {
+    let laptop = Unpacked::new("copied", "laptop", MACHINES[1].1);
+    let advice: BTreeMap<_, _> = look(&laptop.machine())
+        .into_iter()
+        .map(|finding| (finding.name, finding.advice.unwrap_or_default()))
+        .collect();
+    for (name, part) in [
+        ("isolated-cores", "isolcpus=managed_irq,domain,7"),
+        ("isolated-cores", "AllowedCPUs=0-6"),
+        ("tickless-cores", "nohz_full=7"),
+        ("rcu-callbacks", "rcu_nocbs=7"),
+        (
+            "kernel-workers",
+            "echo 7f > /sys/devices/virtual/workqueue/cpumask",
+        ),
+        ("default-irq-affinity", "irqaffinity=0-6"),
+        ("irqs-on-core", "for n in 128 9 131 130 129"),
+        ("irqbalance", "IRQBALANCE_BANNED_CPULIST=7"),
+        ("smt", "/sys/devices/system/cpu/cpu3/online"),
+        ("ksoftirqd", "chrt --other --pid 0 60"),
+        (
+            "turbo",
+            "echo 1 > /sys/devices/system/cpu/intel_pstate/no_turbo",
+        ),
+        ("lockup-watchdog", "kernel.watchdog_cpumask=0-6"),
+        ("real-time-policy", "limits.d"),
+    ] {
+        assert!(advice[name].contains(part), "{name}: {}", advice[name]);
+    }
+}
+
+#[test]
+fn an_empty_folder_makes_everything_unknown_or_told() {
+    let root = std::env::temp_dir().join(format!("luna-empty-{}", std::process::id()));
+    let machine = Machine::new(Source::folder(root), None);
+    let found = look(&machine);
+    let told: Vec<_> = found
+        .iter()
+        .filter(|finding| finding.verdict != Verdict::Unknown)
+        .map(|finding| finding.name.as_str())
+        .collect();
+    // That there is no such file is what these say.
+    let by_absence = [
+        "autogroup",
+        "tickless-cores",
+        "smt",
+        "cpu-dma-latency",
+        "numa-balancing",
+        "nmi-watchdog",
+        "lockup-watchdog",
+    ];
+    assert_eq!(told, by_absence);
+    assert_eq!(Diagnosis::of(found, &machine).exit_code, 4);
+}
+
+#[test]
+fn a_file_that_may_not_be_read_says_how_it_may() {
+    let check = Check {
+        name: "hidden",
+        why: "y",
+        otherwise: "ask somebody",
+        look: |_| Err(Unread::new("/x", UnreadReason::NotPermitted)),
+    };
+    let finding = check.find(&Machine::new(Source::folder("/no/such/folder"), Some(0)));
+    assert_eq!(finding.verdict, Verdict::Unknown);
+    let advice = finding.advice.unwrap_or_default();
+    assert!(
+        advice.contains("sudo") && advice.contains("ask somebody"),
+        "{advice}"
+    );
+}
+
+#[test]
+fn the_table_keeps_to_its_width_and_leaves_nothing_out() {
+    for (name, text) in MACHINES {
+        let unpacked = Unpacked::new("table", name, text);
+        let machine = unpacked.machine();
+        let diagnosis = Diagnosis::of(look(&machine), &machine);
+        for explain in [false, true] {
+            let table = table::draw(&diagnosis, explain);
+            for line in table.lines() {
+                assert!(line.chars().count() <= table::WIDTH, "{name}: {line}");
+            }
+            let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+            let flat = words(&table);
+            for finding in &diagnosis.findings {
+                assert!(table.contains(&finding.name), "{name}: {finding:?}");
+                let advice = words(finding.advice.as_deref().unwrap_or_default());
+                assert!(flat.contains(&advice), "{name}: {advice}");
+                let says_why = flat.contains(&words(finding.why));
+                let should = explain || finding.verdict != Verdict::Good;
+                assert_eq!(says_why, should, "{name}: {finding:?}");
+            }
+        }
+    }
+}
+
+/// Numbers that look random; the same in each run.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: usize) -> usize {
+        // xorshift64, https://www.jstatsoft.org/article/view/v008i14
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        usize::try_from(self.0 % end.max(1) as u64).unwrap_or(0)
+    }
+}
+
+/// Breaks a text in one of the ways in which a file can be broken.
+fn broken(text: &str, random: &mut Random) -> Vec<u8> {
+    const PIECES: [&[u8]; 16] = [
+        b"",
+        b"\n",
+        b" ",
+        b"-",
+        b",",
+        b":",
+        b"=",
+        b"0",
+        b"-1",
+        b"65535",
+        b"0-65535",
+        b"18446744073709551615",
+        b"99999999999999999999999999",
+        b"unlimited",
+        b"(",
+        b"\xff\xc3",
+    ];
+    let mut bytes = text.as_bytes().to_vec();
+    for _ in 0..=random.below(3) {
+        let at = random.below(bytes.len() + 1);
+        match random.below(5) {
+            0 => bytes.truncate(at),
+            1 => drop(bytes.drain(at..(at + random.below(9)).min(bytes.len()))),
+            2 => bytes[at..]
+                .iter_mut()
+                .take(1)
+                .for_each(|byte| *byte ^= 1 << random.below(8)),
+            3 => {
+                let piece = PIECES[random.below(PIECES.len())];
+                bytes.splice(at..at, piece.iter().copied());
+            }
+            _ => {
+                // Every number becomes another.
+                let piece = PIECES[random.below(PIECES.len())];
+                let is_digit = |byte: &u8| byte.is_ascii_digit();
+                let words = bytes.split_inclusive(|byte| !is_digit(byte));
+                let words = words.map(|word| if random_digit(word) { piece } else { word });
+                bytes = words.collect::<Vec<_>>().concat();
+            }
+        }
+    }
+    bytes
+}
+
+fn random_digit(word: &[u8]) -> bool {
+    word.first().is_some_and(u8::is_ascii_digit)
+}
+
+/// Whatever the files hold, there are the same findings, each with a verdict and words, and a table of the right width.
+#[test]
+fn broken_files_break_nothing() {
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
+    let count = checks::all().count();
+    for (name, text) in MACHINES {
+        let unpacked = Unpacked::new("broken", name, text);
+        let files: Vec<_> = unpacked.files().collect();
+        for _ in 0..150 {
+            // A few files at a time, or gone.
+            let chosen: Vec<_> = (0..=random.below(4))
+                .map(|_| files[random.below(files.len())])
+                .collect();
+            for (path, text) in &chosen {
+                match random.below(8) {
+                    0 => drop(fs::remove_file(
+                        unpacked.root.join(path.trim_start_matches('/')),
+                    )),
+                    _ => unpacked.write(path, &broken(text, &mut random)),
+                }
+            }
+            let machine = unpacked.machine();
+            let diagnosis = Diagnosis::of(look(&machine), &machine);
+            assert_eq!(diagnosis.findings.len(), count);
+            let table = table::draw(&diagnosis, true);
+            assert!(
+                table
+                    .lines()
+                    .all(|line| line.chars().count() <= table::WIDTH)
+            );
+            for (path, text) in &chosen {
+                unpacked.write(path, text.as_bytes());
+            }
+        }
+    }
+}

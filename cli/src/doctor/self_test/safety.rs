@@ -55,7 +55,7 @@ fn emergency() -> Outcome {
             calls.store(10 * before + digit, Ordering::Relaxed);
         });
     }
-    executor.process("panics").spawn(async {
+    executor.process("panics on purpose").spawn(async {
         // Unwinds without the hook, which would write to standard error.
         std::panic::resume_unwind(Box::new("the self-test's own panic"))
     })?;
