@@ -337,3 +337,15 @@ fn broken_files_break_nothing() {
         }
     }
 }
+
+/// The page has more on each finding, under its name.
+#[test]
+fn the_documentation_has_a_heading_for_each_finding() {
+    let page = include_str!("../../../docs/realtime.md");
+    let headings: HashSet<_> = page
+        .lines()
+        .filter_map(|line| line.strip_prefix("#### "))
+        .collect();
+    let names: HashSet<_> = checks::all().map(|check| check.name).collect();
+    assert_eq!(headings, names);
+}

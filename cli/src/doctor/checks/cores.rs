@@ -39,7 +39,7 @@ pub(super) const CHECKS: &[Check] = &[
     },
     Check {
         name: "smt",
-        why: "a sibling thread shares the core's units and slows it by up to a half at any moment",
+        why: "a sibling thread shares the core's units and slows it at any moment",
         otherwise: "run `lscpu --extended`",
         look: smt,
     },
