@@ -11,10 +11,10 @@ use super::parse::core_list;
 /// assert_eq!(value("quiet", "quiet"), None);
 /// ```
 pub fn value<'a>(command_line: &'a str, key: &str) -> Option<&'a str> {
-    let values = command_line
+    let mut values = command_line
         .split_whitespace()
         .filter_map(|word| word.strip_prefix(key)?.strip_prefix('='));
-    values.last()
+    values.next_back()
 }
 
 /// Whether the word itself is there, without a value.

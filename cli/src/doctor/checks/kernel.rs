@@ -26,7 +26,7 @@ pub(super) const CHECKS: &[Check] = &[
     Check {
         name: "tick",
         why: "each tick takes a core for some microseconds; wake-ups do not depend on it",
-        otherwise: "run `zgrep CONFIG_HZ= /proc/config.gz` or `getconf CLK_TCK` (which is not it, but at most it)",
+        otherwise: "run `zgrep CONFIG_HZ= /proc/config.gz`",
         look: tick,
     },
 ];

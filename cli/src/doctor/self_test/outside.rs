@@ -28,12 +28,13 @@ mod links {
         let mut system = System::new("self-test");
         let links = system.executor("links").build()?;
         let framing = Framing::fixed(4);
-        links
-            .process("output")
-            .spawn(output(outgoing, far, framing))?;
+        // First, so that its error comes first: the other's is then a consequence.
         links
             .process("input")
             .spawn(input(near, incoming, framing))?;
+        links
+            .process("output")
+            .spawn(output(outgoing, far, framing))?;
         let ends = system.executor("ends").build()?;
         ends.process("source").spawn(async move {
             for number in 0..LINES {
