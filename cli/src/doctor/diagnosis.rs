@@ -99,3 +99,52 @@ impl Diagnosis {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_platform::facts::Source;
+
+    fn fitness(findings: &[(&str, Part, Verdict)]) -> (Fitness, u8) {
+        let findings = findings.iter().map(|&(name, part, verdict)| Finding {
+            name: name.to_owned(),
+            part,
+            verdict,
+            read: String::new(),
+            from: String::new(),
+            why: "",
+            advice: None,
+            ns: None,
+        });
+        let machine = Machine::new(Source::folder("/no/such/folder"), Some(0));
+        let diagnosis = Diagnosis::of(findings.collect(), &machine);
+        let counts = diagnosis.counts;
+        assert_eq!(
+            counts.good + counts.could_be_better + counts.bad + counts.unknown,
+            diagnosis.findings.len()
+        );
+        (diagnosis.fitness, diagnosis.exit_code)
+    }
+
+    #[test]
+    fn the_worst_decides() {
+        use Part::{Machine, Measurement, SelfTest};
+        use Verdict::{Bad, CouldBeBetter, Good, Unknown};
+        let fit = [("a", Machine, Good), ("swap", Machine, CouldBeBetter)];
+        assert_eq!(fitness(&fit), (Fitness::Fit, 0));
+        let some_unknown = [("turbo", Machine, Unknown), ("x", SelfTest, Unknown)];
+        assert_eq!(fitness(&some_unknown), (Fitness::Fit, 0));
+        let unfit = [("a", Measurement, Bad), ("preemption", Machine, Unknown)];
+        assert_eq!(fitness(&unfit), (Fitness::Unfit, 1));
+        for broken in [
+            [("a", SelfTest, Bad), ("b", Machine, Bad)],
+            [("a", Machine, Bad), ("b", SelfTest, Bad)],
+        ] {
+            assert_eq!(fitness(&broken), (Fitness::Broken, 3));
+        }
+        for essential in ESSENTIAL {
+            let unknown = [("a", Machine, Good), (essential, Machine, Unknown)];
+            assert_eq!(fitness(&unknown), (Fitness::Unknown, 4));
+        }
+    }
+}

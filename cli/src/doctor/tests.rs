@@ -4,6 +4,7 @@ use super::diagnosis::Diagnosis;
 use super::finding::{Check, Verdict};
 use super::machine::Machine;
 use super::{checks, look, table};
+use luna_platform::facts::cpu_time::cpu_time;
 use luna_platform::facts::{Source, Unread, UnreadReason};
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
@@ -172,6 +173,45 @@ fn advice_is_to_be_copied() {
 }
 
 #[test]
+fn what_was_read_is_told() {
+    for (machine, name, part) in [
+        // The deepest one that is not switched off.
+        ("laptop", "idle-states", "C8, which takes 200 us"),
+        ("laptop", "irqs-on-core", "128 (xhci_hcd, 913224 times)"),
+        ("laptop", "irqs-on-core", "and 1 more"),
+        ("laptop", "smt", "core 7 shares its units with 3"),
+        ("laptop", "throttling", "950000 of each 1000000 us"),
+        ("virtual", "hypervisor", "KVM or QEMU"),
+        ("virtual", "steal", "5.98 %"),
+        ("virtual", "tick", "100 Hz"),
+        ("virtual", "swap", "/swapfile"),
+        ("container", "isolated-cores", "5, not 3"),
+        ("container", "cpu-quota", "150000 100000"),
+        (
+            "container",
+            "real-time-group-budget",
+            "/system.slice/docker-1234.scope",
+        ),
+        ("container", "container", "in docker"),
+        ("old", "container", "in lxc"),
+        ("old", "real-time-policy", "RLIMIT_RTPRIO 50"),
+        (
+            "old",
+            "irqs-on-core",
+            "/proc/interrupts has an unknown form",
+        ),
+        ("tuned", "isolated-cores", "2-3"),
+    ] {
+        let text = MACHINES.iter().find(|(one, _)| *one == machine);
+        let unpacked = Unpacked::new("read", machine, text.expect("a machine").1);
+        let found = look(&unpacked.machine());
+        let finding = found.iter().find(|finding| finding.name == name);
+        let read = &finding.expect("a finding").read;
+        assert!(read.contains(part), "{machine}, {name}: {read}");
+    }
+}
+
+#[test]
 fn an_empty_folder_makes_everything_unknown_or_told() {
     let root = std::env::temp_dir().join(format!("luna-empty-{}", std::process::id()));
     let machine = Machine::new(Source::folder(root), None);
@@ -309,7 +349,7 @@ fn broken_files_break_nothing() {
     for (name, text) in MACHINES {
         let unpacked = Unpacked::new("broken", name, text);
         let files: Vec<_> = unpacked.files().collect();
-        for _ in 0..150 {
+        for _ in 0..80 {
             // A few files at a time, or gone.
             let chosen: Vec<_> = (0..=random.below(4))
                 .map(|_| files[random.below(files.len())])
@@ -348,4 +388,29 @@ fn the_documentation_has_a_heading_for_each_finding() {
         .collect();
     let names: HashSet<_> = checks::all().map(|check| check.name).collect();
     assert_eq!(headings, names);
+}
+
+/// The steal of one second is told beside that since the start, and the worse one counts.
+#[test]
+fn steal_now_and_since_the_start() {
+    let unpacked = Unpacked::new("steal", "tuned", MACHINES[0].1);
+    let time = |total: u64, stolen: u64| {
+        cpu_time(&format!("cpu {} 0 0 0 0 0 0 {stolen}\n", total - stolen)).expect("a time")
+    };
+    for (before, after, verdict) in [
+        (time(1000, 0), time(2000, 0), Verdict::Good),
+        (time(1000, 500), time(2000, 500), Verdict::Good),
+        (time(1000, 0), time(2000, 10), Verdict::CouldBeBetter),
+        (time(1000, 0), time(2000, 100), Verdict::Bad),
+        // No tick meanwhile.
+        (time(1000, 0), time(1000, 0), Verdict::Good),
+    ] {
+        let mut found = look(&unpacked.machine());
+        super::note_steal(&mut found, after.since(before));
+        let steal = found.iter().find(|finding| finding.name == "steal");
+        let steal = steal.expect("the finding");
+        assert_eq!(steal.verdict, verdict, "{steal:?}");
+        assert_eq!(steal.advice.is_none(), verdict == Verdict::Good);
+        assert!(steal.read.contains("since the machine was started"));
+    }
 }

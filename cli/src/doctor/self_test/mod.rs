@@ -174,19 +174,23 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    fn one(run: fn() -> Outcome) -> Finding {
+    fn within(patience: Duration, run: fn() -> Outcome) -> Finding {
         let test = Test {
             name: "one",
             component: "x",
             shows: "y",
             run,
         };
-        run_one(&test, Duration::from_millis(50))
+        run_one(&test, patience)
+    }
+
+    fn one(run: fn() -> Outcome) -> Finding {
+        within(PATIENCE, run)
     }
 
     #[test]
     fn a_hang_a_failure_and_a_panic_are_told_apart() {
-        let hangs = one(|| {
+        let hangs = within(Duration::from_millis(50), || {
             loop {
                 thread::park();
             }
