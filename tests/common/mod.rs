@@ -34,14 +34,19 @@ pub(crate) fn watchdog() -> impl Drop {
     Watchdog(Some(alive))
 }
 
+/// Says what is to be read in any case.
+pub(crate) fn say(text: &str) {
+    // Not by a macro, whose output the harness keeps to itself.
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
 /// Says that the calling test cannot run here.
 pub(crate) fn skip(why: &str) {
-    // Not by a macro, whose output the harness keeps to itself.
-    let _ = writeln!(
-        std::io::stderr(),
+    let current = std::thread::current();
+    say(&format!(
         "skipped: {}: {why}",
-        std::thread::current().name().unwrap_or("a test")
-    );
+        current.name().unwrap_or("a test")
+    ));
 }
 
 /// Whether this program is given real-time policies.
@@ -84,20 +89,29 @@ pub(crate) fn burn_until(end: luna::Instant) {
 /// Numbers that look random: SplitMix64.
 pub(crate) struct Random(u64);
 
+/// The environment's LUNA_SEED, else one of the clock. It is printed, for when the test fails.
+pub(crate) fn seed() -> u64 {
+    let of_clock = || {
+        std::time::UNIX_EPOCH
+            .elapsed()
+            .map_or(1, |since| since.as_nanos() as u64)
+    };
+    let seed = std::env::var("LUNA_SEED")
+        .ok()
+        .and_then(|seed| seed.parse().ok())
+        .unwrap_or_else(of_clock);
+    println!("LUNA_SEED={seed}");
+    seed
+}
+
 impl Random {
-    /// Seeded by the environment's LUNA_SEED, else by the clock; the seed is printed, for when the test fails.
-    pub(crate) fn seeded() -> Self {
-        let of_clock = || {
-            std::time::UNIX_EPOCH
-                .elapsed()
-                .map_or(1, |since| since.as_nanos() as u64)
-        };
-        let seed = std::env::var("LUNA_SEED")
-            .ok()
-            .and_then(|seed| seed.parse().ok())
-            .unwrap_or_else(of_clock);
-        println!("LUNA_SEED={seed}");
+    pub(crate) fn new(seed: u64) -> Self {
         Self(seed)
+    }
+
+    /// Seeded by [`seed`].
+    pub(crate) fn seeded() -> Self {
+        Self::new(seed())
     }
 
     /// A number below `end`.
