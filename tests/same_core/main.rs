@@ -31,7 +31,7 @@ use watch::{Verdict, Watch, abort};
 fn rounds() -> u32 {
     match std::env::var("LUNA_LONG").as_deref() {
         Ok("1") => 10_000,
-        _ => 120,
+        _ => 250,
     }
 }
 
