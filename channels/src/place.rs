@@ -1,7 +1,7 @@
 //! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
 
 use crate::inspect::Identity;
-use luna_platform::current::{ProcessId, User};
+use luna_platform::current::{Heir, ProcessId, User};
 use luna_platform::lock::{PiGuard, PiLock};
 use luna_platform::wait_list::WaitList;
 
@@ -33,6 +33,8 @@ pub struct Lists {
     /// Who last used each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
+    /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
+    pub(crate) server: Option<Heir>,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -79,6 +81,7 @@ impl Place {
                 tickets: 0,
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,
+                server: None,
             }),
             identity,
         }

@@ -94,13 +94,17 @@ impl<Q, A> Server<Q, A> {
     /// ```
     pub fn try_accept(&self) -> Result<Call<'_, Q, A>, TryRecvError> {
         let mut section = self.receiver.channel().lock();
+        section.note_server();
         let received = section.recv_now(true);
+        let mut heir = None;
+        if let Received::Done(_, _, holding) = &received {
+            Serving::holds(&mut heir, holding.priority);
+            section.lend_while_they_wait();
+        }
         section.release();
         match received {
             Received::Done(value, ready, holding) => {
                 ready.wake();
-                let mut heir = None;
-                Serving::holds(&mut heir, holding.priority);
                 let accepted = Serving::received(&self.receiver, value, holding.ticket, heir);
                 Ok(Call::of(accepted))
             }

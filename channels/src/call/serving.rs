@@ -118,6 +118,7 @@ impl<T> Channel<T> {
                 .outcome
                 .store(Outcome::Waiting as u8, Ordering::Release);
             section.lists.senders.insert_again_first(sender);
+            section.lend_while_they_wait();
         }
     }
 }

@@ -152,6 +152,7 @@ impl<T> Channel<T> {
                 _ => return outcome,
             };
             list.remove(node.cast());
+            section.lend_while_they_wait();
             let link = Waiter::link(node);
             let unused = (*link).wait.wakeup_mut().take();
             let now = if outcome == Outcome::Held {
@@ -361,8 +362,11 @@ impl<T> Channel<T> {
             return;
         }
         section.lists.ending = ending;
+        // Nobody waits for it any more; it may still answer what it has accepted.
+        let server = section.lists.server.take();
         section.announce();
         drop(section);
+        drop(server);
         self.end_those_who_wait(ending);
     }
 

@@ -7,7 +7,7 @@ use crate::call::lend_to_receiver;
 use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Priority, Ready, Wakeup};
+use luna_platform::current::{self, Heir, Priority, Ready, Wakeup};
 use luna_platform::lock::PiGuard;
 use luna_platform::sync::atomic::Ordering;
 use luna_platform::wait_list::{WaitList, WaitNode};
@@ -355,7 +355,42 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe { self.lists.senders.insert(node.cast(), priority, wakeup) };
+        self.lend_while_they_wait();
         self.announce();
+    }
+
+    /// The current process accepts calls here: from now on it is who clients wait for.
+    #[inline]
+    pub(crate) fn note_server(&mut self) {
+        let is_known = self.lists.server.as_ref().is_some_and(Heir::is_current);
+        if !is_known && self.lists.ending == Ending::Open {
+            self.lists.server = Heir::current();
+            self.lend_while_they_wait();
+        }
+    }
+
+    /// Lends the server the priority of the most urgent client that waits. To be called when others wait than before. O(1), and a system call if
+    /// the priority of the server's thread changes by that.
+    #[inline]
+    pub(crate) fn lend_while_they_wait(&mut self) {
+        if self.lists.server.is_some() {
+            self.lend_to_server();
+        }
+    }
+
+    #[cold]
+    fn lend_to_server(&mut self) {
+        let lists = &mut *self.lists;
+        // SAFETY: a node in the list is live, and the lock is held.
+        let most_urgent = lists
+            .senders
+            .first()
+            .map(|node| unsafe { node.as_ref() }.priority());
+        match (&mut lists.server, most_urgent) {
+            (Some(server), Some(priority)) => server.lend(priority),
+            (Some(server), None) => server.give_back(),
+            (None, _) => {}
+        }
     }
 
     /// Lets a receiver wait. O(1), or O(waiting receivers of lower priority).

@@ -34,12 +34,19 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
             return Attempt::NotReady;
         };
         // SAFETY: the contract: the lists are this channel's.
-        let received = unsafe { this.receiver.channel().section(lists) }.recv_now(M::HOLDS);
+        let mut section = unsafe { this.receiver.channel().section(lists) };
+        if M::INHERITS {
+            section.note_server();
+        }
+        let received = section.recv_now(M::HOLDS);
         let (outcome, ready) = match received {
             Received::Empty => return Attempt::NotReady,
             Received::Done(value, ready, holding) => {
+                if M::INHERITS {
+                    M::holds(this.note(), holding.priority);
+                    section.lend_while_they_wait();
+                }
                 this.keep(value, holding.ticket);
-                M::holds(this.note(), holding.priority);
                 (Outcome::Done, ready)
             }
             Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, Ready::NOBODY),

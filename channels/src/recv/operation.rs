@@ -213,15 +213,21 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
             return Poll::Ready(Err(RecvError::Poisoned));
         }
         let mut section = this.receiver.channel().lock();
+        if M::INHERITS {
+            section.note_server();
+        }
         match section.recv_now(M::HOLDS) {
             Received::Done(value, ready, holding) => {
+                if M::INHERITS {
+                    // Under the lock and in this order: a server that is between the two would not be as urgent as its client.
+                    M::holds(this.note(), holding.priority);
+                    section.lend_while_they_wait();
+                }
                 drop(section);
                 let ticket = holding.ticket;
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
                 let value = taken.keep();
-                // Before others can run.
-                M::holds(this.note(), holding.priority);
                 if crate::gives_way(cx) {
                     this.keep(value, ticket);
                     this.phase = Phase::GaveWay;

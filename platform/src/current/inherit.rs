@@ -150,13 +150,12 @@ impl Heir {
         })
     }
 
-    /// Lends it the priority of who it works for, if that is above its own. Before, it gives back what it was lent already.
+    /// Lends it the priority of who it works for, if that is above its own, in place of what it was lent already.
     ///
-    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if there is something to lend, and one system call if the
+    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if there is something to lend or to give back, and one system call if the
     /// priority of its thread changes by that.
     #[inline]
     pub fn lend(&mut self, priority: Priority) {
-        self.give_back();
         let (process, lowered) = (self.reference.process(), self.reference.lowered());
         let own = process.own_priority();
         let lent = if priority.thread > own.thread {
@@ -165,33 +164,48 @@ impl Heir {
             // The branch is polled below its process, which is to be that much above.
             Lent::Level((priority.level + lowered).min(LEVEL))
         } else {
-            return;
+            Lent::Nothing
         };
-        self.change(lent, true);
+        self.exchange(lent);
+    }
+
+    /// Takes what it was lent. As [`lend`](Self::lend) otherwise; it can be lent something again.
+    #[inline]
+    pub fn give_back(&mut self) {
+        self.exchange(Lent::Nothing);
     }
 
     #[inline]
-    fn give_back(&mut self) {
-        if self.lent != Lent::Nothing {
-            self.change(self.lent, false);
-            self.lent = Lent::Nothing;
+    fn exchange(&mut self, lent: Lent) {
+        if lent != self.lent {
+            self.exchange_other(lent);
         }
     }
 
+    /// In one step, so that its thread is not told to go down and up again.
     #[cold]
-    fn change(&mut self, lent: Lent, more: bool) {
+    fn exchange_other(&mut self, lent: Lent) {
         let inheritance = self.reference.process().inheritance();
         let Some(thread) = &inheritance.thread else {
             return;
         };
         thread.change(|state| {
-            // SAFETY: the home's lock is held.
-            if unsafe { inheritance.count(lent, more) } {
-                if let Lent::Thread(priority) = lent {
+            let mut change = |lent, more| {
+                // SAFETY: the home's lock is held.
+                let is_counted = unsafe { inheritance.count(lent, more) };
+                if let (Lent::Thread(priority), true) = (lent, is_counted) {
                     state.count(priority, more);
                 }
-                self.lent = lent;
-            }
+                is_counted
+            };
+            // The new one first, so that nobody sees the process at its own level in between. One too many to be counted lends nothing.
+            let now = if change(lent, true) {
+                lent
+            } else {
+                Lent::Nothing
+            };
+            change(self.lent, false);
+            self.lent = now;
         });
     }
 }
