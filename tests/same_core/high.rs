@@ -23,6 +23,8 @@ pub(crate) struct High {
     shared: Arc<Shared>,
     kept_off: KeptOff,
     scene: &'static str,
+    /// A call lends the low side this one's priority: both are processes.
+    lends: bool,
 }
 
 /// What was so when an operation began.
@@ -34,9 +36,15 @@ struct Before {
 
 impl High {
     /// To be called on the high side's thread.
-    pub(crate) fn new(shared: Arc<Shared>, place: Place, rounds: u32, random: Random) -> Self {
+    pub(crate) fn new(
+        shared: Arc<Shared>,
+        (place, low): (Place, Place),
+        rounds: u32,
+        random: Random,
+    ) -> Self {
         Shared::set_thread(&shared.high_thread);
         Self {
+            lends: place != Place::Plain && low != Place::Plain,
             place,
             random,
             rounds,
@@ -103,6 +111,17 @@ impl High {
         outcome
     }
 
+    /// One that waits for the low side, which inherits this side's priority for it: as for one that does not wait, nobody between comes between.
+    pub(crate) async fn call<F: Future>(&mut self, operation: F) -> F::Output {
+        let before = self.begin(How::Await);
+        let outcome = operation.await;
+        if self.lends {
+            self.note_burnt(&before);
+        }
+        self.end(before, How::Await, WITH_PARTNER);
+        outcome
+    }
+
     /// One that blocks its thread for that.
     pub(crate) fn block<T>(&mut self, operation: impl FnOnce() -> T) -> T {
         let before = self.begin(How::Block);
@@ -129,10 +148,9 @@ impl High {
     fn end(&mut self, before: Before, how: How, most: u64) {
         let shared = &self.shared;
         let low = shared.low.load(Ordering::SeqCst) - before.low;
-        let burnt = shared.burnt.load(Ordering::SeqCst) - before.burnt;
         shared.end();
         if how == How::Try {
-            shared.most_burnt.fetch_max(burnt, Ordering::Relaxed);
+            self.note_burnt(&before);
         }
         if low <= most {
             return;
@@ -146,6 +164,13 @@ impl High {
             "`{}`, {how:?}: {low} operations of the low side, at most {most} expected",
             self.scene
         ));
+    }
+}
+
+impl High {
+    fn note_burnt(&self, before: &Before) {
+        let burnt = self.shared.burnt.load(Ordering::SeqCst) - before.burnt;
+        self.shared.most_burnt.fetch_max(burnt, Ordering::Relaxed);
     }
 }
 

@@ -51,14 +51,14 @@ pub(crate) fn play(
         of_high.push((scene.name, scene.high));
         of_low.push(scene.low);
     }
-    let (for_high, for_low) = (shared.clone(), shared.clone());
+    let (for_high, for_low, places) = (shared.clone(), shared.clone(), (high, low));
     let high = Side {
         name: "high",
         place: high,
         policy: Policy::fifo(80),
         body: Box::new(move || {
             Box::pin(async move {
-                let mut side = High::new(for_high, high, rounds, Random::new(seed));
+                let mut side = High::new(for_high, places, rounds, Random::new(seed));
                 for (name, scene) in of_high {
                     side.enter(name);
                     scene(&mut side).await;
