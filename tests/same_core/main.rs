@@ -15,6 +15,7 @@ mod low;
 mod scenes;
 mod shared;
 mod stage;
+mod two_wakers;
 mod watch;
 
 use common::{COMPLETE, Program, has_real_time, say, seed, skip, watchdog};
@@ -23,7 +24,7 @@ use scenes::{Scene, controls};
 use shared::Shared;
 use stage::{PLACES, Place, play};
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use watch::{Verdict, Watch, abort};
 
@@ -36,7 +37,10 @@ fn rounds() -> u32 {
 }
 
 /// One of these tests at a time, on one core, so that the machine has another one left.
-static CORE: Mutex<()> = Mutex::new(());
+fn alone() -> MutexGuard<'static, ()> {
+    static CORE: Mutex<()> = Mutex::new(());
+    CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
 
 fn core() -> usize {
     available_cores()[0]
@@ -55,7 +59,7 @@ fn beside(low: Policy, burns: bool) {
     if cannot_run() {
         return;
     }
-    let _alone = CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let _alone = alone();
     let _watch = watchdog();
     let seed = seed();
     let (mut high_done, mut in_low, mut low_done, mut excused) = (0, 0, 0, 0);
@@ -161,7 +165,7 @@ fn hangs(control: &str, verdict: &str) {
     if cannot_run() {
         return;
     }
-    let _alone = CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let _alone = alone();
     let _watch = watchdog();
     let ended = Program::start(control).end();
     assert!(ended.output.contains(verdict), "{ended:?}");
