@@ -306,6 +306,106 @@ fn what_was_lent_is_given_back_however_the_call_ends() {
     });
 }
 
+#[test]
+fn a_client_that_waits_lends_to_the_server_that_is_busy() {
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        let (client, server) = call_channel::<u8, ()>();
+        let other = client.clone();
+        let (go, gone) = luna::channel::<()>();
+        process("client", 20)
+            .spawn(async move {
+                gone.recv().await?;
+                client.call(20).await?;
+                gone.recv().await?;
+                // It gives up while the server is busy.
+                let give_up = async { Err(gone.recv().await.unwrap()) };
+                let called = futures_lite::future::or(async { Ok(client.call(21).await) }, give_up);
+                assert!(called.await.is_err());
+                Ok(())
+            })
+            .unwrap();
+        process("other", 5)
+            .spawn(async move {
+                other.call(5).await?;
+                Ok(other.call(6).await?)
+            })
+            .unwrap();
+        process("server", 7)
+            .spawn(async move {
+                for round in 0..2 {
+                    let call = server.accept().await?;
+                    assert_eq!((*call, level()), (5 + round, 7));
+                    // The client runs before this goes on, and waits then.
+                    go.send(()).await?;
+                    assert_eq!(level(), 20, "a client waits");
+                    if round == 0 {
+                        call.reply(()).unwrap();
+                        assert_eq!(level(), 20, "it still does");
+                        let call = server.accept().await?;
+                        assert_eq!((*call, level()), (20, 20));
+                        call.reply(()).unwrap();
+                    } else {
+                        go.send(()).await?;
+                        // They are of one level now.
+                        yield_now().await;
+                        assert_eq!(level(), 7, "the client waits no longer");
+                        call.reply(()).unwrap();
+                    }
+                    assert_eq!(level(), 7);
+                }
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
+#[test]
+fn of_several_servers_the_last_that_came_is_who_clients_wait_for() {
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        let (client, server) = call_channel::<u8, ()>();
+        let second = server.clone();
+        let (go, gone) = luna::channel::<()>();
+        let (next, comes) = luna::channel::<()>();
+        for (name, of_client) in [("one", 5), ("two", 4)] {
+            let client = client.clone();
+            process(name, of_client)
+                .spawn(async move { Ok(client.call(of_client).await?) })
+                .unwrap();
+        }
+        process("client", 20)
+            .spawn(async move {
+                gone.recv().await?;
+                Ok(client.call(20).await?)
+            })
+            .unwrap();
+        process("first", 7)
+            .spawn(async move {
+                let call = server.accept().await?;
+                comes.recv().await?;
+                assert_eq!(level(), 7, "the other one has come since");
+                call.reply(()).unwrap();
+                Ok(())
+            })
+            .unwrap();
+        process("second", 6)
+            .spawn(async move {
+                let call = second.accept().await?;
+                go.send(()).await?;
+                assert_eq!(level(), 20);
+                next.send(()).await?;
+                call.reply(()).unwrap();
+                let call = second.accept().await?;
+                assert_eq!((*call, level()), (20, 20));
+                call.reply(()).unwrap();
+                assert_eq!(level(), 6);
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
 /// Whether the tests of OS priorities can run here; says so for the calling test.
 fn has_threads_of_priority() -> bool {
     let has = COMPLETE && has_real_time();
