@@ -319,7 +319,10 @@ fn a_client_that_waits_lends_to_the_server_that_is_busy() {
                 client.call(20).await?;
                 gone.recv().await?;
                 // It gives up while the server is busy.
-                let give_up = async { Err(gone.recv().await.unwrap()) };
+                let give_up = async {
+                    gone.recv().await.unwrap();
+                    Err(())
+                };
                 let called = futures_lite::future::or(async { Ok(client.call(21).await) }, give_up);
                 assert!(called.await.is_err());
                 Ok(())

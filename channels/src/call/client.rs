@@ -33,9 +33,10 @@ impl<Q, A> Client<Q, A> {
     /// over with the reply: a delay beside it bounds the wait for a server, not for the reply. To bound both, drop the future (a race with
     /// [`after`](crate::after)): that is safe.
     ///
-    /// Of several that wait the one of highest priority is served first, of equal ones the one that came first. While it is served, the
-    /// server inherits the caller's priority as it was when the call was first polled. Real-time path: yes; no allocation, O(1), O(waiting
-    /// clients of lower priority) to wait, and a system call where a server on a thread of lower OS priority inherits.
+    /// Of several that wait the one of highest priority is served first, of equal ones the one that came first. While it waits and while it is
+    /// served, the server inherits the caller's priority as it was when the call was first polled: see [`Server`](crate::Server). Real-time path:
+    /// yes; no allocation, O(1), O(waiting clients of lower priority) to wait, and a system call where a server on a thread of lower OS priority
+    /// inherits, and one to withdraw then.
     ///
     /// Cancel-safe: a future that is dropped before a server has taken the request leaves no trace. After that the server keeps
     /// the request, and its reply comes back to it.

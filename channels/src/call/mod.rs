@@ -38,8 +38,8 @@ pub(crate) enum Message<Q, A> {
 /// Makes a channel for calls: a request and its reply are one operation of the [`Client`]. Allocates the channel; not for the real-time
 /// path.
 ///
-/// Between the moment when a client's request is taken and the reply, the server *inherits* the client's priority, if that is higher than
-/// its own: what is between them does not delay the client (see [`Server`]).
+/// While a client waits for a server that has accepted here before, and from when its request is taken to the reply, the server *inherits* the
+/// client's priority, if that is higher than its own: what is between them does not delay the client (see [`Server`]).
 ///
 /// ```
 /// # use futures_lite::future::{block_on, zip};

@@ -32,8 +32,13 @@ use std::task::{Context, Poll};
 ///   `luna_platform::current::refused_boosts` tells.
 /// - A client outside of any process has the lowest priority, and a server outside inherits nothing.
 ///
-/// It is passed on: a server that calls another one calls at the priority that it has inherited. What is not inherited is the
-/// priority of a client that still waits, since all servers are busy with calls of others: serve long requests by several servers.
+/// It is passed on: a server that calls another one calls at the priority that it has inherited.
+///
+/// A client that waits since nobody accepts lends its priority too, in the same way: to the process that last came to accept, be it busy
+/// with another one's call or on its way back. That one is known from its first `accept` on, also from one that was dropped, and until
+/// another process accepts. It is lent the priority of the most urgent client that waits, until none does.
+/// What is not inherited: by a server that was never there; by several servers that are all busy, but for the last; and what a server is
+/// lent while it waits itself for the reply of another one is not passed on to that one.
 ///
 /// Dropping the last one closes the channel: clients get their requests back. Cloning is not for the real-time path; dropping is O(1), and
 /// O(waiting clients) for the last one.
