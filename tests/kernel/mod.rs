@@ -69,7 +69,7 @@ pub(crate) fn stolen(core: usize) -> Duration {
     TICK * ticks.unwrap_or(0)
 }
 
-/// How often, and for how long, the calling thread could have run and did not, as far as the kernel tells.
+/// How often, and for how long, the kernel kept the calling thread from running, as far as it tells.
 #[derive(Debug)]
 pub(crate) struct KeptOff {
     schedstat: Option<File>,
@@ -79,6 +79,7 @@ pub(crate) struct KeptOff {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Kept {
     preempted: i64,
+    faults: i64,
     waited: Duration,
 }
 
@@ -90,8 +91,10 @@ impl KeptOff {
     }
 
     pub(crate) fn so_far(&self) -> Kept {
-        let preempted = getrusage(UsageWho::RUSAGE_THREAD)
-            .map_or(0, |usage| usage.involuntary_context_switches());
+        let (preempted, faults) = getrusage(UsageWho::RUSAGE_THREAD).map_or((0, 0), |usage| {
+            let faults = usage.minor_page_faults() + usage.major_page_faults();
+            (usage.involuntary_context_switches(), faults)
+        });
         // Its time on a processor, and its time in a run queue.
         let mut text = [0; 64];
         let length = self
@@ -103,14 +106,20 @@ impl KeptOff {
             .ok()
             .and_then(|text| text.split_whitespace().nth(1)?.parse().ok())
             .map_or(Duration::ZERO, Duration::from_nanos);
-        Kept { preempted, waited }
+        Kept {
+            preempted,
+            faults,
+            waited,
+        }
     }
 }
 
 impl Kept {
-    /// Whether the thread was preempted since `before`, or waited for its core for longer than a switch takes.
+    /// Whether since `before` the thread was preempted, had to wait for memory, or waited for its core for longer than a switch takes.
     pub(crate) fn differs_from(&self, before: &Kept) -> bool {
         const SWITCHES: Duration = Duration::from_micros(100);
-        self.preempted != before.preempted || self.waited - before.waited > SWITCHES
+        self.preempted != before.preempted
+            || self.faults != before.faults
+            || self.waited - before.waited > SWITCHES
     }
 }

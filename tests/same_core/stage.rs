@@ -6,13 +6,15 @@ use crate::kernel::{burn, own_processor_time};
 use crate::low::Low;
 use crate::scenes::Scene;
 use crate::shared::Shared;
+use futures_lite::future::poll_once;
+use luna::after;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use luna_platform::park::block_on;
 use luna_platform::thread::{Attributes, Mode, Policy, Thread, spawn};
 use std::convert::Infallible;
 use std::future::Future;
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -52,12 +54,18 @@ pub(crate) fn play(
         of_low.push(scene.low);
     }
     let (for_high, for_low, places) = (shared.clone(), shared.clone(), (high, low));
+    // With a deadline, so that the system is never still. Else who looks whether it is stuck would come, from another core, and hold the locks meanwhile.
+    let never = || after(Duration::from_secs(100_000));
     let high = Side {
         name: "high",
         place: high,
         policy: Policy::fifo(80),
         body: Box::new(move || {
             Box::pin(async move {
+                let mut far = pin!(never());
+                if places.0 != Place::Plain {
+                    poll_once(&mut far).await;
+                }
                 let mut side = High::new(for_high, places, rounds, Random::new(seed));
                 for (name, scene) in of_high {
                     side.enter(name);
@@ -73,6 +81,10 @@ pub(crate) fn play(
         policy: low_policy,
         body: Box::new(move || {
             Box::pin(async move {
+                let mut far = pin!(never());
+                if places.1 != Place::Plain {
+                    poll_once(&mut far).await;
+                }
                 let mut side = Low::new(for_low, Random::new(seed ^ 1));
                 for scene in of_low {
                     scene(&mut side).await;
