@@ -2,6 +2,7 @@
 
 use crate::clock::Instant;
 use crate::futex::{Futex, Waited};
+use crate::path::{self, Call};
 use crate::sync::atomic::Ordering;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
@@ -66,7 +67,7 @@ impl Bell {
     /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
         match self.0.watch.get() {
-            None => self.0.rung.wait(0, deadline),
+            None => path::expected(Call::Sleep, || self.0.rung.wait(0, deadline)),
             Some(watch) => watch.sleep(deadline),
         }
     }
@@ -76,7 +77,7 @@ impl Bell {
         match self.0.watch.get() {
             None => {
                 self.0.rung.word().store(1, Ordering::Release);
-                self.0.rung.wake_one();
+                path::expected(Call::Wake, || self.0.rung.wake_one());
             }
             Some(watch) => watch.ring(),
         }

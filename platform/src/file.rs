@@ -1,5 +1,6 @@
 //! Reading and writing open files without waiting: what a link to a device does on the real-time path, and how it is prepared for it.
 
+use crate::path::{self, Call};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Result, Write};
 use std::os::fd::AsFd;
@@ -37,7 +38,7 @@ pub fn set_non_blocking(file: &impl AsFd) -> Result<()> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
-    unless_interrupted(|| file.read(to))
+    unless_interrupted(|| path::expected(Call::File, || file.read(to)))
 }
 
 /// Writes what there is room for, and says how much. Real-time path: one system call, more only if signals come.
@@ -54,7 +55,7 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub fn write(mut file: &File, from: &[u8]) -> Result<usize> {
-    unless_interrupted(|| file.write(from))
+    unless_interrupted(|| path::expected(Call::File, || file.write(from)))
 }
 
 fn unless_interrupted(mut call: impl FnMut() -> Result<usize>) -> Result<usize> {

@@ -20,7 +20,7 @@
 //! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
 //! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`] and [`reclaim`].
 //!
-//! A system call is made on the real-time path only where a function's documentation says so.
+//! A system call is made on the real-time path only where a function's documentation says so; [`path`] lets a test hold the path to that.
 
 // The model is the same whoever checks it: shuttle has loom's names.
 #[cfg(shuttle)]
@@ -38,6 +38,7 @@ pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
 pub mod park;
+pub mod path;
 #[cfg(not(loom))]
 pub mod reactor;
 pub mod reclaim;

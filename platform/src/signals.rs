@@ -16,6 +16,7 @@
 use crate::backend::signals as backend;
 use crate::clock::Instant;
 use crate::futex::{Futex, Waited};
+use crate::path::{self, Call};
 use std::fmt;
 use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -205,7 +206,7 @@ pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
 /// Counts an event and wakes who waits for one. One system call. On Linux async-signal-safe.
 pub fn announce_event() {
     EVENTS.word().fetch_add(1, Ordering::AcqRel);
-    EVENTS.wake_all();
+    path::expected(Call::Wake, || EVENTS.wake_all());
 }
 
 /// Why a signal cannot be watched for.

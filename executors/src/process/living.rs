@@ -4,6 +4,7 @@ use crate::presence::{Look, Sleeper, Stretch, look, watch_all};
 use luna_platform::clock::Instant;
 use luna_platform::current::Home;
 use luna_platform::futex::Futex;
+use luna_platform::path::{self, Call};
 use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -54,7 +55,7 @@ impl Living {
     /// Wakes who waits. One system call.
     pub fn announce(&self) {
         self.ended.word().fetch_add(1, Ordering::Release);
-        self.ended.wake_all();
+        path::expected(Call::Wake, || self.ended.wake_all());
     }
 
     /// Whether there was an instant during this call at which all threads slept with nothing of their own to wake them: no deadline, no

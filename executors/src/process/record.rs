@@ -5,6 +5,7 @@ use super::living::Living;
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
 use luna_platform::current::ProcessId;
 use luna_platform::lock::PiLock;
+use luna_platform::path;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
@@ -46,6 +47,7 @@ pub(super) struct End {
 impl Record {
     pub(crate) fn new(spec: ProcessSpec, living: Arc<Living>) -> Arc<Self> {
         living.enter();
+        path::name_process(spec.id, &spec.name);
         Arc::new(Self {
             name: spec.name,
             id: spec.id,

@@ -2,6 +2,7 @@
 
 use crate::backend::boost::{self, Scheduling};
 use crate::lock::PiLock;
+use crate::path::{self, Call};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
@@ -91,7 +92,7 @@ impl HomeThread {
     pub(super) fn leave(&self) {
         let mut lent = self.lent.lock();
         if lent.applied != 0 {
-            boost::restore(&self.own);
+            path::expected(Call::Boost, || boost::restore(&self.own));
             lent.applied = 0;
         }
         lent.left = true;
@@ -104,8 +105,10 @@ impl HomeThread {
             return;
         }
         if highest == 0 {
-            boost::restore(&self.own);
-        } else if let Err(refusal) = boost::boost(&self.own, highest) {
+            path::expected(Call::Boost, || boost::restore(&self.own));
+        } else if let Err(refusal) =
+            path::expected(Call::Boost, || boost::boost(&self.own, highest))
+        {
             if REFUSED.fetch_add(1, Ordering::Relaxed) == 0 {
                 FIRST_REFUSED.store(
                     u32::from(highest) | refusal.unsigned_abs() << 8,

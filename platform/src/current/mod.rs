@@ -20,6 +20,7 @@ pub use lone::Lone;
 pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
 pub use wakeup::{Ready, Wakeup};
 
+use crate::path;
 use crate::sync::Arc;
 use crate::timer_queue::TimerQueue;
 use home_thread::HomeThread;
@@ -121,8 +122,8 @@ impl Drop for HomeGuard {
             thread.home.set(None);
             thread.may_block.set(true);
             thread.ready_levels.set(0);
-            thread.on_path.set(false);
         });
+        set_on_path(false);
         TIMERS.with(|slot| slot.borrow_mut().take());
         if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take()) {
             thread.leave();
@@ -342,7 +343,11 @@ pub fn on_path() -> bool {
 
 /// Says whether this thread is on the real-time path from now on; gives what was said before.
 pub fn set_on_path(on_path: bool) -> bool {
-    THREAD.with(|thread| thread.on_path.replace(on_path))
+    // Whoever watches the path is told while the thread counts as off it.
+    let before = THREAD.with(|thread| thread.on_path.replace(false));
+    path::switched(on_path);
+    THREAD.with(|thread| thread.on_path.set(on_path));
+    before
 }
 
 #[cfg(all(test, not(loom)))]

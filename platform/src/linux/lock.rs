@@ -5,6 +5,7 @@
 //! the waiter first watches the word for a bounded while (an owner on another core leaves within some tens of nanoseconds), then
 //! asks the kernel, which lends the owner the waiter's priority and hands the lock over in order of priority.
 
+use crate::path::{self, Call};
 use nix::errno::Errno;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
@@ -121,7 +122,7 @@ impl<T> PiLock<T> {
             spin_loop();
         }
         loop {
-            match futex_pi(&self.word, lock_operation()) {
+            match path::expected(Call::Lock, || futex_pi(&self.word, lock_operation())) {
                 Ok(()) => return,
                 // A signal came, or the owner is just ending: ask again.
                 Err(Errno::EINTR | Errno::EAGAIN) => {}
@@ -196,7 +197,7 @@ impl<T> Drop for PiGuard<'_, T> {
 #[cold]
 fn unlock_contended(word: &AtomicU32) {
     // The kernel hands the lock to the waiter of highest priority; it cannot refuse the owner.
-    let outcome = futex_pi(word, libc::FUTEX_UNLOCK_PI);
+    let outcome = path::expected(Call::Lock, || futex_pi(word, libc::FUTEX_UNLOCK_PI));
     debug_assert!(outcome.is_ok(), "unlocking failed: {outcome:?}");
 }
 

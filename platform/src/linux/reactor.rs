@@ -5,6 +5,7 @@
 
 use super::timer_fd::TimerFd;
 use crate::clock::Instant;
+use crate::path::{self, Call};
 use crate::reactor::{Ended, FIRST_RESERVED_TOKEN, Interest, ReactorError, Readiness};
 use crate::timer_fd::TimerError;
 use nix::errno::Errno;
@@ -95,8 +96,7 @@ impl Reactor {
         if token >= FIRST_RESERVED_TOKEN {
             return Err(ReactorError::ReservedToken { token });
         }
-        self.epoll
-            .add(fd, event(token, interest))
+        path::expected(Call::File, || self.epoll.add(fd, event(token, interest)))
             .map_err(|error| file_refused(fd, error))
     }
 
@@ -115,9 +115,10 @@ impl Reactor {
         if token >= FIRST_RESERVED_TOKEN {
             return Err(ReactorError::ReservedToken { token });
         }
-        self.epoll
-            .modify(fd, &mut event(token, interest))
-            .map_err(|error| file_refused(fd, error))
+        path::expected(Call::File, || {
+            self.epoll.modify(fd, &mut event(token, interest))
+        })
+        .map_err(|error| file_refused(fd, error))
     }
 
     /// Watches `fd` no more; no later wait reports it. One system call, O(log files).
@@ -126,8 +127,7 @@ impl Reactor {
     ///
     /// A file that is not registered.
     pub fn deregister(&self, fd: BorrowedFd<'_>) -> Result<(), ReactorError> {
-        self.epoll
-            .delete(fd)
+        path::expected(Call::File, || self.epoll.delete(fd))
             .map_err(|error| file_refused(fd, error))
     }
 
@@ -164,7 +164,8 @@ impl Reactor {
                 timed_out: is_due,
                 ..Ended::default()
             };
-            let count = match self.epoll.wait(&mut events, timeout) {
+            let count = match path::expected(Call::Sleep, || self.epoll.wait(&mut events, timeout))
+            {
                 Ok(count) => count,
                 Err(Errno::EINTR) => return Ok(ended),
                 Err(error) => return Err(refused("epoll_wait")(error)),
@@ -193,7 +194,7 @@ impl Reactor {
     /// Ends the present wait, or else the next. From any thread; one system call. Several before a wait end that one wait.
     pub fn wake(&self) {
         // It can fail only with a counter at its end, and then there is a wake that nobody took.
-        let _ = self.waker.write(1);
+        let _ = path::expected(Call::Wake, || self.waker.write(1));
     }
 }
 

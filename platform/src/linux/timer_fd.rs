@@ -1,6 +1,7 @@
 //! timerfd on `CLOCK_MONOTONIC`.
 
 use crate::clock::{Instant, nanos};
+use crate::path::{self, Call};
 use crate::timer_fd::TimerError;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -83,7 +84,7 @@ impl TimerFd {
     ///
     /// None that the caller could cause.
     pub fn disarm(&self) -> Result<(), TimerError> {
-        self.timer.unset().map_err(refused("timerfd_settime"))
+        path::expected(Call::ArmTimer, || self.timer.unset()).map_err(refused("timerfd_settime"))
     }
 
     /// Waits until it expires, and returns how often it did since it was last read or armed: at least 1.
@@ -96,7 +97,7 @@ impl TimerFd {
     pub fn wait(&self) -> Result<u64, TimerError> {
         let mut count = [0; 8];
         loop {
-            match nix::unistd::read(&self.timer, &mut count) {
+            match path::expected(Call::Sleep, || nix::unistd::read(&self.timer, &mut count)) {
                 Ok(_) => return Ok(u64::from_ne_bytes(count)),
                 // A signal's handler ran.
                 Err(Errno::EINTR) => {}
@@ -112,7 +113,7 @@ impl TimerFd {
     /// None that the caller could cause.
     pub fn expirations(&self) -> Result<u64, TimerError> {
         let mut files = [PollFd::new(self.as_fd(), PollFlags::POLLIN)];
-        match poll(&mut files, PollTimeout::ZERO) {
+        match path::expected(Call::Sleep, || poll(&mut files, PollTimeout::ZERO)) {
             Ok(0) | Err(Errno::EINTR) => Ok(0),
             Ok(_) => self.wait(),
             Err(error) => Err(refused("poll")(error)),
@@ -120,9 +121,11 @@ impl TimerFd {
     }
 
     fn set(&self, expiration: Expiration) -> Result<(), TimerError> {
-        self.timer
-            .set(expiration, TimerSetTimeFlags::TFD_TIMER_ABSTIME)
-            .map_err(refused("timerfd_settime"))
+        path::expected(Call::ArmTimer, || {
+            self.timer
+                .set(expiration, TimerSetTimeFlags::TFD_TIMER_ABSTIME)
+        })
+        .map_err(refused("timerfd_settime"))
     }
 }
 
