@@ -61,7 +61,7 @@ impl LentThread {
 impl HomeThread {
     /// The calling thread, which becomes a home.
     pub(super) fn new() -> Arc<Self> {
-        Arc::new(Self {
+        let thread = Arc::new(Self {
             own: boost::scheduling(),
             lent: PiLock::new(LentThread {
                 counts: [0; HIGHEST as usize + 1],
@@ -70,7 +70,10 @@ impl HomeThread {
                 left: false,
             }),
             now: AtomicU8::new(0),
-        })
+        });
+        // A thread's first lock asks the system for the thread's number: here, so that none on the real-time path has to.
+        drop(thread.lent.lock());
+        thread
     }
 
     /// The highest priority that is lent; 0 if none is.
