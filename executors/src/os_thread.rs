@@ -7,8 +7,8 @@ use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record}
 use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home, ProcessId};
-use luna_platform::park::Parker;
-use luna_platform::reclaim;
+use luna_platform::park::{self, Parker};
+use luna_platform::reclaim::{self, Shared};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use luna_platform::timer_queue::TimerQueue;
 use std::convert::Infallible;
@@ -18,7 +18,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::task::{Context, Poll, Waker};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 /// [`block_on`] was called inside a process.
@@ -112,7 +112,7 @@ fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Presence, &Parker, Instant) -> bool,
 ) -> F::Output {
-    let parker = Arc::new(Parker::new());
+    let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell());
     let presence = Arc::new(Presence::new());
     let _calls = calls::enter(presence.clone(), None);
@@ -133,7 +133,7 @@ fn run_here<F: Future>(
 /// is there. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
-    parker: &Arc<Parker>,
+    parker: &Shared<Parker>,
     home: Home,
     (id, thread_priority, level): (ProcessId, u8, u8),
     on_path: bool,
@@ -142,9 +142,11 @@ fn run<F: Future>(
     let timers = Arc::new(TimerQueue::new());
     let _home = current::enter_home(home, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
-    let waker = Waker::from(parker.clone());
+    let waker = park::waker(parker);
     let process = current::Lone::new(id, home, thread_priority, level, waker.clone());
     let mut cx = Context::from_waker(&waker);
+    // It may block, and nobody's first blocking call is to allocate.
+    park::prepare();
     current::set_on_path(on_path);
     loop {
         // SAFETY: this thread is the home, and the process ends with this function.
@@ -189,7 +191,7 @@ pub struct OsThread {
 /// What the thread shares with its owner.
 struct Held {
     phase: AtomicU8,
-    parker: Arc<Parker>,
+    parker: Shared<Parker>,
     thread_priority: AtomicU8,
     home: Home,
     presence: Arc<Presence>,
@@ -241,14 +243,14 @@ impl OsThread {
     {
         let shared = Arc::new(Held {
             phase: AtomicU8::new(Phase::HELD),
-            parker: Arc::new(Parker::new()),
+            parker: Shared::new(Parker::new()),
             thread_priority: AtomicU8::new(0),
             home: Home::new(),
             presence: Arc::new(Presence::new()),
             living: living.clone(),
         });
         let record = Record::new(spec, living);
-        record.set_waker(Waker::from(shared.parker.clone()));
+        record.set_waker(park::waker(&shared.parker));
         let process = ProcessHandle(record.clone());
         let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
         let started = thread::spawn(

@@ -5,14 +5,16 @@ use crate::clock::Instant;
 #[cfg(not(loom))]
 use crate::current;
 use crate::futex::Waited;
+use crate::reclaim::Shared;
 use crate::sync::atomic::{AtomicU32, Ordering};
-use std::sync::Arc;
-use std::task::Wake;
+use std::mem::ManuallyDrop;
+use std::task::{RawWaker, RawWakerVTable, Waker};
 #[cfg(not(loom))]
 use std::{
+    cell::Cell,
     future::Future,
     pin::{Pin, pin},
-    task::{Context, Poll, Waker},
+    task::{Context, Poll},
 };
 
 const EMPTY: u32 = 0;
@@ -124,14 +126,75 @@ impl Parker {
     }
 }
 
-impl Wake for Parker {
-    fn wake(self: Arc<Self>) {
-        self.unpark();
-    }
+/// A waker that unparks. Whoever drops the last one may be on the real-time path, and the thread gone: what is to be freed then is left to
+/// [`reclaim`](crate::reclaim).
+///
+/// ```
+/// use luna_platform::clock::Instant;
+/// use luna_platform::park::{self, Parker};
+/// use luna_platform::reclaim::Shared;
+///
+/// let parker = Shared::new(Parker::new());
+/// park::waker(&parker).wake();
+/// assert!(parker.park(Instant::NEVER));
+/// ```
+pub fn waker(parker: &Shared<Parker>) -> Waker {
+    // SAFETY: the functions keep the contract of a waker: each waker is one owner, given away as a pointer and taken back by its drop or its
+    // wake; the parker can be unparked from any thread.
+    unsafe { Waker::new(parker.clone().into_raw(), &VTABLE) }
+}
 
-    fn wake_by_ref(self: &Arc<Self>) {
-        self.unpark();
-    }
+static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_ref, drop_waker);
+
+/// # Safety
+///
+/// As the others: `owner` is a waker's, which is there meanwhile.
+unsafe fn clone_waker(owner: *const ()) -> RawWaker {
+    // SAFETY: the contract; the waker keeps its owner.
+    let parker = ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) });
+    RawWaker::new((*parker).clone().into_raw(), &VTABLE)
+}
+
+/// # Safety
+///
+/// As above, and the waker is not used again.
+unsafe fn wake(owner: *const ()) {
+    // SAFETY: the contract; this is the end of the waker.
+    unsafe { Shared::<Parker>::from_raw(owner) }.unpark();
+}
+
+/// # Safety
+///
+/// As `clone_waker`.
+unsafe fn wake_by_ref(owner: *const ()) {
+    // SAFETY: the contract; the waker keeps its owner.
+    ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) }).unpark();
+}
+
+/// # Safety
+///
+/// As `wake`.
+unsafe fn drop_waker(owner: *const ()) {
+    // SAFETY: the contract; this is the end of the waker.
+    drop(unsafe { Shared::<Parker>::from_raw(owner) });
+}
+
+#[cfg(not(loom))]
+thread_local! {
+    /// A thread blocks in one call at a time; nested calls (a poll that blocks) make a parker of their own.
+    static PARKER: Cell<Option<Shared<Parker>>> = const { Cell::new(None) };
+}
+
+/// Makes what this thread's blocking calls need, so that the first one does not have to on the real-time path.
+///
+/// ```
+/// luna_platform::park::prepare();
+/// assert_eq!(luna_platform::park::block_on(async { 7 }), 7); // allocates nothing
+/// ```
+#[cfg(not(loom))]
+pub fn prepare() {
+    let parker = PARKER.take();
+    PARKER.set(Some(parker.unwrap_or_else(|| Shared::new(Parker::new()))));
 }
 
 /// Blocks this thread until `future` is done.
@@ -162,12 +225,8 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
         "a blocking call inside a process of an executor would stop the whole executor: await the operation instead, or run the \
          process on an OS thread of its own"
     );
-    thread_local! {
-        // A thread blocks in one call at a time; nested calls (a poll that blocks) make a parker of their own.
-        static PARKER: std::cell::Cell<Option<Arc<Parker>>> = const { std::cell::Cell::new(None) };
-    }
-    let parker = PARKER.take().unwrap_or_else(|| Arc::new(Parker::new()));
-    let waker = Waker::from(parker.clone());
+    let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
+    let waker = waker(&parker);
     let mut cx = Context::from_waker(&waker);
     let output = loop {
         if let Poll::Ready(output) = future.as_mut().poll(&mut cx) {
@@ -187,6 +246,7 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
+    use std::sync::Arc;
 
     #[test]
     fn a_wake_from_another_thread_ends_the_wait() {
@@ -217,19 +277,20 @@ mod loom_tests {
     use super::*;
     use crate::sync::UnsafeCell;
     use loom::thread;
+    use std::sync::Arc;
 
-    struct Shared {
+    struct Exchange {
         parker: Parker,
         value: UnsafeCell<u32>,
     }
 
     // SAFETY: the tests access the cell before an unpark, or after the park that it ended; loom checks that they do.
-    unsafe impl Sync for Shared {}
+    unsafe impl Sync for Exchange {}
 
     #[test]
     fn a_wake_is_never_slept_through() {
         loom::model(|| {
-            let shared = Arc::new(Shared {
+            let shared = Arc::new(Exchange {
                 parker: Parker::new(),
                 value: UnsafeCell::new(0),
             });

@@ -4,6 +4,10 @@
 //! processes' work. On the real-time path such memory is put on a list instead, by one compare-and-swap, and freed by whoever
 //! calls [`collect`] on a thread that may.
 
+mod shared;
+
+pub use shared::Shared;
+
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicPtr, Ordering};
 

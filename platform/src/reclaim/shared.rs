@@ -1,0 +1,200 @@
+//! Shared ownership whose end is put off on the real-time path.
+
+use super::{Retired, retire};
+use std::fmt;
+use std::marker::PhantomData;
+use std::mem::ManuallyDrop;
+use std::ops::Deref;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicUsize, Ordering, fence};
+
+/// A value with several owners, as [`Arc`](std::sync::Arc): but when the last one lets go on the real-time path, the value is dropped and freed when
+/// somebody calls [`collect`](super::collect), on that thread.
+///
+/// To make one allocates; to clone and to drop one is for the path: O(1), one atomic operation, two if it is the last. There are no weak owners.
+///
+/// ```
+/// use luna_platform::{current, reclaim};
+/// use std::sync::Arc;
+///
+/// let token = Arc::new(());
+/// let shared = reclaim::Shared::new(token.clone());
+/// current::set_on_path(true);
+/// drop((shared.clone(), shared));
+/// current::set_on_path(false);
+/// reclaim::collect();
+/// assert_eq!(Arc::strong_count(&token), 1);
+/// ```
+///
+/// # Invariants
+///
+/// `inner` comes from a leaked box, and stays valid until the count of owners, of whom this is one, is 0. The last one retires it.
+pub struct Shared<T> {
+    inner: NonNull<Inner<T>>,
+    owns: PhantomData<Inner<T>>,
+}
+
+#[repr(C)]
+struct Inner<T> {
+    /// First, so that its address is that of the whole.
+    retired: Retired,
+    owners: AtomicUsize,
+    value: T,
+}
+
+// SAFETY: `new` took a value that may be used and dropped on any thread; the rest is atomic.
+unsafe impl<T: Send + Sync> Send for Shared<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send + Sync> Sync for Shared<T> {}
+
+impl<T: Send + Sync + 'static> Shared<T> {
+    /// The first owner of `value`. Allocates.
+    pub fn new(value: T) -> Self {
+        let inner = Box::new(Inner {
+            retired: Retired::new(free::<T>),
+            owners: AtomicUsize::new(1),
+            value,
+        });
+        Self {
+            inner: NonNull::from(Box::leak(inner)),
+            owns: PhantomData,
+        }
+    }
+}
+
+impl<T> Shared<T> {
+    fn inner(&self) -> &Inner<T> {
+        // SAFETY: the type's invariant.
+        unsafe { self.inner.as_ref() }
+    }
+
+    /// Whether there is no other owner. If so there will be none, as long as this one is not cloned.
+    pub fn is_only(&self) -> bool {
+        self.inner().owners.load(Ordering::Acquire) == 1
+    }
+
+    /// Gives the owner away as a pointer, for [`from_raw`](Self::from_raw).
+    pub(crate) fn into_raw(self) -> *const () {
+        ManuallyDrop::new(self).inner.as_ptr().cast_const().cast()
+    }
+
+    /// The owner that was given away.
+    ///
+    /// # Safety
+    ///
+    /// The pointer comes from `into_raw` of the same type, and each is taken back once.
+    pub(crate) unsafe fn from_raw(raw: *const ()) -> Self {
+        Self {
+            // SAFETY: the contract: it is that of a live allocation.
+            inner: unsafe { NonNull::new_unchecked(raw.cast_mut().cast()) },
+            owns: PhantomData,
+        }
+    }
+}
+
+/// # Safety
+///
+/// `head` begins an `Inner<T>` that nobody owns any more.
+unsafe fn free<T>(head: NonNull<Retired>) {
+    // SAFETY: the contract; `new` made it of a box.
+    drop(unsafe { Box::from_raw(head.cast::<Inner<T>>().as_ptr()) });
+}
+
+impl<T> Clone for Shared<T> {
+    #[inline]
+    fn clone(&self) -> Self {
+        // Relaxed: who clones is an owner, and keeps it alive.
+        if self.inner().owners.fetch_add(1, Ordering::Relaxed) > isize::MAX as usize {
+            // So many were leaked: to wrap would be to free what is owned.
+            std::process::abort();
+        }
+        Self {
+            inner: self.inner,
+            owns: PhantomData,
+        }
+    }
+}
+
+impl<T> Drop for Shared<T> {
+    #[inline]
+    fn drop(&mut self) {
+        // Release and acquire: what the others did with the value comes before its end.
+        if self.inner().owners.fetch_sub(1, Ordering::Release) == 1 {
+            fence(Ordering::Acquire);
+            // SAFETY: nobody owns it any more, and `new` saw to it that it may be freed on any thread and at any time.
+            unsafe { retire(self.inner.cast()) };
+        }
+    }
+}
+
+impl<T> Deref for Shared<T> {
+    type Target = T;
+    #[inline]
+    fn deref(&self) -> &T {
+        &self.inner().value
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for Shared<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use crate::current::set_on_path;
+    use std::sync::Arc;
+
+    #[test]
+    fn the_last_owner_ends_it_at_once_off_the_path() {
+        let token = Arc::new(());
+        let shared = Shared::new(token.clone());
+        let other = shared.clone();
+        assert!(!shared.is_only());
+        drop(other);
+        assert!(shared.is_only());
+        assert_eq!(Arc::strong_count(&token), 2);
+        drop(shared);
+        assert_eq!(Arc::strong_count(&token), 1);
+    }
+
+    /// What another test collects meanwhile may end it a moment earlier, but never on the path.
+    #[test]
+    fn on_the_path_its_end_is_put_off() {
+        struct Noting(Arc<AtomicUsize>);
+        impl Drop for Noting {
+            fn drop(&mut self) {
+                assert!(!crate::current::on_path());
+                self.0.fetch_add(1, Ordering::SeqCst);
+            }
+        }
+        let dropped = Arc::new(AtomicUsize::new(0));
+        let shared = Shared::new(Noting(dropped.clone()));
+        set_on_path(true);
+        drop((shared.clone(), shared));
+        set_on_path(false);
+        super::super::collect();
+        while dropped.load(Ordering::SeqCst) == 0 {
+            // It is in the hands of another test's `collect`.
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn owners_on_many_threads_end_it_once() {
+        for _ in 0..200 {
+            let token = Arc::new(());
+            let shared = Shared::new(token.clone());
+            std::thread::scope(|scope| {
+                for _ in 0..3 {
+                    let own = shared.clone();
+                    scope.spawn(move || drop((own.clone(), own)));
+                }
+                drop(shared);
+            });
+            assert_eq!(Arc::strong_count(&token), 1);
+        }
+    }
+}
