@@ -5,6 +5,7 @@
 
 use super::{Barrier, SyncOp};
 use luna_platform::current::{self, Home, Wakeup};
+use luna_platform::reclaim::Shared;
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -12,7 +13,7 @@ use std::future::Future;
 use std::marker::{PhantomData, PhantomPinned};
 use std::pin::Pin;
 use std::ptr::NonNull;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::task::{Context, Poll};
 
 /// A group of processes of one executor that is one party of a barrier: see [`Barrier::local`].
@@ -21,7 +22,7 @@ use std::task::{Context, Poll};
 /// that.
 #[derive(Clone)]
 pub struct LocalBarrier {
-    group: Arc<Group>,
+    group: Shared<Group>,
 }
 
 /// # Invariants
@@ -55,7 +56,7 @@ unsafe impl Sync for Group {}
 impl LocalBarrier {
     pub(super) fn new(barrier: Barrier, parties: usize) -> Self {
         Self {
-            group: Arc::new(Group {
+            group: Shared::new(Group {
                 global: UnsafeCell::new(None),
                 state: UnsafeCell::new(State {
                     arrived: 0,

@@ -7,8 +7,8 @@ use crate::error::Result;
 use food::Food;
 use luna_channels::{Due, Stamp, When};
 use luna_platform::clock::Instant;
+use luna_platform::reclaim::Shared;
 use std::fmt;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// How often at most a process looks whether its watchdog, which has bitten, was reset.
@@ -53,7 +53,7 @@ const SHORTEST_LOOK: Duration = Duration::from_millis(1);
 /// ```
 #[derive(Debug, Clone)]
 pub struct Watchdog {
-    food: Arc<Food>,
+    food: Shared<Food>,
     chosen: Stamp,
 }
 
@@ -61,7 +61,7 @@ impl Watchdog {
     /// A watchdog that wants to be fed at least once in each `timeout`, of at least 1 ns. Allocates; not for the real-time path.
     pub fn new(timeout: Duration) -> Watchdog {
         Watchdog {
-            food: Arc::new(Food::new(timeout)),
+            food: Shared::new(Food::new(timeout)),
             chosen: Stamp::new(),
         }
     }
@@ -159,7 +159,7 @@ impl Watchdog {
     }
 
     fn is_alone(&self) -> bool {
-        Arc::strong_count(&self.food) == 1
+        self.food.is_only()
     }
 }
 
