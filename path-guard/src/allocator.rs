@@ -1,0 +1,82 @@
+//! The allocator of a guarded program.
+
+use crate::Kind;
+#[cfg(luna_path_guard)]
+use crate::watch::noting;
+use std::alloc::{GlobalAlloc, Layout, System};
+
+/// Passes everything on to another allocator, and sees what is asked of it on the path. A guarded program makes it its global allocator;
+/// without `--cfg luna_path_guard` it does nothing else than pass on.
+///
+/// ```
+/// use luna_path_guard::Allocator;
+///
+/// #[global_allocator]
+/// static ALLOCATOR: Allocator = Allocator::new();
+/// ```
+#[derive(Debug, Default)]
+pub struct Allocator<A = System>(A);
+
+impl Allocator {
+    /// Around the system's allocator.
+    pub const fn new() -> Self {
+        Self(System)
+    }
+}
+
+impl<A> Allocator<A> {
+    /// Around `allocator`.
+    ///
+    /// ```
+    /// use luna_path_guard::Allocator;
+    /// use std::alloc::System;
+    ///
+    /// #[global_allocator]
+    /// static ALLOCATOR: Allocator<System> = Allocator::around(System);
+    /// ```
+    pub const fn around(allocator: A) -> Self {
+        Self(allocator)
+    }
+}
+
+/// Nothing is noted in a build without the guard.
+#[cfg(not(luna_path_guard))]
+#[inline(always)]
+fn noting<R>(_: Kind, f: impl FnOnce() -> R) -> R {
+    f()
+}
+
+// SAFETY: all is passed on to the inner allocator as it came, and what it gives is given.
+unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let bytes = layout.size();
+        // SAFETY: the caller's contract is the same.
+        noting(Kind::Allocation { bytes }, || unsafe {
+            self.0.alloc(layout)
+        })
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        let bytes = layout.size();
+        // SAFETY: as above.
+        noting(Kind::Allocation { bytes }, || unsafe {
+            self.0.alloc_zeroed(layout)
+        })
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        let bytes = layout.size();
+        // SAFETY: as above.
+        noting(Kind::Free { bytes }, || unsafe {
+            self.0.dealloc(pointer, layout)
+        })
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        let (from, to) = (layout.size(), size);
+        // SAFETY: as above.
+        noting(Kind::Reallocation { from, to }, || unsafe {
+            self.0.realloc(pointer, layout, size)
+        })
+    }
+}

@@ -1,0 +1,64 @@
+//! The C library's memory: what C code, and the C library itself, allocate and free without Rust's allocator.
+//!
+//! glibc lets a program bring these functions itself, and then calls them too: for one, when the first use of a thread-local with a destructor registers
+//! that. These look, and pass on to glibc's own. What is allocated with an alignment is not seen.
+
+use crate::Kind;
+use crate::watch::noting;
+use libc::{c_void, size_t};
+
+unsafe extern "C" {
+    fn __libc_malloc(size: size_t) -> *mut c_void;
+    fn __libc_calloc(count: size_t, size: size_t) -> *mut c_void;
+    fn __libc_realloc(pointer: *mut c_void, size: size_t) -> *mut c_void;
+    fn __libc_free(pointer: *mut c_void);
+}
+
+/// # Safety
+///
+/// That of malloc(3).
+#[unsafe(no_mangle)]
+unsafe extern "C" fn malloc(bytes: size_t) -> *mut c_void {
+    // SAFETY: the caller's contract is the same.
+    noting(Kind::Allocation { bytes }, || unsafe {
+        __libc_malloc(bytes)
+    })
+}
+
+/// # Safety
+///
+/// That of calloc(3).
+#[unsafe(no_mangle)]
+unsafe extern "C" fn calloc(count: size_t, size: size_t) -> *mut c_void {
+    let bytes = count.saturating_mul(size);
+    // SAFETY: the caller's contract is the same.
+    noting(Kind::Allocation { bytes }, || unsafe {
+        __libc_calloc(count, size)
+    })
+}
+
+/// # Safety
+///
+/// That of realloc(3).
+#[unsafe(no_mangle)]
+unsafe extern "C" fn realloc(pointer: *mut c_void, bytes: size_t) -> *mut c_void {
+    // How much it was only the C library knows.
+    // SAFETY: the caller's contract is the same.
+    noting(Kind::Allocation { bytes }, || unsafe {
+        __libc_realloc(pointer, bytes)
+    })
+}
+
+/// # Safety
+///
+/// That of free(3).
+#[unsafe(no_mangle)]
+unsafe extern "C" fn free(pointer: *mut c_void) {
+    if pointer.is_null() {
+        return;
+    }
+    // SAFETY: the pointer is one of the C library's, by the contract.
+    let bytes = unsafe { libc::malloc_usable_size(pointer) };
+    // SAFETY: the caller's contract is the same.
+    noting(Kind::Free { bytes }, || unsafe { __libc_free(pointer) });
+}

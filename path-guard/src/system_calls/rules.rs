@@ -1,0 +1,150 @@
+//! Which system calls the path's rules allow.
+
+use super::names;
+use crate::Kind;
+use luna_platform::path::Call;
+
+/// A system call: its number and its arguments.
+pub(super) struct Made {
+    pub(super) number: i64,
+    pub(super) arguments: [u64; 6],
+}
+
+impl Made {
+    /// The rule it breaks when it is made where `expected` is allowed.
+    pub(super) fn breach(&self, expected: Option<Call>) -> Option<Kind> {
+        if self.is_clock() || expected.is_some_and(|call| self.is_for(call)) {
+            return None;
+        }
+        let number = self.number;
+        Some(match self.futex_operation() {
+            Some(
+                libc::FUTEX_WAIT
+                | libc::FUTEX_WAIT_BITSET
+                | libc::FUTEX_WAIT_REQUEUE_PI
+                | libc::FUTEX_LOCK_PI
+                | libc::FUTEX_LOCK_PI2,
+            ) => Kind::Lock {
+                operation: self.operation_name(),
+            },
+            _ => Kind::SystemCall {
+                number,
+                name: names::name(number),
+            },
+        })
+    }
+
+    /// The clock is read without a system call where the machine permits; where not, that is no fault of the program's.
+    fn is_clock(&self) -> bool {
+        matches!(
+            self.number,
+            libc::SYS_clock_gettime | libc::SYS_gettimeofday | libc::SYS_time
+        )
+    }
+
+    fn is_for(&self, call: Call) -> bool {
+        let number = self.number;
+        match call {
+            // A futex, or the eventfd of a thread that sleeps in an epoll.
+            Call::Wake => {
+                self.futex_operation() == Some(libc::FUTEX_WAKE) || number == libc::SYS_write
+            }
+            Call::Sleep => {
+                self.futex_operation() == Some(libc::FUTEX_WAIT_BITSET)
+                    || matches!(
+                        number,
+                        libc::SYS_epoll_wait
+                            | libc::SYS_epoll_pwait
+                            | libc::SYS_epoll_pwait2
+                            | libc::SYS_poll
+                            | libc::SYS_ppoll
+                            // A timer that is a file.
+                            | libc::SYS_read
+                    )
+            }
+            Call::ArmTimer => number == libc::SYS_timerfd_settime,
+            Call::Lock => matches!(
+                self.futex_operation(),
+                Some(libc::FUTEX_LOCK_PI | libc::FUTEX_LOCK_PI2 | libc::FUTEX_UNLOCK_PI)
+            ),
+            Call::Boost => number == libc::SYS_sched_setscheduler,
+            Call::File => matches!(
+                number,
+                libc::SYS_read
+                    | libc::SYS_write
+                    | libc::SYS_readv
+                    | libc::SYS_writev
+                    | libc::SYS_epoll_ctl
+            ),
+        }
+    }
+
+    /// What it asks of a futex, if it does.
+    fn futex_operation(&self) -> Option<i32> {
+        (self.number == libc::SYS_futex).then(|| {
+            self.arguments[1] as i32 & !(libc::FUTEX_PRIVATE_FLAG | libc::FUTEX_CLOCK_REALTIME)
+        })
+    }
+
+    fn operation_name(&self) -> &'static str {
+        match self.futex_operation() {
+            Some(libc::FUTEX_WAIT) => "FUTEX_WAIT",
+            Some(libc::FUTEX_WAIT_BITSET) => "FUTEX_WAIT_BITSET",
+            Some(libc::FUTEX_WAIT_REQUEUE_PI) => "FUTEX_WAIT_REQUEUE_PI",
+            Some(libc::FUTEX_LOCK_PI) => "FUTEX_LOCK_PI",
+            Some(libc::FUTEX_LOCK_PI2) => "FUTEX_LOCK_PI2",
+            _ => "?",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn futex(operation: i32) -> Made {
+        Made {
+            number: libc::SYS_futex,
+            arguments: [0, operation as u64, 0, 0, 0, 0],
+        }
+    }
+
+    #[test]
+    fn a_call_is_allowed_for_its_own_reason_alone() {
+        let wake = futex(libc::FUTEX_WAKE | libc::FUTEX_PRIVATE_FLAG);
+        assert_eq!(wake.breach(Some(Call::Wake)), None);
+        for other in [None, Some(Call::Sleep), Some(Call::Lock), Some(Call::File)] {
+            assert!(matches!(
+                wake.breach(other),
+                Some(Kind::SystemCall { name: "futex", .. })
+            ));
+        }
+        let lock = futex(libc::FUTEX_LOCK_PI2 | libc::FUTEX_PRIVATE_FLAG);
+        assert_eq!(lock.breach(Some(Call::Lock)), None);
+        let operation = "FUTEX_LOCK_PI2";
+        assert_eq!(
+            lock.breach(Some(Call::Sleep)),
+            Some(Kind::Lock { operation })
+        );
+        // The standard library's locks wait by this one, the framework's sleep by another.
+        let waits = futex(libc::FUTEX_WAIT | libc::FUTEX_PRIVATE_FLAG);
+        let operation = "FUTEX_WAIT";
+        assert_eq!(
+            waits.breach(Some(Call::Sleep)),
+            Some(Kind::Lock { operation })
+        );
+    }
+
+    #[test]
+    fn the_clock_is_always_allowed() {
+        let number = libc::SYS_clock_gettime;
+        assert_eq!(
+            Made {
+                number,
+                arguments: [0; 6]
+            }
+            .breach(None),
+            None
+        );
+    }
+}

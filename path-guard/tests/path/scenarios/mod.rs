@@ -1,0 +1,35 @@
+//! What is held to the rules. To join: write a function in one of these rooms, and name it in the list below; each is run in all placements.
+//!
+//! Bodies make what they need before they are spawned, or by `luna::off_path`; what they hold at their end must free nothing by its drop.
+
+use super::places::{Places, hold_to_the_rules};
+
+/// How often most of what is shown is done.
+const ROUNDS: u64 = 200;
+
+/// Makes a test of each function.
+macro_rules! scenarios {
+    ($($room:ident: $($name:ident),+;)+) => {
+        $(mod $room;)+
+        $($(
+            #[test]
+            fn $name() {
+                hold_to_the_rules(stringify!($name), $room::$name);
+            }
+        )+)+
+    };
+}
+
+scenarios! {
+    communication: rendezvous, rendezvous_of_two_levels, many_to_many, offers_that_do_not_wait, values_that_stay, fifo_buffers,
+        overwriting_buffers, timeouts, dropped_operations, streams, closed_channels, poisoned_channels, waiting_for_the_end;
+    choice: alternatives_of_inputs, alternatives_of_outputs, alternatives_on_both_sides, alternatives_with_delays, a_choice_dropped,
+        fair_alternative_object, prioritized_alternative_object;
+    meeting: barriers, barriers_as_guards, barriers_of_two_levels, barriers_that_are_joined_and_left, extended_rendezvous, calls, nested_calls,
+        calls_that_are_given_up;
+    time: delays, loops, loops_behind_time, ticks_as_guards, timers, watchdogs;
+    parallel: parallel_branches, failing_branches, prioritized_branches, collections_of_branches, named_branches, named_branches_that_are_looked_at;
+    threads: yields, wakes_from_plain_threads, blocking_operations_of_os_threads, ends_that_are_joined, cancelled_processes,
+        processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, a_contended_lock;
+    files: files_that_become_ready, links;
+}

@@ -1,0 +1,124 @@
+//! Delays, loops, and what else waits for the clock.
+
+use super::Places;
+use luna::prelude::*;
+use luna::{Overrun, Timer, Watchdog};
+use std::time::Duration;
+
+const SHORT: Duration = Duration::from_micros(50);
+const PERIOD: Duration = Duration::from_micros(200);
+
+pub(crate) fn delays(places: &mut Places) {
+    for sleeper in 0..3 {
+        places.process(&format!("sleeper {sleeper}"), async move {
+            for n in 0..20 {
+                luna::after(SHORT * (sleeper + 1)).await;
+                luna::at(luna::now() + SHORT * (n % 3)).await;
+            }
+            Ok(())
+        });
+    }
+}
+
+const POLICIES: [(&str, Overrun); 3] = [
+    ("catches up", Overrun::CatchUp),
+    ("skips", Overrun::SkipToGrid),
+    ("rephases", Overrun::Rephase),
+];
+
+pub(crate) fn loops(places: &mut Places) {
+    for (name, policy) in POLICIES {
+        let body = async move {
+            let mut tick = luna::periodic(name, PERIOD)?.overrun(policy).limit(1_000_000);
+            for _ in 0..30 {
+                tick.next().await;
+            }
+            Ok(())
+        };
+        places.next(name).timed().spawn(body).unwrap();
+    }
+}
+
+/// Each cycle takes longer than its period.
+pub(crate) fn loops_behind_time(places: &mut Places) {
+    for (name, policy) in POLICIES {
+        places.process(name, async move {
+            let mut tick = luna::periodic(name, PERIOD)?.overrun(policy);
+            for _ in 0..10 {
+                let cycle = tick.next().await;
+                while luna::now() < cycle.deadline + 2 * PERIOD {
+                    std::hint::spin_loop();
+                }
+            }
+            Ok(())
+        });
+    }
+}
+
+pub(crate) fn ticks_as_guards(places: &mut Places) {
+    let (output, input) = luna::channel::<u64>();
+    places.process("ticks", async move {
+        let mut ticks = luna::ticks(PERIOD)?;
+        for n in 0..30 {
+            ticks.tick().await;
+            output.send(n).await?;
+        }
+        Ok(())
+    });
+    places.process("ticks or receives", async move {
+        let mut ticks = luna::ticks(PERIOD)?;
+        loop {
+            pri_alt! {
+                n = input.recv() => if n.is_err() { return Ok(()) },
+                _ = ticks.tick() => {}
+            }
+        }
+    });
+}
+
+pub(crate) fn timers(places: &mut Places) {
+    places.process("sets timers", async move {
+        let (mut one, mut two) = (Timer::new(), Timer::new());
+        for _ in 0..20 {
+            two.set(SHORT);
+            one.set_at(luna::now() + Duration::from_secs(1000));
+            alt! {
+                _ = one.expired() => unreachable!(),
+                _ = two.expired() => {}
+            }
+            assert!(one.cancel());
+        }
+        Ok(())
+    });
+}
+
+pub(crate) fn watchdogs(places: &mut Places) {
+    let dog = Watchdog::new(PERIOD);
+    let bitten = dog.clone();
+    let (alarm, heard) = luna::buffered::<()>(Buffer::overwrite_oldest(1));
+    let guard = dog.process(move || drop(alarm.try_send(())));
+    places.next("guard").priority(31).spawn(guard).unwrap();
+    places.process("feeds, then does not", async move {
+        let mut ticks = luna::ticks(PERIOD / 4)?;
+        for _ in 0..20 {
+            ticks.tick().await;
+            dog.feed();
+        }
+        heard.recv().await?;
+        Ok(())
+    });
+    // The last handle of this one goes at the end of a body.
+    let alone = Watchdog::new(PERIOD);
+    places.process("has one of its own", async move {
+        alone.feed();
+        alone.expired().await;
+        Ok(())
+    });
+    places.process("waits for a bite", async move {
+        bitten.expired().await;
+        assert!(bitten.has_expired());
+        bitten.reset();
+        bitten.expired().await;
+        Ok(())
+    });
+}

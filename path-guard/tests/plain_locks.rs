@@ -1,0 +1,112 @@
+//! Plain locks, which no guard at run time sees while they are free: where the libraries have any is listed here, with why it is off the real-time path.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The libraries' sources. The modelled and the portable platform claim no real time.
+const SOURCES: [&str; 4] = ["platform/src", "channels/src", "executors/src", "src"];
+const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
+
+/// What blocks without priority inheritance, as it is imported or named.
+const PLAIN: [&str; 5] = ["Mutex", "RwLock", "Condvar", "mpsc", "parking_lot"];
+
+/// Who has a plain lock, and why it is off the path.
+const KNOWN: [(&str, &str); 7] = [
+    (
+        "channels/src/inspect.rs",
+        "places enlist when they are made and freed, and reports look",
+    ),
+    (
+        "executors/src/process/living.rs",
+        "threads enlist when they start and end, and the system looks whether all is still",
+    ),
+    (
+        "platform/src/memory.rs",
+        "memory is locked before the start and unlocked after the end",
+    ),
+    (
+        "platform/src/path/watched.rs",
+        "processes are named when they are made; only in guarded builds",
+    ),
+    (
+        "platform/src/signals.rs",
+        "watches are installed before the start and removed after the end",
+    ),
+    (
+        "platform/src/thread/mod.rs",
+        "a thread reports its start, once",
+    ),
+    (
+        "src/system/plan.rs",
+        "a system's plan is its builder's; while it runs, who spawns, supervises and looks reads it",
+    ),
+];
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// All files below `folder` that are no tests, relative to the root.
+fn files(folder: &str, found: &mut Vec<String>) {
+    for entry in fs::read_dir(root().join(folder)).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        let path = format!("{folder}/{name}");
+        if entry.file_type().unwrap().is_dir() {
+            if !name.contains("tests") && !WITHOUT_CLAIM.contains(&&*path) {
+                files(&path, found);
+            }
+        } else if name.ends_with(".rs") && !name.contains("tests") {
+            found.push(path);
+        }
+    }
+}
+
+/// Whether a line of code, which is no comment, names a plain lock.
+fn names_one(line: &str) -> bool {
+    let code = line.split("//").next().unwrap_or_default();
+    let mut words = code.split(|c: char| !c.is_alphanumeric() && c != '_');
+    words.any(|word| PLAIN.contains(&word))
+}
+
+/// Whether a file has one outside of its tests.
+fn has_one(text: &str) -> bool {
+    let is_test = |line: &&str| line.trim_start().starts_with("#[cfg(") && line.contains("test");
+    text.lines()
+        .take_while(|line| !is_test(line))
+        .any(names_one)
+}
+
+#[test]
+fn plain_locks_are_where_they_are_known_to_be_off_the_path() {
+    let mut all = Vec::new();
+    SOURCES.iter().for_each(|folder| files(folder, &mut all));
+    assert!(
+        all.len() > 50,
+        "the sources are not where they were: {all:?}"
+    );
+    let mut with_one = Vec::new();
+    for file in all {
+        if has_one(&fs::read_to_string(root().join(&file)).unwrap()) {
+            with_one.push(file);
+        }
+    }
+    with_one.sort();
+    let known: Vec<&str> = KNOWN.iter().map(|(file, _)| *file).collect();
+    assert_eq!(
+        with_one, known,
+        "left: files with a plain lock; right: those that are known. Use the platform's PiLock where the path goes; where it does not, \
+         add the file to the list, with the reason"
+    );
+}
+
+#[test]
+fn a_plain_lock_is_found() {
+    assert!(has_one("use std::sync::{Arc, Mutex};"));
+    assert!(has_one("fn f() {}\nlet lock = std::sync::RwLock::new(());"));
+    assert!(!has_one(
+        "// A Mutex is not for the path.\nuse luna_platform::lock::PiLock;"
+    ));
+    assert!(!has_one(
+        "#[cfg(all(test, not(loom)))]\nmod tests { use std::sync::Mutex; }"
+    ));
+}
