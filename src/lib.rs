@@ -50,6 +50,7 @@ pub use csp::named::{Named, named};
 pub use csp::par::{ParAll, par_all, par_for};
 pub use csp::process::{IntoProcess, Process, run};
 pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
+pub use luna_channels::lock_sync as sync;
 pub use luna_channels::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
 pub use luna_channels::{
     After, Buffer, BufferError, Extended, Guard, Incoming, Receiver, RecvError, RecvOp,

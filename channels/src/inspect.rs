@@ -23,6 +23,12 @@ pub enum PlaceKind {
     Buffered(usize),
     /// A barrier.
     Barrier,
+    /// A mutex. Its last receiver is who holds it.
+    Mutex,
+    /// A condition variable. Its last receiver is who last notified.
+    Condition,
+    /// A semaphore. Its last receiver is who last took permits.
+    Semaphore,
     /// No place at all: STOP, an alternative without an open guard.
     Stop,
 }
@@ -51,9 +57,15 @@ pub enum Role {
     Party,
     /// For nothing: none of its guards is open.
     Stopped,
+    /// To lock a mutex.
+    Locker,
+    /// To be notified, at a condition.
+    Notified,
+    /// To acquire permits of a semaphore.
+    Acquirer,
 }
 
-/// A channel or barrier as it was when it was looked at.
+/// A channel, barrier or lock as it was when it was looked at.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct PlaceView {
@@ -152,7 +164,7 @@ pub(crate) fn unregister(place: &Place) {
     places.remove(&place.identity.id);
 }
 
-/// All channels and barriers of the program that live, in the order in which they were made. Allocates; O(places + those who wait).
+/// All channels, barriers and locks of the program that live, in the order in which they were made. Allocates; O(places + those who wait).
 ///
 /// ```
 /// use luna_channels::{channel, inspect};
@@ -240,6 +252,9 @@ unsafe fn view(registered: &Registered) -> PlaceView {
 fn copy_waiting(lists: &mut Lists, kind: PlaceKind, into: &mut Vec<Waiting>) -> bool {
     let (first, second) = match kind {
         PlaceKind::Barrier => (Role::Party, Role::Party),
+        PlaceKind::Mutex => (Role::Locker, Role::Locker),
+        PlaceKind::Condition => (Role::Notified, Role::Notified),
+        PlaceKind::Semaphore => (Role::Acquirer, Role::Acquirer),
         _ => (Role::Sender, Role::Receiver),
     };
     let all = [

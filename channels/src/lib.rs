@@ -43,6 +43,7 @@ mod ended;
 mod error;
 mod extended;
 pub mod inspect;
+pub mod lock_sync;
 mod place;
 mod recv;
 mod selection;

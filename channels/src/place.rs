@@ -42,7 +42,7 @@ pub struct Lists {
 pub(crate) struct LastUser(u32);
 
 impl LastUser {
-    const NOBODY: LastUser = LastUser(u32::MAX);
+    pub(crate) const NOBODY: LastUser = LastUser(u32::MAX);
 
     #[inline]
     pub(crate) fn of(user: User) -> Self {

@@ -131,6 +131,19 @@ impl WaitList {
         unsafe { self.link(self.last_of(node.as_ref().priority), node) };
     }
 
+    /// As [`insert_again`](Self::insert_again), at another priority than before. Cost as for [`insert`](Self::insert).
+    ///
+    /// # Safety
+    ///
+    /// As for `insert`.
+    pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
+        // SAFETY: the contract: it is in no list, so nobody else looks at it under the lock.
+        unsafe {
+            (*node.as_ptr()).priority = priority;
+            self.insert_again(node);
+        }
+    }
+
     /// As [`insert_again`](Self::insert_again), but before all of its priority: it had its turn, and it came to nothing. O(those of higher
     /// priority).
     ///
@@ -328,6 +341,22 @@ mod tests {
             list.insert_again_first(NonNull::from(&mut *nodes[1]));
         }
         assert_eq!(order(&mut list, &nodes), [2, 1, 0, 3]);
+    }
+
+    #[test]
+    fn who_comes_again_at_another_priority_stands_where_that_says() {
+        let mut nodes: Vec<Box<WaitNode>> = (0..3).map(|_| Box::default()).collect();
+        let mut list = WaitList::new();
+        for (index, level) in [9, 3, 3].into_iter().enumerate() {
+            insert(&mut list, &mut nodes[index], 0, level);
+        }
+        // SAFETY: it is in the list, and then in none.
+        unsafe {
+            list.remove(NonNull::from(&mut *nodes[2]));
+            let (thread, level) = (0, 20);
+            list.insert_again_at(NonNull::from(&mut *nodes[2]), Priority { thread, level });
+        }
+        assert_eq!(order(&mut list, &nodes), [2, 0, 1]);
     }
 
     #[test]

@@ -86,7 +86,7 @@ pub enum EndUser {
     Outside,
 }
 
-/// A channel or barrier.
+/// A channel, barrier or lock.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ChannelPart {
@@ -120,9 +120,15 @@ pub enum ChannelKind {
     Buffered(usize),
     /// Not a channel, but where processes wait for each other.
     Barrier,
+    /// Not a channel, but a lock. Its receiver is who holds it.
+    Mutex,
+    /// Not a channel, but a condition variable. Its receiver is who last notified.
+    Condition,
+    /// Not a channel, but permits. Its receiver is who last took some.
+    Semaphore,
 }
 
-/// One who waits at a channel or barrier.
+/// One who waits at a channel, barrier or lock.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct WaitingPart {
@@ -229,13 +235,23 @@ impl fmt::Display for EndUser {
 
 impl fmt::Display for ChannelPart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_barrier = self.kind == ChannelKind::Barrier;
-        f.write_str(if is_barrier { "barrier" } else { "channel" })?;
+        let kind = match self.kind {
+            ChannelKind::Rendezvous | ChannelKind::Buffered(_) => "channel",
+            ChannelKind::Barrier => "barrier",
+            ChannelKind::Mutex => "mutex",
+            ChannelKind::Condition => "condition",
+            ChannelKind::Semaphore => "semaphore",
+        };
+        let is_channel = kind == "channel";
+        f.write_str(kind)?;
         match &self.name {
             Some(name) => write!(f, " `{name}`")?,
             None => write!(f, " made at {}", self.made_at)?,
         }
-        if !is_barrier {
+        if let (ChannelKind::Mutex, Some(holder)) = (self.kind, &self.receiver) {
+            write!(f, ": held by {holder}")?;
+        }
+        if is_channel {
             let user = |user: &Option<EndUser>| match user {
                 Some(user) => user.to_string(),
                 None => "nobody yet".to_owned(),
@@ -256,10 +272,10 @@ impl fmt::Display for ChannelPart {
         }
         for (place, waiting) in self.waiting.iter().enumerate() {
             f.write_str(if place == 0 { "; " } else { ", " })?;
-            let what = match (is_barrier, waiting.sends) {
-                (true, _) => "waits",
-                (false, true) => "waits to send",
-                (false, false) => "waits to receive",
+            let what = match (is_channel, waiting.sends) {
+                (false, _) => "waits",
+                (true, true) => "waits to send",
+                (true, false) => "waits to receive",
             };
             write!(f, "{} {what}", waiting.user)?;
         }

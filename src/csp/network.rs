@@ -1,4 +1,4 @@
-//! The channels and barriers of the program at one moment: who used which, and who waits.
+//! The channels, barriers and locks of the program at one moment: who used which, and who waits.
 
 use luna_channels::inspect::{self, PlaceKind, PlaceView};
 use luna_platform::current::User;
@@ -14,7 +14,7 @@ pub(crate) struct Waiting {
     pub(crate) role: Role,
 }
 
-/// A channel or a barrier.
+/// A channel, a barrier or a lock.
 #[derive(Debug, Clone)]
 pub(crate) struct Meeting {
     pub(crate) kind: PlaceKind,
@@ -76,6 +76,9 @@ impl fmt::Display for Meeting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
             PlaceKind::Barrier => "barrier",
+            PlaceKind::Mutex => "mutex",
+            PlaceKind::Condition => "condition",
+            PlaceKind::Semaphore => "semaphore",
             _ => "channel",
         };
         match &self.name {

@@ -2,6 +2,9 @@
 
 use super::{Error, SetupError};
 use luna_channels as channels;
+use luna_channels::lock_sync::{
+    AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
+};
 use luna_executors::Nested;
 use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
@@ -123,6 +126,52 @@ impl From<channels::RecvTimeoutError> for Error {
             channels::RecvTimeoutError::Timeout => Error::Timeout,
             channels::RecvTimeoutError::Closed => Error::Closed,
             channels::RecvTimeoutError::Poisoned => Error::Poisoned,
+        }
+    }
+}
+
+/// The guard that it may hold is dropped, which unlocks; the mutex stays marked.
+impl<T> From<LockError<'_, T>> for Error {
+    fn from(error: LockError<'_, T>) -> Error {
+        match error {
+            LockError::OwnerDied(_) => Error::OwnerDied,
+            LockError::Poisoned => Error::Poisoned,
+        }
+    }
+}
+
+/// As of a [`LockError`].
+impl<T> From<TryLockError<'_, T>> for Error {
+    fn from(error: TryLockError<'_, T>) -> Error {
+        match error {
+            TryLockError::OwnerDied(_) => Error::OwnerDied,
+            TryLockError::Locked => Error::Locked,
+        }
+    }
+}
+
+/// As of a [`LockError`].
+impl<T> From<LockTimeoutError<'_, T>> for Error {
+    fn from(error: LockTimeoutError<'_, T>) -> Error {
+        match error {
+            LockTimeoutError::Timeout => Error::Timeout,
+            LockTimeoutError::OwnerDied(_) => Error::OwnerDied,
+            LockTimeoutError::Poisoned => Error::Poisoned,
+        }
+    }
+}
+
+impl From<AcquireError> for Error {
+    fn from(AcquireError: AcquireError) -> Error {
+        Error::Poisoned
+    }
+}
+
+impl From<AcquireTimeoutError> for Error {
+    fn from(error: AcquireTimeoutError) -> Error {
+        match error {
+            AcquireTimeoutError::Timeout => Error::Timeout,
+            AcquireTimeoutError::Poisoned => Error::Poisoned,
         }
     }
 }

@@ -35,6 +35,10 @@ pub enum Error {
     Unanswered,
     /// The time ran out.
     Timeout,
+    /// Locking at once: somebody holds the mutex.
+    Locked,
+    /// Who held a mutex has died with it: see [`OwnerDied`](crate::sync::OwnerDied).
+    OwnerDied,
     /// A process failed.
     Process {
         /// The process' name.
@@ -152,6 +156,10 @@ impl fmt::Display for Error {
             Error::Unanswered => f.write_str("the server has dropped the call without a reply"),
             Error::Empty => f.write_str("nobody waits to send and nothing is buffered"),
             Error::Timeout => f.write_str("the time ran out"),
+            Error::Locked => f.write_str("somebody holds the mutex"),
+            Error::OwnerDied => f.write_str(
+                "who held the mutex has died with it, and what it guards may be half done: take the guard from the error of `lock`, and recover it",
+            ),
             Error::Process { name, source } => write!(f, "process `{name}`: {source}"),
             Error::Panicked(message) => write!(f, "panicked: {message}"),
             Error::Cancelled => f.write_str("cancelled before its body had ended"),

@@ -181,6 +181,9 @@ fn channel_part(meeting: &Meeting, names: &HashMap<ProcessId, String>) -> Channe
         kind: match meeting.kind {
             PlaceKind::Buffered(most) => ChannelKind::Buffered(most),
             PlaceKind::Barrier => ChannelKind::Barrier,
+            PlaceKind::Mutex => ChannelKind::Mutex,
+            PlaceKind::Condition => ChannelKind::Condition,
+            PlaceKind::Semaphore => ChannelKind::Semaphore,
             _ => ChannelKind::Rendezvous,
         },
         buffered: meeting.buffered,

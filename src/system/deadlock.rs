@@ -65,7 +65,7 @@ pub struct Wait {
     pub process: String,
     /// To do what.
     pub operation: Operation,
-    /// Where: the channel's or barrier's name, or where it was made; the name of the process whose end is awaited.
+    /// Where: the channel's, barrier's or lock's name, or where it was made; the name of the process whose end is awaited.
     pub at: String,
     /// For whom, as far as that is known.
     pub partner: Partner,
@@ -81,13 +81,19 @@ pub enum Operation {
     Receive,
     /// To meet others at a barrier.
     Sync,
+    /// To lock a mutex.
+    Lock,
+    /// To be notified at a condition.
+    Notified,
+    /// To acquire permits of a semaphore.
+    Acquire,
     /// To learn how another process ended.
     Join,
     /// Nothing: it is in an alternative without an open guard, which is STOP.
     Stop,
 }
 
-/// For whom a process waits: who used the other end last.
+/// For whom a process waits: who used the other end last; who holds the mutex; who last notified at the condition, or took permits of the semaphore.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Partner {
@@ -177,6 +183,10 @@ fn wait_of(
     let (operation, other_end) = match role {
         Role::Sender | Role::Held => (Operation::Send, meeting.receiver),
         Role::Receiver => (Operation::Receive, meeting.sender),
+        // A mutex that somebody waits for is held.
+        Role::Locker => (Operation::Lock, meeting.receiver),
+        Role::Notified => (Operation::Notified, meeting.receiver),
+        Role::Acquirer => (Operation::Acquire, meeting.receiver),
         Role::Party => return Some((Operation::Sync, Partner::Others, None)),
         Role::Stopped => return Some((Operation::Stop, Partner::Nobody, None)),
         _ => return None,
@@ -232,6 +242,9 @@ impl fmt::Display for Wait {
             Operation::Send => write!(f, "`{process}` waits to send to {at}")?,
             Operation::Receive => write!(f, "`{process}` waits to receive from {at}")?,
             Operation::Sync => write!(f, "`{process}` waits at {at}")?,
+            Operation::Lock => write!(f, "`{process}` waits to lock {at}")?,
+            Operation::Notified => write!(f, "`{process}` waits to be notified at {at}")?,
+            Operation::Acquire => write!(f, "`{process}` waits for permits of {at}")?,
             Operation::Join => return write!(f, "`{process}` waits for the end of `{at}`"),
             Operation::Stop => {
                 return write!(
@@ -240,18 +253,27 @@ impl fmt::Display for Wait {
                 );
             }
         }
+        // What makes somebody the partner.
+        let (did, nobody) = match operation {
+            Operation::Lock => ("holds it", "which nobody holds"),
+            Operation::Notified => ("notified there last", "where nobody has notified yet"),
+            Operation::Acquire => ("acquired there last", "where nobody has acquired any yet"),
+            _ => (
+                "used its other end last",
+                "whose other end nobody has used yet",
+            ),
+        };
         match &self.partner {
-            Partner::Process(name) if name == process => {
-                f.write_str(", whose other end it used last itself")
+            Partner::Process(name) if name == process && *operation == Operation::Lock => {
+                f.write_str(", which it holds itself")
             }
-            Partner::Process(name) => write!(f, " for `{name}`, which used its other end last"),
-            Partner::Ended(name) => {
-                write!(
-                    f,
-                    " for `{name}`, which used its other end last and has ended"
-                )
-            }
-            Partner::Nobody => f.write_str(", whose other end nobody has used yet"),
+            Partner::Process(name) if name == process => match operation {
+                Operation::Notified | Operation::Acquire => write!(f, ", and {did} itself"),
+                _ => f.write_str(", whose other end it used last itself"),
+            },
+            Partner::Process(name) => write!(f, " for `{name}`, which {did}"),
+            Partner::Ended(name) => write!(f, " for `{name}`, which {did} and has ended"),
+            Partner::Nobody => write!(f, ", {nobody}"),
             Partner::Others => f.write_str(" for those who have not come"),
         }
     }
@@ -279,7 +301,7 @@ impl fmt::Display for Deadlock {
                 && wait.operation != Operation::Stop
         }) {
             f.write_str(
-                "\n  if a thread outside of the system is to use one of these, mark the channel or barrier with `external()`",
+                "\n  if a thread outside of the system is to use one of these, mark it with `external()`",
             )?;
         }
         Ok(())

@@ -17,6 +17,7 @@ mod channel;
 mod extended;
 #[cfg(shuttle)]
 mod large;
+mod lock_sync;
 mod registered;
 #[cfg(shuttle)]
 mod schedules;

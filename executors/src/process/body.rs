@@ -3,6 +3,7 @@
 use super::ProcessState;
 use super::record::{RawExit, Record};
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -69,8 +70,12 @@ impl<F: Future<Output = ()>> Future for Body<F> {
 
 impl<F> Body<F> {
     fn end(&mut self, exit: RawExit) -> Poll<()> {
-        // Dropping the body ends its channels before anybody learns that the process has ended.
-        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| self.future = None));
+        // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
+        // the middle, and so is what it held.
+        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match exit {
+            RawExit::Completed => self.future = None,
+            _ => current::with_abandoned(|| self.future = None),
+        }));
         let exit = match (exit, dropped) {
             (RawExit::Panicked(payload), Err(second)) => {
                 // The first one counts, and dropping the other could panic in turn.

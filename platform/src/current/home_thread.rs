@@ -3,6 +3,9 @@
 use crate::backend::boost::{self, Scheduling};
 use crate::lock::PiLock;
 use crate::path::{self, Call};
+use crate::wait_list::WaitList;
+#[cfg(not(loom))]
+use std::cell::OnceCell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
@@ -20,13 +23,19 @@ static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
 /// The thread runs at the highest priority that is counted in `lent`, or at its own if none is, whenever the lock is free; unless the
 /// system has refused, or the home has been left.
 pub(super) struct HomeThread {
-    own: Scheduling,
     lent: PiLock<LentThread>,
     now: AtomicU8,
+    /// The thread's own real-time priority when it was last asked for.
+    own_rank: AtomicU8,
+    /// The thread is a plain one, whose own policy its program may change at any time: it is asked for anew before it is boosted.
+    is_plain: bool,
 }
 
 /// What is counted under the home's lock.
 pub(super) struct LentThread {
+    own: Scheduling,
+    /// What the thread itself waits for, if it is a plain one.
+    pub(super) waits: WaitList,
     counts: [u32; HIGHEST as usize + 1],
     /// Which of them are not 0.
     lent: u128,
@@ -61,9 +70,17 @@ impl LentThread {
 impl HomeThread {
     /// The calling thread, which becomes a home.
     pub(super) fn new() -> Arc<Self> {
+        Self::of_calling(false)
+    }
+
+    fn of_calling(is_plain: bool) -> Arc<Self> {
+        let own = boost::scheduling();
         let thread = Arc::new(Self {
-            own: boost::scheduling(),
+            own_rank: AtomicU8::new(own.rank()),
+            is_plain,
             lent: PiLock::new(LentThread {
+                own,
+                waits: WaitList::new(),
                 counts: [0; HIGHEST as usize + 1],
                 lent: 0,
                 applied: 0,
@@ -90,27 +107,67 @@ impl HomeThread {
         self.apply(&mut lent);
     }
 
+    /// Looks at what is kept under the home's lock.
+    pub(super) fn with<R>(&self, look: impl FnOnce(&mut LentThread) -> R) -> R {
+        look(&mut self.lent.lock())
+    }
+
+    /// The thread's own real-time priority when it was last asked for; 0 if it has none.
+    #[inline]
+    pub(super) fn own_rank(&self) -> u8 {
+        self.own_rank.load(Ordering::Relaxed)
+    }
+
+    /// Whether it is a plain thread's.
+    pub(super) fn is_plain(&self) -> bool {
+        self.is_plain
+    }
+
+    /// Asks for a plain thread's own priority again, unless it runs at a lent one.
+    pub(super) fn refresh(&self) {
+        if self.is_plain {
+            self.ask(&mut self.lent.lock());
+        }
+    }
+
+    fn ask(&self, lent: &mut LentThread) {
+        if lent.applied == 0 && !lent.left {
+            lent.own = path::expected(Call::Boost, || boost::scheduling_again(&lent.own));
+            self.own_rank.store(lent.own.rank(), Ordering::Relaxed);
+        }
+    }
+
     /// The home is left: its thread ends, or does other things. It gets its own priority back, and is never told another one, since its number
     /// may be another thread's then.
     pub(super) fn leave(&self) {
         let mut lent = self.lent.lock();
         if lent.applied != 0 {
-            path::expected(Call::Boost, || boost::restore(&self.own));
+            path::expected(Call::Boost, || boost::restore(&lent.own));
             lent.applied = 0;
         }
         lent.left = true;
     }
 
     fn apply(&self, lent: &mut LentThread) {
-        let highest = lent.highest();
+        let mut highest = lent.highest();
         self.now.store(highest, Ordering::Relaxed);
         if highest == lent.applied || lent.left {
             return;
         }
+        if self.is_plain {
+            self.ask(lent);
+            // It may have raised itself since somebody lent it this.
+            if highest <= self.own_rank() {
+                highest = 0;
+            }
+            if highest == lent.applied {
+                return;
+            }
+        }
         if highest == 0 {
-            path::expected(Call::Boost, || boost::restore(&self.own));
+            path::expected(Call::Boost, || boost::restore(&lent.own));
         } else if let Err(refusal) =
-            path::expected(Call::Boost, || boost::boost(&self.own, highest))
+            path::expected(Call::Boost, || boost::boost(&lent.own, highest))
         {
             if REFUSED.fetch_add(1, Ordering::Relaxed) == 0 {
                 FIRST_REFUSED.store(
@@ -122,6 +179,46 @@ impl HomeThread {
         }
         lent.applied = highest;
     }
+}
+
+#[cfg(not(loom))]
+thread_local! {
+    static PLAIN: OnceCell<Plain> = const { OnceCell::new() };
+}
+
+/// A plain thread, until it ends.
+#[cfg(not(loom))]
+struct Plain(Arc<HomeThread>);
+
+#[cfg(not(loom))]
+impl Drop for Plain {
+    fn drop(&mut self) {
+        self.0.leave();
+    }
+}
+
+/// The calling thread as a plain one. The first call on a thread allocates, and asks the system for its policy. None while the thread ends.
+#[cfg(not(loom))]
+pub(super) fn plain() -> Option<Arc<HomeThread>> {
+    PLAIN
+        .try_with(|plain| {
+            plain
+                .get_or_init(|| Plain(HomeThread::of_calling(true)))
+                .0
+                .clone()
+        })
+        .ok()
+}
+
+/// The calling thread as a plain one, if it was asked for as that before.
+pub(super) fn known_plain() -> Option<Arc<HomeThread>> {
+    #[cfg(not(loom))]
+    return PLAIN
+        .try_with(|plain| plain.get().map(|plain| plain.0.clone()))
+        .ok()
+        .flatten();
+    #[cfg(loom)]
+    None
 }
 
 /// What has come of threads that were to inherit a priority and were refused it.

@@ -4,17 +4,23 @@
 //! the same step, before it is readied. A process of the same OS priority is lent a *level*: it is queued there from its next wake on. One
 //! whose thread is below is lent its thread's priority too: see [`HomeThread`](super::home_thread::HomeThread).
 //!
+//! Who holds something that others wait for, a lock say, is an heir too, also a plain thread. What a process itself waits for in this way is listed
+//! with it, so that a priority can be passed on along a chain of holders: what a chain is made of is known to those who list it.
+//!
 //! Priorities are lent and given back in any order and from any thread, so what is lent is counted: O(1) each, under the lock of the
 //! process' home.
 
-use super::home_thread::HomeThread;
-use super::process::{LEVELS, Priority, Process};
+use super::home_thread::{HomeThread, LentThread};
+use super::process::{LEVELS, Place, Priority, Process};
 use super::wakeup::Reference;
 use super::{home, process};
+use crate::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
+use std::cmp::Ordering;
 use std::fmt;
+use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{self, AtomicU8};
 
 const LEVEL: u8 = LEVELS - 1;
 /// Beside the level: the process was lent its thread's priority.
@@ -24,11 +30,13 @@ const THREAD: u8 = 1 << 7;
 ///
 /// # Invariants
 ///
-/// `counts` are touched under the lock of `thread` alone. `now` is the process' own level, or the highest that it was lent.
+/// `counts` and `waits` are touched under the lock of `thread` alone. `now` is the process' own level, or the highest that it was lent.
 pub(super) struct Inheritance {
     now: AtomicU8,
     own: u8,
     counts: UnsafeCell<Counts>,
+    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
+    waits: UnsafeCell<WaitList>,
     /// None for a process outside of any home, which is lent nothing.
     thread: Option<Arc<HomeThread>>,
 }
@@ -50,19 +58,20 @@ impl Inheritance {
                 lent: 0,
                 threads: 0,
             }),
+            waits: UnsafeCell::new(WaitList::new()),
             thread,
         }
     }
 
     #[inline]
     pub(super) fn level(&self) -> u8 {
-        self.now.load(Ordering::Relaxed) & LEVEL
+        self.now.load(atomic::Ordering::Relaxed) & LEVEL
     }
 
     /// The priority of the process' thread, which is `own` if nothing was lent.
     #[inline]
     pub(super) fn thread(&self, own: u8) -> u8 {
-        if self.now.load(Ordering::Relaxed) & THREAD == 0 {
+        if self.now.load(atomic::Ordering::Relaxed) & THREAD == 0 {
             return own;
         }
         self.thread
@@ -107,26 +116,32 @@ impl Inheritance {
             self.own
                 .max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
         };
-        self.now.store(now, Ordering::Relaxed);
+        self.now.store(now, atomic::Ordering::Relaxed);
         true
     }
 }
 
-/// What an heir was lent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What an heir was lent; a greater one raises it further.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Lent {
     Nothing,
     Level(u8),
     Thread(u8),
 }
 
-/// A process that works for another one, and what it was lent for that. Dropped, it gives it back, on any thread.
+/// A process that works for another one, or holds what it waits for, and what it was lent for that; or a plain thread that does. Dropped, it
+/// gives it back, on any thread.
 ///
 /// It keeps the memory of the process, not the process: of one that has ended, lending raises its thread alone, and of one whose home was left,
 /// nothing.
 pub struct Heir {
-    reference: Reference,
+    to: To,
     lent: Lent,
+}
+
+enum To {
+    Process(Reference),
+    Thread(Arc<HomeThread>),
 }
 
 impl Heir {
@@ -135,78 +150,240 @@ impl Heir {
     pub fn current() -> Option<Heir> {
         process(|process| {
             let process = process?;
-            process.can_inherit().then(|| Heir {
-                reference: Reference::to_current(process),
-                lent: Lent::Nothing,
-            })
+            process
+                .can_inherit()
+                .then(|| Heir::to(To::Process(Reference::to_current(process))))
+        })
+    }
+
+    /// The current process; outside of any, the calling thread itself: for those who hold something without being a process.
+    ///
+    /// The first call on a plain thread allocates, and makes a few system calls; later ones are O(1). None while the thread ends.
+    #[inline]
+    pub fn current_or_thread() -> Option<Heir> {
+        Heir::current().or_else(|| super::this_thread().map(|thread| Heir::to(To::Thread(thread))))
+    }
+
+    fn to(to: To) -> Heir {
+        Heir {
+            to,
+            lent: Lent::Nothing,
+        }
+    }
+
+    /// Another one to the same, which was lent nothing. From any thread; O(1).
+    pub fn copy(&self) -> Heir {
+        Heir::to(match &self.to {
+            To::Process(reference) => To::Process(reference.copy()),
+            To::Thread(thread) => To::Thread(thread.clone()),
         })
     }
 
     /// Whether it is the current process.
     #[inline]
     pub fn is_current(&self) -> bool {
-        process(|process| {
-            process.is_some_and(|process| std::ptr::eq(process, self.reference.process()))
-        })
-    }
-
-    /// Lends it the priority of who it works for, if that is above its own, in place of what it was lent already.
-    ///
-    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if there is something to lend or to give back, and one system call if the
-    /// priority of its thread changes by that.
-    #[inline]
-    pub fn lend(&mut self, priority: Priority) {
-        let (process, lowered) = (self.reference.process(), self.reference.lowered());
-        let own = process.own_priority();
-        let lent = if priority.thread > own.thread {
-            Lent::Thread(priority.thread)
-        } else if priority.thread == own.thread && priority.level + lowered > own.level {
-            // The branch is polled below its process, which is to be that much above.
-            Lent::Level((priority.level + lowered).min(LEVEL))
-        } else {
-            Lent::Nothing
-        };
-        self.exchange(lent);
-    }
-
-    /// Takes what it was lent. As [`lend`](Self::lend) otherwise; it can be lent something again.
-    #[inline]
-    pub fn give_back(&mut self) {
-        self.exchange(Lent::Nothing);
-    }
-
-    #[inline]
-    fn exchange(&mut self, lent: Lent) {
-        if lent != self.lent {
-            self.exchange_other(lent);
+        match &self.to {
+            To::Process(reference) => process(|process| {
+                process.is_some_and(|process| std::ptr::eq(process, reference.process()))
+            }),
+            To::Thread(_) => false,
         }
     }
 
-    /// In one step, so that its thread is not told to go down and up again.
+    /// How urgent it is now: the process, at the level of the branch that it was made for; or the thread, which counts as of level 0, and of the
+    /// highest while it inherits.
+    pub fn priority(&self) -> Priority {
+        match &self.to {
+            To::Process(reference) => reference.process().lowered_priority(reference.lowered()),
+            To::Thread(thread) => {
+                let (own, lent) = (thread.own_rank(), thread.lent());
+                Priority {
+                    thread: own.max(lent),
+                    level: if lent > own { LEVEL } else { 0 },
+                }
+            }
+        }
+    }
+
+    /// As [`priority`](Self::priority), of the caller itself, before it blocks: a plain thread's own priority is asked of the system, which takes
+    /// two system calls.
+    pub fn priority_before_blocking(&self) -> Priority {
+        if let To::Thread(thread) = &self.to {
+            thread.refresh();
+        }
+        self.priority()
+    }
+
+    /// Lends it the priority of who it works for, if that is above its own, instead of what it was lent before. Says whether it is lent more by
+    /// that, or less.
+    ///
+    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if that changes something, and one system call if the
+    /// priority of its thread changes by that (three for a plain thread).
+    #[inline]
+    pub fn lend(&mut self, priority: Priority) -> Ordering {
+        let (before, lent) = (self.lent, self.lent_for(priority));
+        if lent != before {
+            self.change(lent);
+        }
+        self.lent.cmp(&before)
+    }
+
+    /// Gives back what it was lent; says whether that was something.
+    #[inline]
+    pub fn give_back(&mut self) -> bool {
+        let was_lent = self.lent != Lent::Nothing;
+        if was_lent {
+            self.change(Lent::Nothing);
+        }
+        was_lent
+    }
+
+    #[inline]
+    fn lent_for(&self, priority: Priority) -> Lent {
+        match &self.to {
+            To::Process(reference) => {
+                let own = reference.process().own_priority();
+                let level = priority.level + reference.lowered();
+                if priority.thread > own.thread {
+                    Lent::Thread(priority.thread)
+                } else if priority.thread == own.thread && level > own.level {
+                    // The branch is polled below its process, which is to be that much above.
+                    Lent::Level(level.min(LEVEL))
+                } else {
+                    Lent::Nothing
+                }
+            }
+            // What a plain thread's own is now is asked when it is boosted.
+            To::Thread(thread)
+                if priority.thread
+                    > if thread.is_plain() {
+                        0
+                    } else {
+                        thread.own_rank()
+                    } =>
+            {
+                Lent::Thread(priority.thread)
+            }
+            To::Thread(_) => Lent::Nothing,
+        }
+    }
+
+    fn thread(&self) -> Option<&HomeThread> {
+        match &self.to {
+            To::Process(reference) => reference.process().inheritance().thread.as_deref(),
+            To::Thread(thread) => Some(thread),
+        }
+    }
+
     #[cold]
-    fn exchange_other(&mut self, lent: Lent) {
-        let inheritance = self.reference.process().inheritance();
-        let Some(thread) = &inheritance.thread else {
+    fn change(&mut self, to: Lent) {
+        let before = std::mem::replace(&mut self.lent, Lent::Nothing);
+        let Some(thread) = self.thread() else {
             return;
         };
+        let mut counted = false;
         thread.change(|state| {
-            let mut change = |lent, more| {
-                // SAFETY: the home's lock is held.
-                let is_counted = unsafe { inheritance.count(lent, more) };
-                if let (Lent::Thread(priority), true) = (lent, is_counted) {
-                    state.count(priority, more);
-                }
-                is_counted
-            };
-            // The new one first, so that nobody sees the process at its own level in between. One too many to be counted lends nothing.
-            let now = if change(lent, true) {
-                lent
-            } else {
-                Lent::Nothing
-            };
-            change(self.lent, false);
-            self.lent = now;
+            // The new one first: the thread is never without either. SAFETY: the home's lock is held.
+            counted = unsafe { self.count(state, to, true) };
+            if before != Lent::Nothing {
+                // SAFETY: as above.
+                unsafe { self.count(state, before, false) };
+            }
         });
+        if counted {
+            self.lent = to;
+        }
+    }
+
+    /// # Safety
+    ///
+    /// `state` is that of the home, whose lock is held.
+    unsafe fn count(&self, state: &mut LentThread, lent: Lent, more: bool) -> bool {
+        let counted = match &self.to {
+            // SAFETY: the contract.
+            To::Process(reference) => unsafe {
+                reference.process().inheritance().count(lent, more)
+            },
+            To::Thread(_) => lent != Lent::Nothing,
+        };
+        if let (true, Lent::Thread(priority)) = (counted, lent) {
+            state.count(priority, more);
+        }
+        counted
+    }
+
+    /// Lets a process that is ready run at what it was lent just now: it may be queued at a lower level. One that waits is polled once for nothing.
+    ///
+    /// From any thread, without a lock that a waker may take. O(1), and a system call if its thread is elsewhere and sleeps.
+    pub fn move_up(&self) {
+        let To::Process(reference) = &self.to else {
+            return;
+        };
+        // One that is alone on its thread has no queue.
+        if !reference.process().is_owned() || self.is_current() {
+            return;
+        }
+        if reference.is_here() {
+            // SAFETY: this is the home's thread.
+            unsafe { reference.ready_here(Place::Last) };
+        } else if let Some(waker) = reference.process().waker() {
+            waker.wake_by_ref();
+        }
+    }
+
+    /// Lists `node` among what the process (or the thread) waits for, so that others find it there when its priority changes. O(1), under the lock
+    /// of its home.
+    ///
+    /// # Safety
+    ///
+    /// `node` is in no list, stays where it is, and is taken out by [`end_wait`](Self::end_wait) of an heir to the same before it goes. Whatever
+    /// [`next_wait`](Self::next_wait) is called with may use it in the meantime.
+    pub unsafe fn begin_wait(&self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract; those of one priority are listed in O(1).
+        self.with_waits(|waits| unsafe { waits.insert(node, Priority::default(), None) });
+    }
+
+    /// Takes out what [`begin_wait`](Self::begin_wait) listed. O(1).
+    ///
+    /// # Safety
+    ///
+    /// It was listed for this process (or thread).
+    pub unsafe fn end_wait(&self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract.
+        self.with_waits(|waits| unsafe { waits.remove(node) });
+    }
+
+    /// Calls `found` with the wait of the lowest address above `address`, if there is one, under the lock of the heir's home: so all are found,
+    /// though others come and go in between. O(waits), which are as many as there are branches that wait.
+    pub fn next_wait<R>(
+        &self,
+        address: usize,
+        found: impl FnOnce(NonNull<WaitNode>) -> R,
+    ) -> Option<R> {
+        self.with_waits(|waits| {
+            let mut lowest: Option<NonNull<WaitNode>> = None;
+            let mut next = waits.first();
+            while let Some(node) = next {
+                let at = node.addr().get();
+                if at > address && lowest.is_none_or(|lowest| at < lowest.addr().get()) {
+                    lowest = Some(node);
+                }
+                // SAFETY: it is in the list.
+                next = unsafe { waits.after(node) };
+            }
+            lowest.map(found)
+        })
+        .flatten()
+    }
+
+    fn with_waits<R>(&self, look: impl FnOnce(&mut WaitList) -> R) -> Option<R> {
+        Some(self.thread()?.with(|state| match &self.to {
+            // SAFETY: the home's lock is held.
+            To::Process(reference) => {
+                look(unsafe { &mut *reference.process().inheritance().waits.get() })
+            }
+            To::Thread(_) => look(&mut state.waits),
+        }))
     }
 }
 
@@ -219,10 +396,12 @@ impl Drop for Heir {
 
 impl fmt::Debug for Heir {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Heir")
-            .field("process", self.reference.process())
-            .field("lent", &self.lent)
-            .finish()
+        let mut heir = f.debug_struct("Heir");
+        match &self.to {
+            To::Process(reference) => heir.field("process", reference.process()),
+            To::Thread(_) => heir.field("thread", &self.priority()),
+        };
+        heir.field("lent", &self.lent).finish()
     }
 }
 
@@ -312,6 +491,75 @@ mod tests {
             level: 0,
         });
         assert!(!heir.is_current());
+    }
+
+    #[test]
+    fn lending_says_whether_it_is_more_or_less() {
+        within(5, || {
+            let mut heir = Heir::current().unwrap();
+            assert_eq!(heir.lend(at(3)), Ordering::Equal);
+            assert_eq!(heir.lend(at(9)), Ordering::Greater);
+            assert_eq!(heir.lend(at(9)), Ordering::Equal);
+            assert_eq!(heir.lend(at(7)), Ordering::Less);
+            assert_eq!(heir.copy().priority(), at(7));
+            assert!(heir.give_back() && !heir.give_back());
+            assert_eq!(heir.priority(), at(5));
+        });
+    }
+
+    #[test]
+    fn waits_are_found_one_by_one_also_from_elsewhere() {
+        within(5, || {
+            let heir = Heir::current().unwrap();
+            let mut nodes: [WaitNode; 3] = Default::default();
+            let nodes = nodes.each_mut().map(NonNull::from);
+            // SAFETY: they are in this list alone, and are taken out below.
+            unsafe { [2, 0, 1].map(|n: usize| heir.begin_wait(nodes[n])) };
+            std::thread::scope(|scope| {
+                let copy = heir.copy();
+                scope.spawn(move || {
+                    let mut above = 0;
+                    let mut found = 0;
+                    while let Some(at) = copy.next_wait(above, |node| node.addr().get()) {
+                        assert!(at > above);
+                        (above, found) = (at, found + 1);
+                    }
+                    assert_eq!(found, 3);
+                });
+            });
+            // SAFETY: as above.
+            unsafe { nodes.map(|node| heir.end_wait(node)) };
+            assert_eq!(heir.next_wait(0, |_| ()), None);
+        });
+    }
+
+    #[test]
+    fn a_plain_thread_inherits_and_gets_its_own_back() {
+        let own = crate::thread::current_policy();
+        let mut heir = Heir::current_or_thread().unwrap();
+        let before = heir.priority_before_blocking();
+        let thread = before.thread + 7;
+        let lent = heir.lend(Priority { thread, level: 3 });
+        assert_eq!(lent, Ordering::Greater);
+        assert_eq!(heir.priority(), Priority { thread, level: 31 });
+        if super::super::refused_boosts().is_none() {
+            assert_eq!(
+                crate::thread::current_policy(),
+                crate::thread::Policy::fifo(thread)
+            );
+        }
+        // A home on this thread counts with what the thread was lent.
+        within(5, || {
+            let mut of_process = Heir::current().unwrap();
+            of_process.lend(Priority {
+                thread: thread + 1,
+                level: 0,
+            });
+            assert_eq!(heir.priority().thread, thread + 1);
+        });
+        assert_eq!(heir.priority().thread, thread);
+        drop(heir);
+        assert_eq!(crate::thread::current_policy(), own);
     }
 
     #[test]

@@ -72,6 +72,7 @@ struct Thread {
     branch_ended: Cell<bool>,
     may_block: Cell<bool>,
     on_path: Cell<bool>,
+    abandons: Cell<bool>,
 }
 
 thread_local! {
@@ -85,6 +86,7 @@ thread_local! {
             branch_ended: Cell::new(false),
             may_block: Cell::new(true),
             on_path: Cell::new(false),
+            abandons: Cell::new(false),
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
@@ -105,7 +107,15 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         thread.may_block.set(may_block);
     });
     TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
-    HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(HomeThread::new()));
+    // What a plain thread was lent counts while it is a home too: two records of one thread would each restore what the other had set.
+    let thread = match home_thread::known_plain() {
+        Some(plain) => {
+            plain.refresh();
+            plain
+        }
+        None => HomeThread::new(),
+    };
+    HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
     HomeGuard { _private: () }
 }
 
@@ -125,7 +135,9 @@ impl Drop for HomeGuard {
         });
         set_on_path(false);
         TIMERS.with(|slot| slot.borrow_mut().take());
-        if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take()) {
+        if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
+            && !thread.is_plain()
+        {
             thread.leave();
         }
     }
@@ -140,6 +152,17 @@ pub fn home() -> Option<Home> {
 /// What is known of the thread of `home`, if this is it.
 fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
     (self::home() == Some(home)).then(|| HOME_THREAD.with(|slot| slot.borrow().clone()))?
+}
+
+/// The calling thread, for what it was lent itself: as a home, or as a plain one. None while it ends, and in a model.
+fn this_thread() -> Option<std::sync::Arc<HomeThread>> {
+    #[cfg(not(loom))]
+    return HOME_THREAD
+        .try_with(|slot| slot.borrow().clone())
+        .ok()?
+        .or_else(home_thread::plain);
+    #[cfg(loom)]
+    None
 }
 
 /// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
@@ -330,6 +353,27 @@ pub fn with_branch_below<R>(failed: bool, levels: u8, poll: impl FnOnce() -> R) 
         Restore(before)
     });
     poll()
+}
+
+/// Calls `f`, which drops a process' body, or a branch of it, that has not come to its end: it was cancelled, a sibling has failed, or it panicked.
+/// What it held knows by that ([`is_abandoned`]) that it was left in the middle.
+pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(bool);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.abandons.set(self.0));
+        }
+    }
+    let _restore = Restore(THREAD.with(|thread| thread.abandons.replace(true)));
+    f()
+}
+
+/// Whether what is dropped now belongs to a body or branch that has not come to its end.
+#[inline]
+pub fn is_abandoned() -> bool {
+    THREAD
+        .try_with(|thread| thread.abandons.get())
+        .unwrap_or(false)
 }
 
 /// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules them.

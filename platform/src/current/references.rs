@@ -3,8 +3,8 @@
 //! A future that waits can be moved out of its process and outlive it (boxed and sent elsewhere, say), and its node with it. So what a
 //! node says about whom to wake must keep the process' memory. Counting it with one atomic would cost two read-modify-write
 //! operations for each wait; nearly all of them come and go on one thread. This is biased reference counting (J. Choi,
-//! T. Shull, J. Torrellas, PACT 2018), made simpler by what is known here: references begin on the home's thread alone, and the home
-//! knows when its process has ended.
+//! T. Shull, J. Torrellas, PACT 2018), made simpler by what is known here: references begin on the home's thread, or as copies of others, and the
+//! home knows when its process has ended.
 
 use crate::sync::atomic::{AtomicI64, Ordering};
 use std::cell::Cell;
@@ -15,7 +15,7 @@ const ENDED: i64 = 1 << 40;
 /// # Invariants
 ///
 /// `here` and `has_ended` are touched on the home's thread alone. Until the end, `here + elsewhere` is the number of references, where
-/// `elsewhere` is minus those that ended on other threads; after it, `elsewhere - ENDED` is.
+/// `elsewhere` is those that were copied minus those that ended on other threads; after it, `elsewhere - ENDED` is.
 #[derive(Debug)]
 pub(super) struct References {
     here: Cell<i64>,
@@ -36,6 +36,13 @@ impl References {
     #[inline]
     pub(super) fn add(&self) {
         self.here.set(self.here.get() + 1);
+    }
+
+    /// Counts one more, on any thread, for somebody who holds one already.
+    #[inline]
+    pub(super) fn add_elsewhere(&self) {
+        // Relaxed: the one that is held keeps the process, and was passed on by other means.
+        self.elsewhere.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Counts one less; `true` if it was the last one of a process that has ended. `is_home`: this is the home's thread.
@@ -70,6 +77,18 @@ mod tests {
         references.add();
         assert!(!references.remove(true));
         assert!(!references.end());
+        assert!(references.remove(true));
+    }
+
+    #[test]
+    fn a_copy_counts_before_the_end_and_after_it() {
+        let references = References::new();
+        references.add();
+        references.add_elsewhere();
+        assert!(!references.remove(true));
+        assert!(!references.end());
+        references.add_elsewhere();
+        assert!(!references.remove(false));
         assert!(references.remove(true));
     }
 

@@ -56,8 +56,14 @@ impl Reference {
         unsafe { self.pointer().as_ref() }
     }
 
+    /// Another one to the same. From any thread; one atomic operation.
+    pub(super) fn copy(&self) -> Self {
+        self.process().references.add_elsewhere();
+        Self(self.0)
+    }
+
     #[inline]
-    fn is_here(&self) -> bool {
+    pub(super) fn is_here(&self) -> bool {
         home() == Some(self.process().home())
     }
 
@@ -67,7 +73,7 @@ impl Reference {
     ///
     /// This is the home's thread.
     #[inline]
-    unsafe fn ready_here(&self, place: Place) {
+    pub(super) unsafe fn ready_here(&self, place: Place) {
         // SAFETY: the contract.
         unsafe { self.process().ready_here(self.lowered(), place) };
     }

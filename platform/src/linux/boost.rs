@@ -24,7 +24,40 @@ pub(crate) fn scheduling() -> Scheduling {
     }
 }
 
+/// As [`scheduling`], of the thread that `of` is, from any thread. Two system calls. What it was, if the system does not say.
+pub(crate) fn scheduling_again(of: &Scheduling) -> Scheduling {
+    let mut parameter = super::thread::zeroed_parameter();
+    // The system calls themselves, as below.
+    // SAFETY: the parameter is a valid structure for the length of the calls.
+    let (policy, asked) = unsafe {
+        (
+            libc::syscall(libc::SYS_sched_getscheduler, of.thread),
+            libc::syscall(libc::SYS_sched_getparam, of.thread, &raw mut parameter),
+        )
+    };
+    let is_known = policy >= 0 && asked == 0;
+    Scheduling {
+        thread: of.thread,
+        policy: if is_known { policy as i32 } else { of.policy },
+        priority: if is_known {
+            parameter.sched_priority
+        } else {
+            of.priority
+        },
+    }
+}
+
 impl Scheduling {
+    /// The real-time priority, 1 to 99; 0 without one.
+    pub(crate) fn rank(&self) -> u8 {
+        let policy = self.policy & !libc::SCHED_RESET_ON_FORK;
+        if [libc::SCHED_FIFO, libc::SCHED_RR].contains(&policy) {
+            self.priority as u8
+        } else {
+            0
+        }
+    }
+
     /// Whether the thread is ranked by priorities. A deadline thread is above them all.
     fn has_rank(&self) -> bool {
         let policy = self.policy & !libc::SCHED_RESET_ON_FORK;

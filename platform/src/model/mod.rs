@@ -10,6 +10,16 @@ pub(crate) mod boost {
         Scheduling
     }
 
+    pub(crate) fn scheduling_again(_: &Scheduling) -> Scheduling {
+        Scheduling
+    }
+
+    impl Scheduling {
+        pub(crate) fn rank(&self) -> u8 {
+            0
+        }
+    }
+
     pub(crate) fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
         Ok(())
     }

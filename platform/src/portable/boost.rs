@@ -9,6 +9,16 @@ pub(crate) fn scheduling() -> Scheduling {
     Scheduling
 }
 
+pub(crate) fn scheduling_again(_: &Scheduling) -> Scheduling {
+    Scheduling
+}
+
+impl Scheduling {
+    pub(crate) fn rank(&self) -> u8 {
+        0
+    }
+}
+
 pub(crate) fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
     Err(0)
 }

@@ -94,7 +94,8 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
         match polled {
             Poll::Pending if is_over => {
                 *failed = true;
-                *state = State::Done(Err(Error::Poisoned));
+                // Dropped where it waits.
+                current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
                 false
             }
             Poll::Pending => true,

@@ -1,0 +1,238 @@
+//! Taking permits, as a future.
+
+use super::entry::heir;
+use super::error::{AcquireError, AcquireTimeoutError};
+use super::permit::Permit;
+use super::semaphore::Semaphore;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::timer_queue::Sleep;
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    New,
+    /// It has let others run, and takes the permits next.
+    GaveWay,
+    /// The node is in the semaphore's list, or was settled.
+    Listed,
+    Over,
+}
+
+/// Taking permits of a semaphore: see [`Semaphore::acquire`].
+///
+/// # Invariants
+///
+/// In `Listed` it is pinned, and the node was begun.
+#[must_use = "an operation does nothing unless awaited"]
+pub struct AcquireOp<'a> {
+    semaphore: &'a Semaphore,
+    count: u32,
+    node: UnsafeCell<Waiter<()>>,
+    phase: Phase,
+    /// The thread itself acquires, and waits at its priority.
+    of_thread: bool,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a listed node is guarded by the semaphore's lock wherever the future is.
+unsafe impl Send for AcquireOp<'_> {}
+// SAFETY: `&AcquireOp` gives access to nothing.
+unsafe impl Sync for AcquireOp<'_> {}
+
+impl<'a> AcquireOp<'a> {
+    pub(super) fn new(semaphore: &'a Semaphore, count: u32, of_thread: bool) -> Self {
+        AcquireOp {
+            semaphore,
+            count,
+            node: UnsafeCell::new(Waiter::empty()),
+            phase: Phase::New,
+            of_thread,
+            _pinned: PhantomPinned,
+        }
+    }
+
+    fn node(&self) -> NonNull<Waiter<()>> {
+        // SAFETY: a cell's address is never null.
+        unsafe { NonNull::new_unchecked(self.node.get()) }
+    }
+
+    /// What has become of a listed one.
+    fn outcome(&self) -> Outcome {
+        // SAFETY: the node lies in this future, and was begun before it was listed.
+        unsafe { Waiter::outcome(self.node()) }
+    }
+
+    fn poll_new(&mut self, cx: &Context<'_>) -> Poll<()> {
+        let priority = heir(self.of_thread)
+            .as_ref()
+            .map_or_else(current::priority, Heir::priority_before_blocking);
+        let shared = self.semaphore.shared();
+        shared.note_user(current::user());
+        let mut lists = shared.place.lock();
+        if shared.take(&mut lists, self.count, priority) {
+            return Poll::Ready(());
+        }
+        // Made before anything is changed, since cloning a waker is its owner's code.
+        let wakeup = Wakeup::of(cx);
+        // SAFETY: the node is in no list, the future is pinned, and its drop takes it off.
+        unsafe {
+            Waiter::begin(self.node(), false, None, None);
+            (*Waiter::link(self.node())).ticket = self.count;
+            lists.senders.insert(self.node().cast(), priority, wakeup);
+        }
+        self.phase = Phase::Listed;
+        Poll::Pending
+    }
+
+    fn poll_listed(&mut self, cx: &Context<'_>) -> Poll<()> {
+        if self.outcome() == Outcome::Done {
+            return Poll::Ready(());
+        }
+        let lists = self.semaphore.shared().place.lock();
+        if self.outcome() == Outcome::Done {
+            return Poll::Ready(());
+        }
+        // SAFETY: under the lock a waiting node may be changed.
+        let wakeup = unsafe { (*Waiter::link(self.node())).wait.wakeup_mut() };
+        let former = match wakeup {
+            Some(wakeup) if wakeup.is_of(cx) => None,
+            _ => wakeup.replace(Wakeup::of(cx)),
+        };
+        drop(lists);
+        // Dropping a waker can run anything, so not under the lock.
+        drop(former);
+        Poll::Pending
+    }
+
+    /// Takes it back, if it waits; `true` if it has its permits.
+    fn withdraw(&mut self) -> bool {
+        if self.phase != Phase::Listed {
+            return false;
+        }
+        let mut lists = self.semaphore.shared().place.lock();
+        if self.outcome() == Outcome::Done {
+            return true;
+        }
+        // SAFETY: a node that waits is in the list.
+        let former = unsafe {
+            lists.senders.remove(self.node().cast());
+            Waiter::settle(self.node(), Outcome::Stale)
+        };
+        drop(lists);
+        drop(former);
+        self.phase = Phase::Over;
+        // Those behind it may want less than it did.
+        self.semaphore.shared().serve();
+        false
+    }
+
+    fn acquired(&mut self) -> Permit<'a> {
+        self.phase = Phase::Over;
+        // SAFETY: they were taken for this operation.
+        unsafe { Permit::new(self.semaphore, self.count) }
+    }
+
+    /// At a deadline.
+    pub(super) fn give_up(self: Pin<&mut Self>) -> Result<Permit<'a>, AcquireTimeoutError> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.withdraw() {
+            return Ok(this.acquired());
+        }
+        this.phase = Phase::Over;
+        Err(AcquireTimeoutError::Timeout)
+    }
+}
+
+impl<'a> Future for AcquireOp<'a> {
+    type Output = Result<Permit<'a>, AcquireError>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        if current::branch_failed() && this.phase != Phase::Over && !this.withdraw() {
+            this.phase = Phase::Over;
+            current::stay_in_branch();
+            return Poll::Ready(Err(AcquireError));
+        }
+        let polled = match this.phase {
+            // Lets others run before it has anything that they could wait for.
+            Phase::New if crate::gives_way(cx) => {
+                this.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            Phase::New | Phase::GaveWay => this.poll_new(cx),
+            Phase::Listed => this.poll_listed(cx),
+            Phase::Over => panic!("an acquire was polled after it was over"),
+        };
+        polled.map(|()| Ok(this.acquired()))
+    }
+}
+
+impl Drop for AcquireOp<'_> {
+    fn drop(&mut self) {
+        if self.withdraw() {
+            drop(self.acquired());
+        }
+    }
+}
+
+impl fmt::Debug for AcquireOp<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AcquireOp")
+            .field("count", &self.count)
+            .field("phase", &self.phase)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Taking permits until a deadline: see [`Semaphore::acquire_timeout`].
+#[derive(Debug)]
+#[must_use = "an operation does nothing unless awaited"]
+pub struct AcquireTimeout<'a> {
+    acquire: AcquireOp<'a>,
+    sleep: Sleep,
+}
+
+impl<'a> AcquireTimeout<'a> {
+    pub(super) fn new(semaphore: &'a Semaphore, deadline: Instant) -> Self {
+        AcquireTimeout {
+            acquire: semaphore.acquire(),
+            sleep: Sleep::until(deadline),
+        }
+    }
+}
+
+impl<'a> Future for AcquireTimeout<'a> {
+    type Output = Result<Permit<'a>, AcquireTimeoutError>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: both fields are pinned with the whole, and never moved.
+        let (mut acquire, sleep) = unsafe {
+            let this = self.get_unchecked_mut();
+            (
+                Pin::new_unchecked(&mut this.acquire),
+                Pin::new_unchecked(&mut this.sleep),
+            )
+        };
+        if let Poll::Ready(acquired) = acquire.as_mut().poll(cx) {
+            return Poll::Ready(acquired.map_err(AcquireTimeoutError::from));
+        }
+        // One that lets others run has not tried yet.
+        if acquire.phase == Phase::GaveWay {
+            return Poll::Pending;
+        }
+        match sleep.poll(cx) {
+            Poll::Ready(()) => Poll::Ready(acquire.give_up()),
+            Poll::Pending => Poll::Pending,
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Passing a priority on: from who holds a mutex to who holds what that one waits for.
+
+use super::core::CoreRef;
+use super::entry::Entry;
+use arrayvec::ArrayVec;
+use luna_platform::current::Heir;
+
+/// How many holders a chain is followed along.
+pub(super) const HOLDERS: usize = 8;
+
+/// How many places are looked at in all, since a process may wait for several: one in each branch.
+pub(super) const STEPS: usize = 32;
+
+/// A holder that is lent another priority than before.
+#[derive(Debug)]
+pub(super) struct Changed {
+    pub(super) heir: Heir,
+    pub(super) is_more: bool,
+}
+
+/// Lets what a holder waits for know that it is as urgent as it is now, and so on. A holder that waits for none is let run, if it was lent more. Called without
+/// any lock.
+pub(super) fn follow(changed: Option<Changed>) {
+    let Some(Changed { heir, is_more }) = changed else {
+        return;
+    };
+    // The holders on the way, each with the wait that was looked at last.
+    let mut way = ArrayVec::<(Heir, usize), HOLDERS>::new();
+    way.push((heir, 0));
+    for _ in 0..STEPS {
+        let Some((heir, above)) = way.last_mut() else {
+            return;
+        };
+        // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
+        let next = heir.next_wait(*above, |node| unsafe {
+            let (entry, core) = Entry::waited_for(node);
+            (node.addr().get(), entry, CoreRef::new(core))
+        });
+        let Some((address, entry, core)) = next else {
+            if *above == 0 && is_more {
+                heir.move_up();
+            }
+            way.pop();
+            continue;
+        };
+        *above = address;
+        if let Some(further) = core.reorder(entry)
+            && !way.is_full()
+        {
+            way.push((further, 0));
+        }
+    }
+}

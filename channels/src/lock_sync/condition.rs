@@ -1,0 +1,353 @@
+//! The condition variable.
+
+use super::core::{Admitted, CoreRef};
+use super::entry::{Cause, Entry};
+use super::error::LockError;
+use super::guard::MutexGuard;
+use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
+use crate::inspect::{Identity, PlaceKind};
+use crate::place::{LastUser, Lists, Place};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, User};
+use luna_platform::reclaim::{self, Retired};
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use luna_platform::wait_list::WaitNode;
+use std::fmt;
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// What the handles share.
+///
+/// # Invariants
+///
+/// Who waits is in the place's list of senders, and has the number `tickets`; or was notified together with all others, has an earlier number, and is in the list of
+/// those who are held until it is moved on. All nodes are entries that were begun.
+#[repr(C)]
+pub(super) struct Shared {
+    /// First, so that it leads back to this.
+    retired: Retired,
+    handles: AtomicUsize,
+    pub(super) place: Place,
+}
+
+/// What those wait for who hold a [`Mutex`](super::Mutex) and find that they cannot go on yet: until somebody has changed what it guards, and says so.
+///
+/// Clones are handles to the same condition. Waiting unlocks the mutex, and locks it again before it returns; both in one step, so that no notification is
+/// lost in between. Who is notified is not woken to find the mutex locked, but moves to those who wait for it, by priority; it is woken when it holds
+/// the mutex. There are no wakes for nothing: a wait returns when it was notified, or its time ran out. What was true when it was notified may still be false again when
+/// it holds the mutex, if another one was before it: use [`wait_while`](Self::wait_while).
+///
+/// Those who wait may hold different mutexes. Somebody outside of the system who notifies and has not used the condition yet is to be said by
+/// [`external`](Self::external).
+///
+/// ```
+/// use luna_channels::lock_sync::{Condition, Mutex};
+///
+/// let (queue, filled) = (Mutex::new(Vec::new()), Condition::new());
+/// let (of_thread, fills) = (queue.clone(), filled.clone());
+/// let thread = std::thread::spawn(move || {
+///     of_thread.blocking_lock().unwrap().push(7);
+///     fills.notify_one();
+/// });
+/// luna_executors::block_on(async {
+///     let guard = queue.lock().await.unwrap();
+///     let mut guard = filled.wait_while(guard, |queue| queue.is_empty()).await.unwrap();
+///     assert_eq!(guard.pop(), Some(7));
+/// })
+/// .unwrap();
+/// thread.join().unwrap();
+/// ```
+pub struct Condition {
+    shared: NonNull<Shared>,
+}
+
+// SAFETY: what is shared is guarded by a lock, or atomic.
+unsafe impl Send for Condition {}
+// SAFETY: as above.
+unsafe impl Sync for Condition {}
+impl std::panic::UnwindSafe for Condition {}
+impl std::panic::RefUnwindSafe for Condition {}
+
+impl Condition {
+    /// A condition for which nobody waits. Allocates; not for the real-time path.
+    #[track_caller]
+    #[expect(
+        clippy::new_without_default,
+        reason = "a default would be made at another place than where reports say"
+    )]
+    pub fn new() -> Condition {
+        let shared = NonNull::from(Box::leak(Box::new(Shared {
+            retired: Retired::new(Shared::free),
+            handles: AtomicUsize::new(1),
+            place: Place::new(Identity::new(PlaceKind::Condition)),
+        })));
+        // SAFETY: it is live, and leaves the register in `free`.
+        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        Condition { shared }
+    }
+
+    pub(super) fn shared(&self) -> &Shared {
+        // SAFETY: this handle keeps it alive.
+        unsafe { self.shared.as_ref() }
+    }
+
+    /// Unlocks, waits to be notified, and locks again.
+    ///
+    /// Cancel-safe: dropped while it waits, it has not been notified, and does not hold the mutex. One that was notified alone passes the notification on to the next who
+    /// waits. Real-time path: yes; no allocation, O(those of lower priority who wait), and unlocking as when the [guard](MutexGuard) is dropped. It is listed at its priority of
+    /// now; as it moves to the mutex, at that of then.
+    ///
+    /// # Errors
+    ///
+    /// As for [`Mutex::lock`](super::Mutex::lock). With [`LockError::Poisoned`] it does not hold the mutex.
+    pub fn wait<'a, T>(&self, guard: MutexGuard<'a, T>) -> WaitOp<'_, 'a, T> {
+        WaitOp::new(self, guard, false)
+    }
+
+    /// As [`wait`](Self::wait), as often as `holds_up` says; that is asked first, so it may not wait at all.
+    ///
+    /// # Errors
+    ///
+    /// As for `wait`.
+    pub async fn wait_while<'a, T>(
+        &self,
+        mut guard: MutexGuard<'a, T>,
+        mut holds_up: impl FnMut(&mut T) -> bool,
+    ) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
+        while holds_up(&mut guard) {
+            guard = self.wait(guard).await?;
+        }
+        Ok(guard)
+    }
+
+    /// As [`wait`](Self::wait), for at most `timeout`; then it locks again all the same, however long that takes. What it says is exact: one that was notified, though
+    /// it has not locked yet, has not timed out.
+    ///
+    /// # Errors
+    ///
+    /// As for `wait`.
+    ///
+    /// # Panics
+    ///
+    /// On a thread that runs no process of LUNA: there it has no timers.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::{Condition, Mutex};
+    /// # luna_executors::block_on(async {
+    /// let (mutex, never) = (Mutex::new(()), Condition::new());
+    /// let guard = mutex.lock().await.unwrap();
+    /// let (guard, result) = never.wait_timeout(guard, std::time::Duration::from_millis(1)).await.unwrap();
+    /// assert!(result.timed_out());
+    /// # drop(guard);
+    /// # }).unwrap();
+    /// ```
+    pub fn wait_timeout<'a, T>(
+        &self,
+        guard: MutexGuard<'a, T>,
+        timeout: Duration,
+    ) -> WaitTimeout<'_, 'a, T> {
+        self.wait_deadline(guard, Instant::now() + timeout)
+    }
+
+    /// As [`wait_timeout`](Self::wait_timeout), until an absolute deadline.
+    pub fn wait_deadline<'a, T>(
+        &self,
+        guard: MutexGuard<'a, T>,
+        deadline: Instant,
+    ) -> WaitTimeout<'_, 'a, T> {
+        WaitTimeout::new(self, guard, deadline)
+    }
+
+    /// As [`wait`](Self::wait), blocking this thread. For plain threads and OS-thread processes.
+    ///
+    /// # Errors
+    ///
+    /// As for `wait`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_wait<'a, T>(
+        &self,
+        guard: MutexGuard<'a, T>,
+    ) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
+        luna_platform::park::block_on(WaitOp::new(self, guard, true))
+    }
+
+    /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see [`wait_timeout`](Self::wait_timeout).
+    ///
+    /// # Errors
+    ///
+    /// As for `wait`.
+    ///
+    /// # Panics
+    ///
+    /// As for `blocking_wait`.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::{Condition, Mutex};
+    /// let (mutex, never) = (Mutex::new(()), Condition::new());
+    /// let guard = mutex.blocking_lock().unwrap();
+    /// let (guard, result) = never.blocking_wait_timeout(guard, std::time::Duration::from_millis(1)).unwrap();
+    /// assert!(result.timed_out());
+    /// # drop(guard);
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_wait_timeout<'a, T>(
+        &self,
+        guard: MutexGuard<'a, T>,
+        timeout: Duration,
+    ) -> Result<(MutexGuard<'a, T>, WaitTimeoutResult), LockError<'a, T>> {
+        use luna_platform::park::{block_on, block_on_until};
+        let mut wait = std::pin::pin!(WaitOp::new(self, guard, true));
+        if let Some(locked) = block_on_until(wait.as_mut(), Instant::now() + timeout) {
+            return Ok((locked?, WaitTimeoutResult::NOTIFIED));
+        }
+        let result = wait.as_mut().time_out();
+        Ok((block_on(wait)?, result))
+    }
+
+    /// Lets the most urgent who waits go on, as soon as it holds its mutex; the first of these. Does nothing if nobody waits.
+    ///
+    /// With or without the mutex locked. Real-time path: yes; O(those of lower priority who wait for that mutex), a system call if the mutex is free and the thread of who is notified sleeps, or
+    /// if the priority of a thread changes.
+    pub fn notify_one(&self) {
+        let mut lists = self.shared().place.lock();
+        self.note_notifier(&mut lists);
+        let admitted = lists
+            .senders
+            .pop()
+            // SAFETY: it was just taken off this condition's list, whose lock is held.
+            .and_then(|node| unsafe { move_on(node, Cause::NotifiedAlone) });
+        drop(lists);
+        if let Some(admitted) = admitted {
+            admitted.carry_out();
+        }
+    }
+
+    /// Lets all go on who wait now, each as soon as it holds its mutex.
+    ///
+    /// Real-time path: yes; O(1) to settle who they are, and then for each as for [`notify_one`](Self::notify_one), in a lock section of its own. The most urgent are moved on
+    /// first.
+    pub fn notify_all(&self) {
+        let mut guard = self.shared().place.lock();
+        self.note_notifier(&mut guard);
+        let lists = &mut *guard;
+        lists.held.append(&mut lists.senders);
+        lists.tickets = lists.tickets.wrapping_add(1);
+        drop(guard);
+        self.release();
+    }
+
+    /// Moves those on who were notified together.
+    fn release(&self) {
+        /// The rest, if somebody's waker panics in the middle of it.
+        struct Rest<'a>(&'a Condition);
+        impl Drop for Rest<'_> {
+            fn drop(&mut self) {
+                self.0.release();
+            }
+        }
+        loop {
+            let mut lists = self.shared().place.lock();
+            let Some(node) = lists.held.pop() else {
+                return;
+            };
+            // SAFETY: as in `notify_one`.
+            let admitted = unsafe { move_on(node, Cause::NotifiedWithAll) };
+            drop(lists);
+            let rest = Rest(self);
+            if let Some(admitted) = admitted {
+                admitted.carry_out();
+            }
+            std::mem::forget(rest);
+        }
+    }
+
+    fn note_notifier(&self, lists: &mut Lists) {
+        let user = current::user();
+        lists.receiver = LastUser::of(user);
+        self.note_user(user);
+    }
+
+    /// Remembers that somebody outside takes part.
+    pub(super) fn note_user(&self, user: User) {
+        if user == User::Outside {
+            self.shared().place.identity.set_external();
+        }
+    }
+
+    /// Says that somebody outside of the system notifies too: a plain thread, say. A process that waits here is then never part of a
+    /// deadlock. A condition that a thread outside has used already is known to be one.
+    #[must_use]
+    pub fn external(self) -> Self {
+        self.shared().place.identity.set_external();
+        self
+    }
+
+    /// Names the condition in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.shared().place.identity.set_name(name);
+        self
+    }
+}
+
+/// Moves one who waited to its mutex.
+///
+/// # Safety
+///
+/// `node` was just taken off a condition's list, whose lock is held.
+unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<Admitted> {
+    // SAFETY: the contract: its future cannot go without the condition's lock before it is settled, and keeps its mutex. After that it may, so that the
+    // reference keeps the mutex while its lock is held here.
+    unsafe {
+        let entry = Entry::of(node);
+        Entry::set_cause(entry, cause);
+        let core = CoreRef::new(Entry::core(entry)?);
+        Some(core.admit(entry))
+    }
+}
+
+impl Shared {
+    /// # Safety
+    ///
+    /// As [`Retired`] says.
+    unsafe fn free(head: NonNull<Retired>) {
+        // SAFETY: `Condition::new` made it of a box, and the head is its first field.
+        unsafe {
+            let shared = head.cast::<Shared>();
+            crate::inspect::unregister(&shared.as_ref().place);
+            drop(Box::from_raw(shared.as_ptr()));
+        }
+    }
+}
+
+impl Clone for Condition {
+    fn clone(&self) -> Self {
+        self.shared().handles.fetch_add(1, Ordering::Relaxed);
+        Condition {
+            shared: self.shared,
+        }
+    }
+}
+
+impl Drop for Condition {
+    fn drop(&mut self) {
+        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
+            // SAFETY: this was the last handle, and operations borrow theirs.
+            unsafe { reclaim::retire(self.shared.cast()) };
+        }
+    }
+}
+
+impl fmt::Debug for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Condition")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
+    }
+}

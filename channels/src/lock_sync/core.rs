@@ -1,0 +1,366 @@
+//! The part of a mutex that does not depend on the type of its value: who holds it, who waits, and who inherits.
+
+use super::chain::{self, Changed};
+use super::entry::Entry;
+use crate::inspect::{Identity, PlaceKind};
+use crate::place::{LastUser, Lists, Place};
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Heir, Priority, Ready, User, Wakeup};
+use luna_platform::reclaim::{self, Retired};
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use std::ops::Deref;
+use std::ptr::NonNull;
+use std::sync::atomic::AtomicBool;
+use std::task::{Context, Poll};
+
+/// Whether it is held, and who inherits for it.
+struct State {
+    is_held: bool,
+    /// The holder, lent the priority of the first who waits. None if it is a task of another runtime.
+    heir: Option<Heir>,
+}
+
+/// What all handles of a mutex share, but for its value.
+///
+/// # Invariants
+///
+/// `state` is accessed under the lock of `place` alone. Who waits is in its list of senders, and all its nodes are entries. If somebody waits, it is
+/// held. Its last user as a receiver is who holds it. `has_died` is written by the holder, or under the lock as it ceases to be.
+#[repr(C)]
+pub(super) struct Core {
+    /// First, so that it leads back to the whole.
+    retired: Retired,
+    /// All handles count as one; the others are those of [`CoreRef`].
+    references: AtomicUsize,
+    pub(super) place: Place,
+    state: UnsafeCell<State>,
+    has_died: AtomicBool,
+}
+
+// SAFETY: the state is guarded by the place's lock.
+unsafe impl Sync for Core {}
+// SAFETY: as above; what it holds may go to other threads.
+unsafe impl Send for Core {}
+
+/// Keeps a mutex's memory, not its value.
+pub(super) struct CoreRef(NonNull<Core>);
+
+impl CoreRef {
+    /// # Safety
+    ///
+    /// The core is live.
+    pub(super) unsafe fn new(core: NonNull<Core>) -> Self {
+        // SAFETY: the contract. Relaxed: whatever keeps it live now was passed on by other means.
+        unsafe { core.as_ref() }
+            .references
+            .fetch_add(1, Ordering::Relaxed);
+        Self(core)
+    }
+}
+
+impl Deref for CoreRef {
+    type Target = Core;
+    fn deref(&self) -> &Core {
+        // SAFETY: it is counted, so it is live.
+        unsafe { self.0.as_ref() }
+    }
+}
+
+impl Drop for CoreRef {
+    fn drop(&mut self) {
+        // SAFETY: it was counted.
+        unsafe { Core::let_go(self.0) };
+    }
+}
+
+/// What is due after one became the holder, or waits to.
+#[must_use = "the process stays asleep, and the chain as it was"]
+pub(super) struct Admitted {
+    ready: Ready,
+    changed: Option<Changed>,
+}
+
+impl Admitted {
+    const NOBODY: Admitted = Admitted {
+        ready: Ready::NOBODY,
+        changed: None,
+    };
+
+    /// Wakes whom it concerns. Called without any lock.
+    pub(super) fn carry_out(self) {
+        self.ready.wake();
+        chain::follow(self.changed);
+    }
+}
+
+impl Core {
+    #[track_caller]
+    pub(super) fn new(free: unsafe fn(NonNull<Retired>)) -> Self {
+        Self {
+            retired: Retired::new(free),
+            references: AtomicUsize::new(1),
+            place: Place::new(Identity::new(PlaceKind::Mutex)),
+            state: UnsafeCell::new(State {
+                is_held: false,
+                heir: None,
+            }),
+            has_died: AtomicBool::new(false),
+        }
+    }
+
+    /// Counts one reference less. The memory of the last one is freed off the real-time path.
+    ///
+    /// # Safety
+    ///
+    /// It is the caller's, who does not use it any more.
+    pub(super) unsafe fn let_go(core: NonNull<Core>) {
+        // SAFETY: the contract; after the last one nobody uses it.
+        unsafe {
+            if core.as_ref().references.fetch_sub(1, Ordering::AcqRel) == 1 {
+                reclaim::retire(core.cast());
+            }
+        }
+    }
+
+    fn state<R>(&self, _lists: &Lists, f: impl FnOnce(&mut State) -> R) -> R {
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        self.state.with_mut(|state| f(unsafe { &mut *state }))
+    }
+
+    /// Whether the one who held it before left it in the middle. Asked by the holder.
+    pub(super) fn has_died(&self) -> bool {
+        // Relaxed: the lock, or the outcome of a node, came in between.
+        self.has_died.load(std::sync::atomic::Ordering::Relaxed)
+    }
+
+    /// Said by the holder.
+    pub(super) fn set_died(&self, has_died: bool) {
+        self.has_died
+            .store(has_died, std::sync::atomic::Ordering::Relaxed);
+    }
+
+    /// Locks it for the caller, if nobody holds it; else gives the heir back.
+    pub(super) fn take(&self, heir: Option<Heir>) -> Result<(), Option<Heir>> {
+        let mut lists = self.place.lock();
+        self.take_locked(&mut lists, heir, current::user())
+    }
+
+    fn take_locked(
+        &self,
+        lists: &mut Lists,
+        heir: Option<Heir>,
+        user: User,
+    ) -> Result<(), Option<Heir>> {
+        self.state(lists, |state| {
+            if state.is_held {
+                return Err(heir);
+            }
+            state.is_held = true;
+            state.heir = heir;
+            Ok(())
+        })?;
+        lists.receiver = LastUser::of(user);
+        Ok(())
+    }
+
+    /// Locks it for the caller, if nobody holds it; else lists the entry.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is the caller's, pinned and not begun. If it is pending, it is taken back by [`withdraw`](Self::withdraw) or has become `Done` before it
+    /// goes, and then ended.
+    pub(super) unsafe fn take_or_list(
+        &self,
+        entry: NonNull<Entry>,
+        heir: Option<Heir>,
+        cx: &Context<'_>,
+    ) -> Poll<()> {
+        let user = current::user();
+        let mut lists = self.place.lock();
+        let Err(heir) = self.take_locked(&mut lists, heir, user) else {
+            return Poll::Ready(());
+        };
+        // Made before anything is changed, since cloning a waker is its owner's code.
+        let wakeup = Wakeup::of(cx);
+        // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
+        let changed = unsafe {
+            Entry::begin(entry, NonNull::from(self), heir);
+            let node = Entry::node(entry);
+            lists.senders.insert(node, current::priority(), wakeup);
+            // A plain thread's is known to its heir.
+            self.place_again(&mut lists, entry);
+            self.relend(&lists)
+        };
+        drop(lists);
+        chain::follow(changed);
+        Poll::Pending
+    }
+
+    /// Whether the mutex was handed to a listed one; otherwise, who polls with `cx` is woken then.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is the caller's, and was listed here.
+    pub(super) unsafe fn poll_listed(&self, entry: NonNull<Entry>, cx: &Context<'_>) -> Poll<()> {
+        // SAFETY: the contract; under the lock a waiting node may be changed.
+        unsafe {
+            if Entry::outcome(entry) == Outcome::Done {
+                return Poll::Ready(());
+            }
+            let lists = self.place.lock();
+            if Entry::outcome(entry) == Outcome::Done {
+                return Poll::Ready(());
+            }
+            let former = Entry::set_wakeup(entry, cx);
+            drop(lists);
+            drop(former);
+            Poll::Pending
+        }
+    }
+
+    /// Takes a listed one back, unless the mutex was handed to it: `true`.
+    ///
+    /// # Safety
+    ///
+    /// As for [`poll_listed`](Self::poll_listed).
+    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> bool {
+        let mut lists = self.place.lock();
+        // SAFETY: the contract; a node that waits is in the list.
+        let (changed, former) = unsafe {
+            if Entry::outcome(entry) == Outcome::Done {
+                return true;
+            }
+            lists.senders.remove(Entry::node(entry));
+            let former = Waiter::settle(Entry::waiter(entry), Outcome::Stale);
+            (self.relend(&lists), former)
+        };
+        drop(lists);
+        drop(former);
+        chain::follow(changed);
+        false
+    }
+
+    /// Ceases to hold it: whoever waits first holds it from now on. `died`: it was left in the middle.
+    pub(super) fn unlock(&self, died: bool) {
+        let mut lists = self.place.lock();
+        if died {
+            self.set_died(true);
+        }
+        let former = self.state(&lists, |state| state.heir.take());
+        let next = match lists.senders.pop() {
+            // SAFETY: it was in the list, and the lock is held.
+            Some(node) => unsafe { self.hand_over(&mut lists, Entry::of(node)) },
+            None => {
+                self.state(&lists, |state| state.is_held = false);
+                lists.receiver = LastUser::NOBODY;
+                Admitted::NOBODY
+            }
+        };
+        drop(lists);
+        next.carry_out();
+        if let Some(mut heir) = former
+            && heir.give_back()
+        {
+            let is_more = false;
+            chain::follow(Some(Changed { heir, is_more }));
+        }
+    }
+
+    /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after this.
+    ///
+    /// # Safety
+    ///
+    /// `lists` are this mutex's, which nobody holds; `entry` is in none.
+    unsafe fn hand_over(&self, lists: &mut Lists, entry: NonNull<Entry>) -> Admitted {
+        // SAFETY: the contract: the node is live until it is settled.
+        unsafe {
+            let heir = Entry::take_heir(entry);
+            lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
+            self.state(lists, |state| {
+                state.is_held = true;
+                state.heir = heir;
+            });
+            Admitted {
+                changed: self.relend(lists),
+                ready: Waiter::settle(Entry::waiter(entry), Outcome::Done),
+            }
+        }
+    }
+
+    /// Takes in one who waited at a condition: it holds the mutex, or waits for it.
+    ///
+    /// # Safety
+    ///
+    /// `entry` was begun for this mutex, is in no list, and its future is kept by the condition's lock.
+    pub(super) unsafe fn admit(&self, entry: NonNull<Entry>) -> Admitted {
+        let mut lists = self.place.lock();
+        // SAFETY: the contract.
+        unsafe {
+            if !self.state(&lists, |state| state.is_held) {
+                return self.hand_over(&mut lists, entry);
+            }
+            lists
+                .senders
+                .insert_again_at(Entry::node(entry), Entry::priority(entry));
+            Admitted {
+                ready: Ready::NOBODY,
+                changed: self.relend(&lists),
+            }
+        }
+    }
+
+    /// Puts `entry`, if it still waits here, where its process' priority belongs now. Gives the holder, if that is lent another priority by it.
+    /// O(those who wait).
+    pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Heir> {
+        let mut lists = self.place.lock();
+        let mut next = lists.senders.first();
+        while let Some(node) = next {
+            // SAFETY: the node is in the list, and the lock is held.
+            unsafe {
+                if Entry::of(node) == entry {
+                    self.place_again(&mut lists, entry);
+                    return self.relend(&lists).map(|changed| changed.heir);
+                }
+                next = lists.senders.after(node);
+            }
+        }
+        None
+    }
+
+    /// Puts a listed entry where its priority now belongs. O(1) if it stands there, else O(those who wait at lower priority).
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in the list of senders of `lists`, which are this mutex's.
+    unsafe fn place_again(&self, lists: &mut Lists, entry: NonNull<Entry>) {
+        let node = Entry::node(entry);
+        // SAFETY: the contract.
+        unsafe {
+            let priority = Entry::priority(entry);
+            if priority != node.as_ref().priority() {
+                lists.senders.remove(node);
+                lists.senders.insert_again_at(node, priority);
+            }
+        }
+    }
+
+    /// Lends the holder the priority of the first who waits. O(1).
+    fn relend(&self, lists: &Lists) -> Option<Changed> {
+        // SAFETY: a listed node is live.
+        let first = lists
+            .senders
+            .first()
+            .map_or_else(Priority::default, |node| {
+                unsafe { node.as_ref() }.priority()
+            });
+        self.state(lists, |state| {
+            let heir = state.heir.as_mut()?;
+            let change = heir.lend(first);
+            change.is_ne().then(|| Changed {
+                heir: heir.copy(),
+                is_more: change.is_gt(),
+            })
+        })
+    }
+}

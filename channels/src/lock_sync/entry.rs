@@ -1,0 +1,247 @@
+//! The node of one who waits for a mutex, or for a condition and then its mutex.
+
+use super::core::Core;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{Heir, Priority, Wakeup};
+use luna_platform::wait_list::WaitNode;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+use std::task::Context;
+
+/// Why one who waited at a condition is in the mutex's hands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cause {
+    /// It is not: it waits at the condition, or never did.
+    None,
+    NotifiedAlone,
+    NotifiedWithAll,
+    TimedOut,
+}
+
+/// What is listed with the process (or thread) that waits, so that a chain finds it.
+#[repr(C)]
+struct Listed {
+    /// First, so that it leads back to this.
+    wait: WaitNode,
+    entry: NonNull<Entry>,
+    core: NonNull<Core>,
+    heir: Heir,
+}
+
+/// The node, inside its future.
+///
+/// # Invariants
+///
+/// While it is in a place's list, that place's lock guards `waiter` and `heir`; a settled one belongs to its future. `cause` is guarded by the condition's
+/// lock. `listed` is there while `is_listed`: its node is then in the list of its heir's waits, under the lock of the heir's home, and the
+/// mutex lives.
+#[repr(C)]
+pub(super) struct Entry {
+    /// First, so that the list's node leads back to this.
+    waiter: Waiter<()>,
+    /// Who inherits when the mutex is its own.
+    heir: Option<Heir>,
+    cause: Cause,
+    /// Which mutex it is to lock, once it is begun.
+    core: Option<NonNull<Core>>,
+    is_listed: bool,
+    listed: MaybeUninit<Listed>,
+}
+
+impl Entry {
+    pub(super) fn new() -> Self {
+        Self {
+            waiter: Waiter::empty(),
+            heir: None,
+            cause: Cause::None,
+            core: None,
+            is_listed: false,
+            listed: MaybeUninit::uninit(),
+        }
+    }
+
+    /// The node of a place's list.
+    pub(super) fn of(node: NonNull<WaitNode>) -> NonNull<Entry> {
+        node.cast()
+    }
+
+    pub(super) fn node(entry: NonNull<Entry>) -> NonNull<WaitNode> {
+        entry.cast()
+    }
+
+    pub(super) fn waiter(entry: NonNull<Entry>) -> NonNull<Waiter<()>> {
+        entry.cast()
+    }
+
+    /// Prepares the node for being listed by its own process, and lists it with that process as one that waits for `core`. O(1).
+    ///
+    /// # Safety
+    ///
+    /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` lives until [`end`](Self::end), which is called before the
+    /// entry goes.
+    pub(super) unsafe fn begin(entry: NonNull<Entry>, core: NonNull<Core>, heir: Option<Heir>) {
+        // SAFETY: the contract.
+        unsafe {
+            Waiter::begin(Self::waiter(entry), false, None, None);
+            let this = entry.as_ptr();
+            if let Some(heir) = &heir {
+                (*this).listed.write(Listed {
+                    wait: WaitNode::new(),
+                    entry,
+                    core,
+                    heir: heir.copy(),
+                });
+                (*this).is_listed = true;
+                heir.begin_wait(NonNull::from(&mut (*this).listed).cast());
+            }
+            (*this).heir = heir;
+            (*this).core = Some(core);
+        }
+    }
+
+    /// Undoes [`begin`](Self::begin), if it was begun. O(1).
+    ///
+    /// # Safety
+    ///
+    /// `entry` is live, in no place's list, and nobody else accesses it.
+    pub(super) unsafe fn end(entry: NonNull<Entry>) {
+        // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the heir is referred to.
+        unsafe {
+            let this = entry.as_ptr();
+            if std::mem::take(&mut (*this).is_listed) {
+                let listed = (&raw mut (*this).listed).cast::<Listed>();
+                let heir = &(*listed).heir;
+                heir.end_wait(NonNull::new_unchecked(listed).cast());
+                (*this).listed.assume_init_drop();
+            }
+            (*this).heir = None;
+        }
+    }
+
+    /// What `node`, which is listed with a process, waits for: the entry, to be compared only, and its mutex, which is live.
+    ///
+    /// # Safety
+    ///
+    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' home is held.
+    pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> (NonNull<Entry>, NonNull<Core>) {
+        // SAFETY: the contract.
+        unsafe {
+            let listed = node.cast::<Listed>().as_ptr();
+            ((*listed).entry, (*listed).core)
+        }
+    }
+
+    /// What has become of it.
+    ///
+    /// # Safety
+    ///
+    /// It is live and was begun.
+    pub(super) unsafe fn outcome(entry: NonNull<Entry>) -> Outcome {
+        // SAFETY: the contract.
+        unsafe { Waiter::outcome(Self::waiter(entry)) }
+    }
+
+    /// How urgent it is now; under another runtime, as it was when it was listed.
+    ///
+    /// # Safety
+    ///
+    /// It is live, and the lock that guards it is held, if it is listed.
+    pub(super) unsafe fn priority(entry: NonNull<Entry>) -> Priority {
+        // SAFETY: the contract; this borrows the one field, or else the node.
+        unsafe {
+            match &(*entry.as_ptr()).heir {
+                Some(heir) => heir.priority(),
+                None => Self::node(entry).as_ref().priority(),
+            }
+        }
+    }
+
+    /// Takes out who inherits.
+    ///
+    /// # Safety
+    ///
+    /// It is live, and the lock that guards it is held.
+    pub(super) unsafe fn take_heir(entry: NonNull<Entry>) -> Option<Heir> {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe { (*entry.as_ptr()).heir.take() }
+    }
+
+    /// Which mutex it is to lock.
+    ///
+    /// # Safety
+    ///
+    /// It is live.
+    pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<NonNull<Core>> {
+        // SAFETY: the contract; once begun, this does not change.
+        unsafe { (*entry.as_ptr()).core }
+    }
+
+    /// # Safety
+    ///
+    /// It is live, and the condition's lock is held.
+    pub(super) unsafe fn cause(entry: NonNull<Entry>) -> Cause {
+        // SAFETY: the contract.
+        unsafe { (*entry.as_ptr()).cause }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`cause`](Self::cause).
+    pub(super) unsafe fn set_cause(entry: NonNull<Entry>, cause: Cause) {
+        // SAFETY: the contract.
+        unsafe { (*entry.as_ptr()).cause = cause };
+    }
+
+    /// In which round of the condition it waits.
+    ///
+    /// # Safety
+    ///
+    /// It was begun, and the condition's lock is held.
+    pub(super) unsafe fn ticket(entry: NonNull<Entry>) -> u32 {
+        // SAFETY: the contract.
+        unsafe { (*Waiter::link(Self::waiter(entry))).ticket }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`ticket`](Self::ticket).
+    pub(super) unsafe fn set_ticket(entry: NonNull<Entry>, ticket: u32) {
+        // SAFETY: the contract.
+        unsafe { (*Waiter::link(Self::waiter(entry))).ticket = ticket };
+    }
+
+    /// Takes out whom to wake. To be dropped without the lock.
+    ///
+    /// # Safety
+    ///
+    /// It was begun and is in no list any more, and the lock is held that guarded it.
+    #[must_use = "to be dropped without the lock"]
+    pub(super) unsafe fn take_wakeup(entry: NonNull<Entry>) -> Option<Wakeup> {
+        // SAFETY: the contract.
+        unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
+    }
+
+    /// Lets it wake who polls with `cx`. What is given back is to be dropped without the lock, since that can run anything.
+    ///
+    /// # Safety
+    ///
+    /// It is listed, and the lock is held that guards it.
+    #[must_use = "to be dropped without the lock"]
+    pub(super) unsafe fn set_wakeup(entry: NonNull<Entry>, cx: &Context<'_>) -> Option<Wakeup> {
+        // SAFETY: the contract.
+        let wakeup = unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() };
+        match wakeup {
+            Some(wakeup) if wakeup.is_of(cx) => None,
+            _ => wakeup.replace(Wakeup::of(cx)),
+        }
+    }
+}
+
+/// Who inherits what is locked by the caller: its process; a thread that is none's, if it is the `thread` itself that holds it.
+pub(super) fn heir(thread: bool) -> Option<Heir> {
+    if thread {
+        Heir::current_or_thread()
+    } else {
+        Heir::current()
+    }
+}

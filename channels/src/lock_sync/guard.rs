@@ -1,0 +1,162 @@
+//! Holding a mutex.
+
+use super::mutex::Mutex;
+use luna_platform::current;
+use std::fmt;
+use std::mem::ManuallyDrop;
+use std::ops::{Deref, DerefMut};
+
+/// Whether what is done now is done while something ends that has not come to its end.
+fn is_dying() -> bool {
+    current::is_abandoned() || std::thread::panicking()
+}
+
+/// Holds a [`Mutex`], and leads to its value. Dropping it unlocks.
+///
+/// It may be kept across awaits, and be sent to another process or thread, which then unlocks; who locked inherits until then. Dropped while a panic unwinds, or with the body of a process (or a branch
+/// of a parallel construct) that was cancelled or has failed, it marks the mutex: the next one to lock it learns of it by [`OwnerDied`]. A future that the process itself drops (the loser of a race, say)
+/// unlocks as by scope: who dropped it lives, and can be asked.
+///
+/// Real-time path: yes; O(1), and a system call if the next holder's thread sleeps, and if a thread's OS priority is set back. Unlocking is no scheduling point: a more urgent process that
+/// waited on the same executor runs at the next await.
+///
+/// ```
+/// use luna_channels::lock_sync::Mutex;
+///
+/// let mutex = Mutex::new(vec![1]);
+/// let mut guard = mutex.try_lock().unwrap();
+/// guard.push(2);
+/// guard.unlock(); // or at the end of its scope
+/// assert_eq!(*mutex.try_lock().unwrap(), [1, 2]);
+/// ```
+#[must_use = "the mutex is unlocked when this is dropped"]
+pub struct MutexGuard<'a, T> {
+    mutex: &'a Mutex<T>,
+    /// It was locked by something that was dying already: by a destructor, say. That is then no reason to mark the mutex.
+    was_dying: bool,
+}
+
+// SAFETY: it leads to the value as `&mut T` does; unlocking works from any thread.
+unsafe impl<T: Send> Send for MutexGuard<'_, T> {}
+// SAFETY: a shared guard gives out `&T` alone.
+unsafe impl<T: Sync> Sync for MutexGuard<'_, T> {}
+
+impl<'a, T> MutexGuard<'a, T> {
+    /// # Safety
+    ///
+    /// The caller holds the mutex, and gives its hold away.
+    pub(super) unsafe fn new(mutex: &'a Mutex<T>) -> Self {
+        Self {
+            mutex,
+            was_dying: is_dying(),
+        }
+    }
+
+    /// Unlocks now. Never marks the mutex.
+    pub fn unlock(self) {
+        let guard = ManuallyDrop::new(self);
+        guard.mutex.core().unlock(false);
+    }
+
+    /// The mutex that it holds.
+    ///
+    /// ```
+    /// let mutex = luna_channels::lock_sync::Mutex::new(1);
+    /// let guard = mutex.try_lock().unwrap();
+    /// assert!(guard.mutex().try_lock().is_err());
+    /// ```
+    pub fn mutex(&self) -> &'a Mutex<T> {
+        self.mutex
+    }
+}
+
+impl<T> Drop for MutexGuard<'_, T> {
+    #[inline]
+    fn drop(&mut self) {
+        self.mutex.core().unlock(!self.was_dying && is_dying());
+    }
+}
+
+impl<T> Deref for MutexGuard<'_, T> {
+    type Target = T;
+    #[inline]
+    fn deref(&self) -> &T {
+        // SAFETY: this guard exists, so nobody else accesses the value.
+        self.mutex.value().with(|value| unsafe { &*value })
+    }
+}
+
+impl<T> DerefMut for MutexGuard<'_, T> {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut T {
+        // SAFETY: as above, and the guard is borrowed exclusively.
+        self.mutex.value().with_mut(|value| unsafe { &mut *value })
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for MutexGuard<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+/// The mutex is locked, and the one who held it before has died with it: it panicked, was cancelled, or its branch has failed. What the mutex guards may be half done. (POSIX: a robust mutex's
+/// `EOWNERDEAD`.)
+///
+/// It holds the mutex. [`recover`](Self::recover) says that all is well again; [`into_guard`](Self::into_guard) leaves the mark, so that the next one to lock learns of it
+/// too, and so does dropping this.
+///
+/// ```
+/// use luna_channels::lock_sync::{LockError, Mutex};
+///
+/// let balance = Mutex::new(1);
+/// let of_thread = balance.clone();
+/// std::thread::spawn(move || {
+///     let mut balance = of_thread.blocking_lock().unwrap();
+///     *balance = -1;
+///     panic!("in the middle of it");
+/// })
+/// .join()
+/// .unwrap_err();
+/// let Err(LockError::OwnerDied(died)) = balance.blocking_lock() else { panic!("it learns of it") };
+/// let mut guard = died.recover();
+/// *guard = 1;
+/// drop(guard);
+/// assert!(balance.blocking_lock().is_ok());
+/// ```
+#[must_use = "it holds the mutex, which is unlocked, and still marked, when this is dropped"]
+pub struct OwnerDied<'a, T>(MutexGuard<'a, T>);
+
+impl<'a, T> OwnerDied<'a, T> {
+    pub(super) fn new(guard: MutexGuard<'a, T>) -> Self {
+        Self(guard)
+    }
+
+    /// The guard; the mutex is not marked any more. O(1).
+    pub fn recover(self) -> MutexGuard<'a, T> {
+        self.0.mutex.core().set_died(false);
+        self.0
+    }
+
+    /// The guard, to look at what is there; the mutex stays marked. O(1).
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::{Mutex, TryLockError};
+    /// # let mutex = Mutex::new(3);
+    /// # let of_thread = mutex.clone();
+    /// # std::thread::spawn(move || { let _guard = of_thread.blocking_lock().unwrap(); panic!("dies") }).join().unwrap_err();
+    /// for _ in 0..2 {
+    ///     let Err(TryLockError::OwnerDied(died)) = mutex.try_lock() else { panic!("it is marked") };
+    ///     assert_eq!(*died.into_guard(), 3);
+    /// }
+    /// ```
+    pub fn into_guard(self) -> MutexGuard<'a, T> {
+        self.0
+    }
+}
+
+impl<T> fmt::Debug for OwnerDied<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("OwnerDied").finish_non_exhaustive()
+    }
+}

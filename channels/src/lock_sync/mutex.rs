@@ -1,0 +1,296 @@
+//! The mutex itself.
+
+use super::core::Core;
+use super::error::{LockError, LockTimeoutError, TryLockError};
+use super::guard::{MutexGuard, OwnerDied};
+use super::lock::{LockOp, LockTimeout};
+use luna_platform::clock::Instant;
+use luna_platform::current::Heir;
+use luna_platform::reclaim::Retired;
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use std::fmt;
+use std::marker::PhantomData;
+use std::mem::ManuallyDrop;
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// What the handles share.
+///
+/// # Invariants
+///
+/// `value` is accessed by who holds the mutex, and dropped with the last handle. The memory goes with the core's last reference.
+#[repr(C)]
+struct Shared<T> {
+    /// First, so that it leads back to this.
+    core: Core,
+    handles: AtomicUsize,
+    value: UnsafeCell<ManuallyDrop<T>>,
+}
+
+/// A value that one at a time may use: a process of an executor, an OS-thread process, a task of another runtime, or a plain thread.
+///
+/// Clones are handles to the same mutex, so it needs no `Arc`. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by scope, and may be
+/// held across awaits. The mutex is handed over directly to the most urgent who waits, and to the first of these: nobody barges in.
+///
+/// **Priority inheritance.** Whoever waits lends its priority to the holder until that unlocks: the level on its executor, and the OS priority of its thread, if that is
+/// above. A holder that waits for another mutex passes it on, along up to 8 holders. One that holds several falls to the highest of what remains. A plain thread that locks by [`blocking_lock`](Self::blocking_lock) or
+/// [`try_lock`](Self::try_lock) is boosted by the kernel, and set back; a task of another runtime that awaits [`lock`](Self::lock) is not, since it has no thread of its own. A process lent a level while it is
+/// ready is moved up in its executor's queue.
+///
+/// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it: [`OwnerDied`].
+///
+/// A process that locks a mutex which it holds already waits for ever. It is not refused: another of its branches, or whoever it sent the guard to, may be the one to unlock. The deadlock
+/// report names it.
+///
+/// For what goes from one process to another, use a channel.
+///
+/// ```
+/// use luna_channels::lock_sync::Mutex;
+///
+/// let total = Mutex::new(0);
+/// let of_thread = total.clone();
+/// let thread = std::thread::spawn(move || *of_thread.blocking_lock().unwrap() += 1);
+/// luna_executors::block_on(async { *total.lock().await.unwrap() += 1 }).unwrap();
+/// thread.join().unwrap();
+/// assert_eq!(*total.try_lock().unwrap(), 2);
+/// ```
+pub struct Mutex<T> {
+    shared: NonNull<Shared<T>>,
+    _owns: PhantomData<Shared<T>>,
+}
+
+// SAFETY: handles share a value that one at a time accesses, on whichever thread; all else is guarded by a lock, or atomic.
+unsafe impl<T: Send> Send for Mutex<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Mutex<T> {}
+// What a panic leaves half done is marked.
+impl<T> std::panic::UnwindSafe for Mutex<T> {}
+impl<T> std::panic::RefUnwindSafe for Mutex<T> {}
+
+impl<T: Send> Mutex<T> {
+    /// An unlocked mutex around `value`. Allocates; not for the real-time path.
+    #[track_caller]
+    pub fn new(value: T) -> Mutex<T> {
+        let shared = NonNull::from(Box::leak(Box::new(Shared {
+            core: Core::new(Shared::<T>::free),
+            handles: AtomicUsize::new(1),
+            value: UnsafeCell::new(ManuallyDrop::new(value)),
+        })));
+        // SAFETY: it is live, and leaves the register in `free`.
+        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().core.place), |_| 0) };
+        Mutex {
+            shared,
+            _owns: PhantomData,
+        }
+    }
+}
+
+impl<T> Mutex<T> {
+    fn shared(&self) -> &Shared<T> {
+        // SAFETY: this handle keeps it alive.
+        unsafe { self.shared.as_ref() }
+    }
+
+    pub(super) fn core(&self) -> &Core {
+        &self.shared().core
+    }
+
+    /// The core, by a pointer to the whole.
+    pub(super) fn core_pointer(&self) -> NonNull<Core> {
+        self.shared.cast()
+    }
+
+    pub(super) fn value(&self) -> &UnsafeCell<ManuallyDrop<T>> {
+        &self.shared().value
+    }
+
+    /// Locks, waiting until all have unlocked who hold it or are more urgent.
+    ///
+    /// A scheduling point: more urgent processes that are ready on the executor run first. Cancel-safe: dropped while it waits, it
+    /// has not locked; one that was just handed the mutex passes it on. Real-time path: yes; no allocation, O(1) if nobody holds it, else
+    /// O(those of lower priority who wait), a system call if that raises a thread's OS priority, and the chain as [above](Mutex).
+    ///
+    /// # Errors
+    ///
+    /// [`LockError::OwnerDied`], which holds the mutex; [`LockError::Poisoned`] in a branch of a parallel construct one of whose siblings has failed.
+    #[inline]
+    pub fn lock(&self) -> LockOp<'_, T> {
+        LockOp::new(self, false)
+    }
+
+    /// Locks, if nobody holds it. O(1), for the real-time path. On a plain thread, the first call allocates what is known of the thread.
+    ///
+    /// # Errors
+    ///
+    /// [`TryLockError::Locked`], or [`TryLockError::OwnerDied`], which holds the mutex.
+    ///
+    /// ```
+    /// let mutex = luna_channels::lock_sync::Mutex::new(());
+    /// let guard = mutex.try_lock()?;
+    /// assert!(mutex.try_lock().unwrap_err().is_locked());
+    /// # drop(guard);
+    /// # Ok::<(), luna_channels::lock_sync::TryLockError<'_, ()>>(()).map_err(|_| ()).unwrap();
+    /// # Ok::<(), luna_channels::lock_sync::TryLockError<'static, ()>>(())
+    /// ```
+    pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
+        if self.core().take(Heir::current_or_thread()).is_err() {
+            return Err(TryLockError::Locked);
+        }
+        // SAFETY: it was taken.
+        unsafe { self.held() }.map_err(TryLockError::OwnerDied)
+    }
+
+    /// Like [`lock`](Self::lock), for at most `timeout`. Exact: it times out only if it has not locked.
+    ///
+    /// # Panics
+    ///
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::Mutex;
+    /// # luna_executors::block_on(async {
+    /// let mutex = Mutex::new(());
+    /// let guard = mutex.lock().await.unwrap();
+    /// let late = mutex.lock_timeout(std::time::Duration::from_millis(1)).await;
+    /// assert!(late.unwrap_err().is_timeout());
+    /// # drop(guard);
+    /// # }).unwrap();
+    /// ```
+    pub fn lock_timeout(&self, timeout: Duration) -> LockTimeout<'_, T> {
+        self.lock_deadline(Instant::now() + timeout)
+    }
+
+    /// Like [`lock_timeout`](Self::lock_timeout), until an absolute deadline.
+    pub fn lock_deadline(&self, deadline: Instant) -> LockTimeout<'_, T> {
+        LockTimeout::new(self, deadline)
+    }
+
+    /// Like [`lock`](Self::lock), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, which takes two
+    /// system calls to learn; its first call allocates what is known of the thread.
+    ///
+    /// # Errors
+    ///
+    /// As for `lock`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_lock(&self) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
+        luna_platform::park::block_on(LockOp::new(self, true))
+    }
+
+    /// Like [`blocking_lock`](Self::blocking_lock), for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// [`LockTimeoutError`].
+    ///
+    /// # Panics
+    ///
+    /// As for `blocking_lock`.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::Mutex;
+    /// let mutex = Mutex::new(());
+    /// let guard = mutex.blocking_lock().unwrap();
+    /// let late = mutex.blocking_lock_timeout(std::time::Duration::from_millis(1));
+    /// assert!(late.unwrap_err().is_timeout());
+    /// # drop(guard);
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_lock_timeout(
+        &self,
+        timeout: Duration,
+    ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
+        let mut lock = std::pin::pin!(LockOp::new(self, true));
+        match luna_platform::park::block_on_until(lock.as_mut(), Instant::now() + timeout) {
+            Some(locked) => locked.map_err(LockTimeoutError::from),
+            None => lock.give_up(),
+        }
+    }
+
+    /// What the caller, who was just made the holder, gets.
+    ///
+    /// # Safety
+    ///
+    /// As for [`MutexGuard::new`].
+    pub(super) unsafe fn held(&self) -> Result<MutexGuard<'_, T>, OwnerDied<'_, T>> {
+        // SAFETY: the contract.
+        let guard = unsafe { MutexGuard::new(self) };
+        if self.core().has_died() {
+            Err(OwnerDied::new(guard))
+        } else {
+            Ok(guard)
+        }
+    }
+
+    /// Names the mutex in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.core().place.identity.set_name(name);
+        self
+    }
+}
+
+impl<T> Shared<T> {
+    /// # Safety
+    ///
+    /// `head` begins a whole that nobody uses any more, and whose value is dropped.
+    unsafe fn free(head: NonNull<Retired>) {
+        // SAFETY: `Mutex::new` made it of a box, and the head is its first field's first.
+        unsafe {
+            let shared = head.cast::<Shared<T>>();
+            crate::inspect::unregister(&shared.as_ref().core.place);
+            drop(Box::from_raw(shared.as_ptr()));
+        }
+    }
+}
+
+impl<T> Clone for Mutex<T> {
+    fn clone(&self) -> Self {
+        self.shared().handles.fetch_add(1, Ordering::Relaxed);
+        Mutex {
+            shared: self.shared,
+            _owns: PhantomData,
+        }
+    }
+}
+
+impl<T> Drop for Mutex<T> {
+    fn drop(&mut self) {
+        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) != 1 {
+            return;
+        }
+        struct LetGo(NonNull<Core>);
+        impl Drop for LetGo {
+            fn drop(&mut self) {
+                // SAFETY: the last handle's, and operations borrow theirs.
+                unsafe { Core::let_go(self.0) };
+            }
+        }
+        let _let_go = LetGo(self.core_pointer());
+        // SAFETY: this was the last handle, so nobody holds the mutex, or ever will: the value is dropped once.
+        self.value()
+            .with_mut(|value| unsafe { ManuallyDrop::drop(&mut *value) });
+    }
+}
+
+impl<T: Send + Default> Default for Mutex<T> {
+    #[track_caller]
+    fn default() -> Self {
+        Self::new(T::default())
+    }
+}
+
+impl<T> fmt::Debug for Mutex<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Without locking it: debug output never waits, and must not make others wait.
+        f.debug_struct("Mutex")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
+    }
+}

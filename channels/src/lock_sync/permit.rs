@@ -1,0 +1,47 @@
+//! Permits that were taken.
+
+use super::semaphore::Semaphore;
+use std::mem::ManuallyDrop;
+
+/// Permits of a [`Semaphore`], which are given back when this is dropped: O(those who are served by them), for the real-time path.
+///
+/// They may be kept across awaits, and be sent to another process or thread.
+///
+/// ```
+/// use luna_channels::lock_sync::Semaphore;
+///
+/// let semaphore = Semaphore::new(2);
+/// semaphore.try_acquire().unwrap().forget(); // for good
+/// assert_eq!(semaphore.available(), 1);
+/// ```
+#[derive(Debug)]
+#[must_use = "the permits are given back when this is dropped"]
+pub struct Permit<'a> {
+    semaphore: &'a Semaphore,
+    count: u32,
+}
+
+impl<'a> Permit<'a> {
+    /// # Safety
+    ///
+    /// The caller has taken so many, and gives them away.
+    pub(super) unsafe fn new(semaphore: &'a Semaphore, count: u32) -> Self {
+        Self { semaphore, count }
+    }
+
+    /// How many they are.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Does not give them back: the semaphore has so many less from now on.
+    pub fn forget(self) {
+        let _ = ManuallyDrop::new(self);
+    }
+}
+
+impl Drop for Permit<'_> {
+    fn drop(&mut self) {
+        self.semaphore.shared().add(self.count);
+    }
+}

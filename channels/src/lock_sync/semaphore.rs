@@ -1,0 +1,347 @@
+//! The counting semaphore.
+
+use super::acquire::{AcquireOp, AcquireTimeout};
+use super::error::{AcquireError, AcquireTimeoutError};
+use super::permit::Permit;
+use crate::inspect::{Identity, PlaceKind};
+use crate::place::{LastUser, Lists, Place};
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Priority, User};
+use luna_platform::reclaim::{self, Retired};
+use luna_platform::sync::UnsafeCell;
+use luna_platform::sync::atomic::{AtomicUsize, Ordering};
+use std::fmt;
+use std::ptr::NonNull;
+use std::time::Duration;
+
+/// What the handles share.
+///
+/// # Invariants
+///
+/// `permits` is accessed under the lock of `place` alone. Who waits is in its list of senders; all its nodes are waiters of `()`, whose ticket is how many
+/// permits they want.
+#[repr(C)]
+pub(super) struct Shared {
+    /// First, so that it leads back to this.
+    retired: Retired,
+    handles: AtomicUsize,
+    pub(super) place: Place,
+    permits: UnsafeCell<u64>,
+}
+
+/// A number of permits: who has one may do what only so many may do at a time. For processes of all kinds and plain threads.
+///
+/// Clones are handles to the same semaphore. The most urgent who waits is served first, then the first; who wants more permits than are there is waited for by those behind it, so that nobody
+/// starves by wanting much. Somebody who comes takes permits past those who wait only if it is more urgent than all of them.
+///
+/// A semaphore has no owner, so no priority is inherited: whoever may add permits need not be one who has any. Where that matters use a
+/// [`Mutex`](super::Mutex).
+///
+/// ```
+/// use luna_channels::lock_sync::Semaphore;
+/// # luna_executors::block_on(async {
+/// let motors = Semaphore::new(2); // the supply stands two that start at a time
+/// let first = motors.acquire().await?;
+/// let _second = motors.acquire().await?;
+/// assert!(motors.try_acquire().is_none());
+/// drop(first);
+/// assert_eq!(motors.available(), 1);
+/// # Ok::<(), luna_channels::lock_sync::AcquireError>(())
+/// # }).unwrap().unwrap();
+/// ```
+pub struct Semaphore {
+    shared: NonNull<Shared>,
+}
+
+// SAFETY: what is shared is guarded by a lock, or atomic.
+unsafe impl Send for Semaphore {}
+// SAFETY: as above.
+unsafe impl Sync for Semaphore {}
+impl std::panic::UnwindSafe for Semaphore {}
+impl std::panic::RefUnwindSafe for Semaphore {}
+
+impl Semaphore {
+    /// A semaphore with `permits`. Allocates; not for the real-time path.
+    #[track_caller]
+    pub fn new(permits: u32) -> Semaphore {
+        let shared = NonNull::from(Box::leak(Box::new(Shared {
+            retired: Retired::new(Shared::free),
+            handles: AtomicUsize::new(1),
+            place: Place::new(Identity::new(PlaceKind::Semaphore)),
+            permits: UnsafeCell::new(u64::from(permits)),
+        })));
+        // SAFETY: it is live, and leaves the register in `free`.
+        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        Semaphore { shared }
+    }
+
+    pub(super) fn shared(&self) -> &Shared {
+        // SAFETY: this handle keeps it alive.
+        unsafe { self.shared.as_ref() }
+    }
+
+    /// Takes a permit, waiting until there is one for the caller.
+    ///
+    /// A scheduling point: more urgent processes that are ready on the executor run first. Cancel-safe: dropped while it waits, it has taken none; one that was just
+    /// given its permit gives it back. Real-time path: yes; no allocation, O(1), or O(those of lower priority who wait) to wait.
+    ///
+    /// # Errors
+    ///
+    /// [`AcquireError`] in a branch of a parallel construct one of whose siblings has failed.
+    #[inline]
+    pub fn acquire(&self) -> AcquireOp<'_> {
+        self.acquire_many(1)
+    }
+
+    /// Takes `count` permits at once, waiting until there are so many for the caller. If there never are, it waits for ever, and so do those behind it. See
+    /// [`acquire`](Self::acquire).
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::Semaphore;
+    /// # luna_executors::block_on(async {
+    /// let semaphore = Semaphore::new(3);
+    /// let permits = semaphore.acquire_many(3).await.unwrap();
+    /// assert_eq!((permits.count(), semaphore.available()), (3, 0));
+    /// # drop(permits);
+    /// # }).unwrap();
+    /// ```
+    #[inline]
+    pub fn acquire_many(&self, count: u32) -> AcquireOp<'_> {
+        AcquireOp::new(self, count, false)
+    }
+
+    /// Takes a permit, if there is one and nobody waits who is as urgent. O(1), for the real-time path.
+    pub fn try_acquire(&self) -> Option<Permit<'_>> {
+        self.try_acquire_many(1)
+    }
+
+    /// Takes `count` permits, if there are so many and nobody waits who is as urgent. O(1), for the real-time path.
+    pub fn try_acquire_many(&self, count: u32) -> Option<Permit<'_>> {
+        self.shared().note_user(current::user());
+        let mut lists = self.shared().place.lock();
+        self.shared()
+            .take(&mut lists, count, current::priority())
+            // SAFETY: they were taken.
+            .then(|| unsafe { Permit::new(self, count) })
+    }
+
+    /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has taken none.
+    ///
+    /// # Panics
+    ///
+    /// When it has to wait on a thread that runs no process of LUNA: there it has no timers.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::Semaphore;
+    /// # luna_executors::block_on(async {
+    /// let late = Semaphore::new(0).acquire_timeout(std::time::Duration::from_millis(1)).await.is_err();
+    /// assert!(late);
+    /// # }).unwrap();
+    /// ```
+    pub fn acquire_timeout(&self, timeout: Duration) -> AcquireTimeout<'_> {
+        self.acquire_deadline(Instant::now() + timeout)
+    }
+
+    /// Like [`acquire_timeout`](Self::acquire_timeout), until an absolute deadline.
+    pub fn acquire_deadline(&self, deadline: Instant) -> AcquireTimeout<'_> {
+        AcquireTimeout::new(self, deadline)
+    }
+
+    /// Like [`acquire`](Self::acquire), blocking this thread. For plain threads and OS-thread processes. A plain thread waits at its own OS priority, as with
+    /// [`Mutex::blocking_lock`](super::Mutex::blocking_lock).
+    ///
+    /// # Errors
+    ///
+    /// As for `acquire`.
+    ///
+    /// # Panics
+    ///
+    /// In a process of an executor, which it would stop.
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_acquire(&self) -> Result<Permit<'_>, AcquireError> {
+        luna_platform::park::block_on(AcquireOp::new(self, 1, true))
+    }
+
+    /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// [`AcquireTimeoutError`].
+    ///
+    /// # Panics
+    ///
+    /// As for `blocking_acquire`.
+    ///
+    /// ```
+    /// # use luna_channels::lock_sync::Semaphore;
+    /// let none = Semaphore::new(0);
+    /// let late = none.blocking_acquire_timeout(std::time::Duration::from_millis(1));
+    /// assert!(late.unwrap_err().is_timeout());
+    /// ```
+    #[cfg(not(loom))]
+    #[track_caller]
+    pub fn blocking_acquire_timeout(
+        &self,
+        timeout: Duration,
+    ) -> Result<Permit<'_>, AcquireTimeoutError> {
+        let mut acquire = std::pin::pin!(AcquireOp::new(self, 1, true));
+        match luna_platform::park::block_on_until(acquire.as_mut(), Instant::now() + timeout) {
+            Some(acquired) => acquired.map_err(AcquireTimeoutError::from),
+            None => acquire.give_up(),
+        }
+    }
+
+    /// Makes `count` more permits. Real-time path: yes; O(those who are served by them), each in a lock section of its own, and a system call for each
+    /// whose thread sleeps.
+    ///
+    /// ```
+    /// let semaphore = luna_channels::lock_sync::Semaphore::new(0);
+    /// semaphore.add_permits(2);
+    /// assert_eq!(semaphore.available(), 2);
+    /// ```
+    pub fn add_permits(&self, count: u32) {
+        self.shared().note_user(current::user());
+        self.shared().add(count);
+    }
+
+    /// How many permits nobody has: for display, since it may have changed already.
+    pub fn available(&self) -> u64 {
+        let lists = self.shared().place.lock();
+        self.shared().permits(&lists, |permits| *permits)
+    }
+
+    /// Says that somebody outside of the system adds permits too: a plain thread, say. A process that waits here is then never part of a
+    /// deadlock. A semaphore that a thread outside has used already is known to be one.
+    #[must_use]
+    pub fn external(self) -> Self {
+        self.shared().place.identity.set_external();
+        self
+    }
+
+    /// Names the semaphore in reports: see [`inspect`](crate::inspect). Not for the real-time path.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        self.shared().place.identity.set_name(name);
+        self
+    }
+}
+
+impl Shared {
+    fn permits<R>(&self, _lists: &Lists, f: impl FnOnce(&mut u64) -> R) -> R {
+        // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
+        self.permits.with_mut(|permits| f(unsafe { &mut *permits }))
+    }
+
+    /// Remembers that somebody outside takes part.
+    pub(super) fn note_user(&self, user: User) {
+        if user == User::Outside {
+            self.place.identity.set_external();
+        }
+    }
+
+    /// Takes permits for somebody of this priority, unless they are not there, or somebody waits who is as urgent.
+    pub(super) fn take(&self, lists: &mut Lists, count: u32, priority: Priority) -> bool {
+        // SAFETY: a listed node is live.
+        let is_first = lists
+            .senders
+            .first()
+            .is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
+        let taken = is_first
+            && self.permits(lists, |permits| {
+                let left = permits.checked_sub(u64::from(count));
+                left.map(|left| *permits = left).is_some()
+            });
+        if taken {
+            lists.receiver = LastUser::of(current::user());
+        }
+        taken
+    }
+
+    /// Makes more permits, and serves those who wait.
+    pub(super) fn add(&self, count: u32) {
+        let mut lists = self.place.lock();
+        self.permits(&lists, |permits| {
+            *permits = permits.saturating_add(u64::from(count));
+        });
+        while self.serve_first(lists) {
+            lists = self.place.lock();
+        }
+    }
+
+    /// Serves those who wait, as far as the permits go.
+    pub(super) fn serve(&self) {
+        while self.serve_first(self.place.lock()) {}
+    }
+
+    /// Serves the first who waits, if there are enough permits.
+    fn serve_first(&self, mut lists: luna_platform::lock::PiGuard<'_, Lists>) -> bool {
+        /// The rest, if somebody's waker panics in the middle of it.
+        struct Rest<'a>(&'a Shared);
+        impl Drop for Rest<'_> {
+            fn drop(&mut self) {
+                self.0.serve();
+            }
+        }
+        let Some(node) = lists.senders.first() else {
+            return false;
+        };
+        let waiter = node.cast::<Waiter<()>>();
+        // SAFETY: a listed node is a live waiter, and the lock is held; it is settled as it leaves the list.
+        let ready = unsafe {
+            let wanted = u64::from((*Waiter::link(waiter)).ticket);
+            let left = self.permits(&lists, |permits| permits.checked_sub(wanted));
+            let Some(left) = left else {
+                return false;
+            };
+            self.permits(&lists, |permits| *permits = left);
+            lists.receiver = LastUser::of(node.as_ref().user());
+            lists.senders.remove(node);
+            Waiter::settle(waiter, Outcome::Done)
+        };
+        drop(lists);
+        let rest = Rest(self);
+        ready.wake();
+        std::mem::forget(rest);
+        true
+    }
+
+    /// # Safety
+    ///
+    /// As [`Retired`] says.
+    unsafe fn free(head: NonNull<Retired>) {
+        // SAFETY: `Semaphore::new` made it of a box, and the head is its first field.
+        unsafe {
+            let shared = head.cast::<Shared>();
+            crate::inspect::unregister(&shared.as_ref().place);
+            drop(Box::from_raw(shared.as_ptr()));
+        }
+    }
+}
+
+impl Clone for Semaphore {
+    fn clone(&self) -> Self {
+        self.shared().handles.fetch_add(1, Ordering::Relaxed);
+        Semaphore {
+            shared: self.shared,
+        }
+    }
+}
+
+impl Drop for Semaphore {
+    fn drop(&mut self) {
+        if self.shared().handles.fetch_sub(1, Ordering::AcqRel) == 1 {
+            // SAFETY: this was the last handle, and operations and permits borrow theirs.
+            unsafe { reclaim::retire(self.shared.cast()) };
+        }
+    }
+}
+
+impl fmt::Debug for Semaphore {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Semaphore")
+            .field("shared", &self.shared)
+            .finish_non_exhaustive()
+    }
+}
