@@ -182,3 +182,17 @@ impl Watchdog {
         Watchdog { _ended: ended }
     }
 }
+
+/// Gives way to other threads until so many wait at the place of this name.
+pub(crate) fn until_waiting(name: &str, count: usize) {
+    let waiting = || {
+        let places = luna_channels::inspect::places();
+        let place = places
+            .iter()
+            .find(|place| place.name.as_deref() == Some(name));
+        place.map_or(0, |place| place.waiting.len())
+    };
+    while waiting() != count {
+        std::thread::yield_now();
+    }
+}
