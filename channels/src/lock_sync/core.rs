@@ -347,13 +347,11 @@ impl Core {
 
     /// Lends the holder the priority of the first who waits. O(1).
     fn relend(&self, lists: &Lists) -> Option<Changed> {
-        // SAFETY: a listed node is live.
-        let first = lists
-            .senders
-            .first()
-            .map_or_else(Priority::default, |node| {
-                unsafe { node.as_ref() }.priority()
-            });
+        let first = match lists.senders.first() {
+            // SAFETY: a listed node is live.
+            Some(node) => unsafe { node.as_ref() }.priority(),
+            None => Priority::default(),
+        };
         self.state(lists, |state| {
             let heir = state.heir.as_mut()?;
             let change = heir.lend(first);

@@ -5,17 +5,18 @@
 //! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
 
 mod branches;
+mod heir;
 mod home_thread;
-mod inherit;
+mod inheritance;
 mod lone;
 mod process;
 mod references;
 mod wakeup;
 
 pub use branches::Branches;
+pub use heir::Heir;
 #[cfg(not(loom))]
 pub use home_thread::{RefusedBoosts, refused_boosts};
-pub use inherit::Heir;
 pub use lone::Lone;
 pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
 pub use wakeup::{Ready, Wakeup};

@@ -1,6 +1,6 @@
 //! What the framework knows of a process.
 
-use super::inherit::Inheritance;
+use super::inheritance::Inheritance;
 use super::lone;
 use super::references::References;
 use std::cell::UnsafeCell;

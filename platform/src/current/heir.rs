@@ -11,119 +11,19 @@
 //! process' home.
 
 use super::home_thread::{HomeThread, LentThread};
-use super::process::{LEVELS, Place, Priority, Process};
+use super::inheritance::LEVEL;
+use super::process::{Place, Priority, Process};
 use super::wakeup::Reference;
 use super::{home, process};
 use crate::wait_list::{WaitList, WaitNode};
-use std::cell::UnsafeCell;
 use std::cmp::Ordering;
 use std::fmt;
 use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{self, AtomicU8};
-
-const LEVEL: u8 = LEVELS - 1;
-/// Beside the level: the process was lent its thread's priority.
-const THREAD: u8 = 1 << 7;
-
-/// What a process was lent, and the level that it runs at for that.
-///
-/// # Invariants
-///
-/// `counts` and `waits` are touched under the lock of `thread` alone. `now` is the process' own level, or the highest that it was lent.
-pub(super) struct Inheritance {
-    now: AtomicU8,
-    own: u8,
-    counts: UnsafeCell<Counts>,
-    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
-    waits: UnsafeCell<WaitList>,
-    /// None for a process outside of any home, which is lent nothing.
-    thread: Option<Arc<HomeThread>>,
-}
-
-struct Counts {
-    levels: [u16; LEVELS as usize],
-    /// Which of them are not 0.
-    lent: u32,
-    threads: u16,
-}
-
-impl Inheritance {
-    pub(super) fn new(own: u8, thread: Option<Arc<HomeThread>>) -> Self {
-        Self {
-            now: AtomicU8::new(own & LEVEL),
-            own: own & LEVEL,
-            counts: UnsafeCell::new(Counts {
-                levels: [0; LEVELS as usize],
-                lent: 0,
-                threads: 0,
-            }),
-            waits: UnsafeCell::new(WaitList::new()),
-            thread,
-        }
-    }
-
-    #[inline]
-    pub(super) fn level(&self) -> u8 {
-        self.now.load(atomic::Ordering::Relaxed) & LEVEL
-    }
-
-    /// The priority of the process' thread, which is `own` if nothing was lent.
-    #[inline]
-    pub(super) fn thread(&self, own: u8) -> u8 {
-        if self.now.load(atomic::Ordering::Relaxed) & THREAD == 0 {
-            return own;
-        }
-        self.thread
-            .as_ref()
-            .map_or(own, |thread| own.max(thread.lent()))
-    }
-
-    /// Changes what is counted for `lent`, by one more or one less. `false`: there are too many to be counted, and nothing has changed.
-    ///
-    /// # Safety
-    ///
-    /// The home's lock is held.
-    unsafe fn count(&self, lent: Lent, more: bool) -> bool {
-        // SAFETY: the contract.
-        let counts = unsafe { &mut *self.counts.get() };
-        let count = match lent {
-            Lent::Nothing => return false,
-            Lent::Level(level) => &mut counts.levels[usize::from(level & LEVEL)],
-            Lent::Thread(_) => &mut counts.threads,
-        };
-        let changed = if more {
-            count.checked_add(1)
-        } else {
-            count.checked_sub(1)
-        };
-        let Some(changed) = changed else {
-            return false;
-        };
-        *count = changed;
-        if let Lent::Level(level) = lent {
-            let bit = 1 << (level & LEVEL);
-            counts.lent = if changed == 0 {
-                counts.lent & !bit
-            } else {
-                counts.lent | bit
-            };
-        }
-        let now = if counts.threads > 0 {
-            THREAD | LEVEL
-        } else {
-            // 0 if none is lent, which is no more than its own.
-            self.own
-                .max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
-        };
-        self.now.store(now, atomic::Ordering::Relaxed);
-        true
-    }
-}
 
 /// What an heir was lent; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Lent {
+pub(super) enum Lent {
     Nothing,
     Level(u8),
     Thread(u8),
@@ -270,7 +170,7 @@ impl Heir {
 
     fn thread(&self) -> Option<&HomeThread> {
         match &self.to {
-            To::Process(reference) => reference.process().inheritance().thread.as_deref(),
+            To::Process(reference) => reference.process().inheritance().home.as_deref(),
             To::Thread(thread) => Some(thread),
         }
     }
@@ -378,9 +278,10 @@ impl Heir {
 
     fn with_waits<R>(&self, look: impl FnOnce(&mut WaitList) -> R) -> Option<R> {
         Some(self.thread()?.with(|state| match &self.to {
-            // SAFETY: the home's lock is held.
             To::Process(reference) => {
-                look(unsafe { &mut *reference.process().inheritance().waits.get() })
+                let waits = reference.process().inheritance().waits.get();
+                // SAFETY: the home's lock is held.
+                look(unsafe { &mut *waits })
             }
             To::Thread(_) => look(&mut state.waits),
         }))
@@ -409,7 +310,7 @@ impl Process {
     /// Whether it can be lent a priority: it is referred to by counting, and has a home.
     #[inline]
     fn can_inherit(&self) -> bool {
-        self.is_counted() && self.inheritance().thread.is_some() && home() == Some(self.home())
+        self.is_counted() && self.inheritance().home.is_some() && home() == Some(self.home())
     }
 }
 
@@ -514,7 +415,11 @@ mod tests {
             let mut nodes: [WaitNode; 3] = Default::default();
             let nodes = nodes.each_mut().map(NonNull::from);
             // SAFETY: they are in this list alone, and are taken out below.
-            unsafe { [2, 0, 1].map(|n: usize| heir.begin_wait(nodes[n])) };
+            unsafe {
+                for n in [2, 0, 1] {
+                    heir.begin_wait(nodes[n]);
+                }
+            }
             std::thread::scope(|scope| {
                 let copy = heir.copy();
                 scope.spawn(move || {
@@ -528,7 +433,11 @@ mod tests {
                 });
             });
             // SAFETY: as above.
-            unsafe { nodes.map(|node| heir.end_wait(node)) };
+            unsafe {
+                for node in nodes {
+                    heir.end_wait(node);
+                }
+            }
             assert_eq!(heir.next_wait(0, |_| ()), None);
         });
     }

@@ -1,0 +1,108 @@
+//! What a process was lent, and what it waits for: see [`Heir`](super::Heir).
+
+use super::heir::Lent;
+use super::home_thread::HomeThread;
+use super::process::LEVELS;
+use crate::wait_list::WaitList;
+use std::cell::UnsafeCell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+pub(super) const LEVEL: u8 = LEVELS - 1;
+/// Beside the level: the process was lent its thread's priority.
+const THREAD: u8 = 1 << 7;
+
+/// What a process was lent, and the level that it runs at for that.
+///
+/// # Invariants
+///
+/// `counts` and `waits` are touched under the lock of `home` alone. `now` is the process' own level, or the highest that it was lent.
+pub(super) struct Inheritance {
+    now: AtomicU8,
+    own: u8,
+    counts: UnsafeCell<Counts>,
+    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
+    pub(super) waits: UnsafeCell<WaitList>,
+    /// None for a process outside of any home, which is lent nothing.
+    pub(super) home: Option<Arc<HomeThread>>,
+}
+
+struct Counts {
+    levels: [u16; LEVELS as usize],
+    /// Which of them are not 0.
+    lent: u32,
+    threads: u16,
+}
+
+impl Inheritance {
+    pub(super) fn new(own: u8, home: Option<Arc<HomeThread>>) -> Self {
+        Self {
+            now: AtomicU8::new(own & LEVEL),
+            own: own & LEVEL,
+            counts: UnsafeCell::new(Counts {
+                levels: [0; LEVELS as usize],
+                lent: 0,
+                threads: 0,
+            }),
+            waits: UnsafeCell::new(WaitList::new()),
+            home,
+        }
+    }
+
+    #[inline]
+    pub(super) fn level(&self) -> u8 {
+        self.now.load(Ordering::Relaxed) & LEVEL
+    }
+
+    /// The priority of the process' thread, which is `own` if nothing was lent.
+    #[inline]
+    pub(super) fn thread(&self, own: u8) -> u8 {
+        if self.now.load(Ordering::Relaxed) & THREAD == 0 {
+            return own;
+        }
+        self.home
+            .as_ref()
+            .map_or(own, |thread| own.max(thread.lent()))
+    }
+
+    /// Changes what is counted for `lent`, by one more or one less. `false`: there are too many to be counted, and nothing has changed.
+    ///
+    /// # Safety
+    ///
+    /// The home's lock is held.
+    pub(super) unsafe fn count(&self, lent: Lent, more: bool) -> bool {
+        // SAFETY: the contract.
+        let counts = unsafe { &mut *self.counts.get() };
+        let count = match lent {
+            Lent::Nothing => return false,
+            Lent::Level(level) => &mut counts.levels[usize::from(level & LEVEL)],
+            Lent::Thread(_) => &mut counts.threads,
+        };
+        let changed = if more {
+            count.checked_add(1)
+        } else {
+            count.checked_sub(1)
+        };
+        let Some(changed) = changed else {
+            return false;
+        };
+        *count = changed;
+        if let Lent::Level(level) = lent {
+            let bit = 1 << (level & LEVEL);
+            counts.lent = if changed == 0 {
+                counts.lent & !bit
+            } else {
+                counts.lent | bit
+            };
+        }
+        let now = if counts.threads > 0 {
+            THREAD | LEVEL
+        } else {
+            // 0 if none is lent, which is no more than its own.
+            self.own
+                .max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
+        };
+        self.now.store(now, Ordering::Relaxed);
+        true
+    }
+}
