@@ -290,6 +290,40 @@ fn the_next_holder_inherits_from_those_behind_it() {
     });
 }
 
+#[test]
+fn branches_of_one_process_do_not_lift_each_other() {
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        process("both", 10)
+            .spawn(async move {
+                let mutex = Mutex::new(());
+                let (go, gone) = luna::channel::<()>();
+                pri_par!(
+                    async {
+                        gone.recv().await?;
+                        drop(mutex.lock().await?);
+                        assert_eq!(level(), 10);
+                        Ok(())
+                    },
+                    async {
+                        let guard = mutex.lock().await?;
+                        go.send(()).await?;
+                        for _ in 0..5 {
+                            yield_now().await;
+                            assert_eq!(level(), 9, "it would climb by one each time");
+                        }
+                        drop(guard);
+                        Ok(())
+                    },
+                )
+                .await?;
+                assert_eq!(level(), 10);
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
 /// Whether there are threads whose priority can be read back.
 fn has_threads_of_priority() -> bool {
     let has = COMPLETE && has_real_time();

@@ -354,7 +354,8 @@ impl Core {
         };
         self.state(lists, |state| {
             let heir = state.heir.as_mut()?;
-            let change = heir.lend(first);
+            // As a whole: what waits may be another branch of the same process.
+            let change = heir.lend_whole(first);
             change.is_ne().then(|| Changed {
                 heir: heir.copy(),
                 is_more: change.is_gt(),

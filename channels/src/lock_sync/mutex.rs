@@ -30,13 +30,13 @@ struct Shared<T> {
 
 /// A value that one at a time may use: a process of an executor, an OS-thread process, a task of another runtime, or a plain thread.
 ///
-/// Clones are handles to the same mutex, so it needs no `Arc`. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by scope, and may be
+/// Clones are handles to the same mutex, so it needs no `Arc`; the value is dropped with the last one. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by scope, and may be
 /// held across awaits. The mutex is handed over directly to the most urgent who waits, and to the first of these: nobody barges in.
 ///
 /// **Priority inheritance.** Whoever waits lends its priority to the holder until that unlocks: the level on its executor, and the OS priority of its thread, if that is
 /// above. A holder that waits for another mutex passes it on, along up to 8 holders. One that holds several falls to the highest of what remains. A plain thread that locks by [`blocking_lock`](Self::blocking_lock) or
 /// [`try_lock`](Self::try_lock) is boosted by the kernel, and set back; a task of another runtime that awaits [`lock`](Self::lock) is not, since it has no thread of its own. A process lent a level while it is
-/// ready is moved up in its executor's queue.
+/// ready is moved up in its executor's queue. A branch of `pri_par!` that holds a mutex runs as far below its process as it ever does.
 ///
 /// **Robust.** If its holder panics or is cancelled in the middle, the next one learns of it: [`OwnerDied`].
 ///

@@ -121,7 +121,24 @@ impl Heir {
     /// priority of its thread changes by that (three for a plain thread).
     #[inline]
     pub fn lend(&mut self, priority: Priority) -> Ordering {
-        let (before, lent) = (self.lent, self.lent_for(priority));
+        // The branch is polled below its process, which is to be that much above.
+        let lowered = match &self.to {
+            To::Process(reference) => reference.lowered(),
+            To::Thread(_) => 0,
+        };
+        self.lend_above(priority, lowered)
+    }
+
+    /// As [`lend`](Self::lend), but to its process as a whole: a branch of it then runs as far below as it ever does. For those who may wait for each
+    /// other, through other branches of theirs: there, each round would lend more.
+    #[inline]
+    pub fn lend_whole(&mut self, priority: Priority) -> Ordering {
+        self.lend_above(priority, 0)
+    }
+
+    #[inline]
+    fn lend_above(&mut self, priority: Priority, lowered: u8) -> Ordering {
+        let (before, lent) = (self.lent, self.lent_for(priority, lowered));
         if lent != before {
             self.change(lent);
         }
@@ -139,15 +156,14 @@ impl Heir {
     }
 
     #[inline]
-    fn lent_for(&self, priority: Priority) -> Lent {
+    fn lent_for(&self, priority: Priority, lowered: u8) -> Lent {
         match &self.to {
             To::Process(reference) => {
                 let own = reference.process().own_priority();
-                let level = priority.level + reference.lowered();
+                let level = priority.level + lowered;
                 if priority.thread > own.thread {
                     Lent::Thread(priority.thread)
                 } else if priority.thread == own.thread && level > own.level {
-                    // The branch is polled below its process, which is to be that much above.
                     Lent::Level(level.min(LEVEL))
                 } else {
                     Lent::Nothing
@@ -371,6 +387,17 @@ mod tests {
             super::super::with_branch_below(false, 3, || assert_eq!(priority(), at(8)));
             drop(heir);
             assert_eq!(priority(), at(10));
+        });
+    }
+
+    #[test]
+    fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
+        within(10, || {
+            let mut heir = super::super::with_branch_below(false, 3, Heir::current).unwrap();
+            assert_eq!(heir.lend_whole(at(10)), Ordering::Equal);
+            heir.lend_whole(at(20));
+            assert_eq!(priority(), at(20));
+            assert_eq!(heir.priority(), at(17));
         });
     }
 
