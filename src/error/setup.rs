@@ -46,6 +46,29 @@ pub enum SetupError {
         /// The period.
         period: Duration,
     },
+    /// A loop's phase is not within its period.
+    PhaseTooLong {
+        /// The loop's name.
+        name: String,
+        /// The phase.
+        phase: Duration,
+        /// The period.
+        period: Duration,
+    },
+    /// A loop's guard spin is longer than a sixteenth of its period.
+    GuardTooLong {
+        /// The loop's name.
+        name: String,
+        /// The guard that was asked for.
+        guard: Duration,
+        /// The longest it may have.
+        longest: Duration,
+    },
+    /// An executor was to run under SCHED_DEADLINE, which serves one loop on a thread of its own.
+    DeadlineExecutor {
+        /// The executor's name.
+        executor: String,
+    },
     /// A loop's name does not fit in the room that is set aside before the start.
     NameTooLong {
         /// The name.
@@ -115,6 +138,19 @@ impl fmt::Display for SetupError {
             SetupError::PeriodTooLong { name, period } => {
                 write!(f, "loop `{name}` has a period of {period:?}; the clock reaches 292 years")
             }
+            SetupError::PhaseTooLong { name, phase, period } => write!(
+                f,
+                "loop `{name}` has a phase of {phase:?} and a period of {period:?}; choose a phase below the period"
+            ),
+            SetupError::GuardTooLong { name, guard, longest } => write!(
+                f,
+                "loop `{name}` asks for a guard spin of {guard:?}; choose at most {longest:?}, a sixteenth of its period"
+            ),
+            SetupError::DeadlineExecutor { executor } => write!(
+                f,
+                "executor `{executor}` asks for SCHED_DEADLINE, whose budget would stop all its processes at once; run the loop on a thread of \
+                 its own (System::thread), or choose SCHED_FIFO"
+            ),
             SetupError::NameTooLong { name, most } => {
                 write!(f, "the loop name `{name}` has {} bytes; use at most {most}", name.len())
             }

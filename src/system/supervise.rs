@@ -24,7 +24,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
-    let started = Instant::now();
+    let started = launched.running.scope.begin();
     // What an emergency has brought to safety before the start is not set in motion.
     if !launched.running.emergency.has_begun() {
         for (_, executor) in &launched.executors {

@@ -2,8 +2,10 @@
 
 mod clock;
 mod distribution;
+mod grid;
 mod periodic;
 mod registry;
+mod spin;
 mod statistics;
 mod ticks;
 mod timer;

@@ -2,11 +2,13 @@
 
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
+use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// A loop's name, in room of fixed size: taking one allocates nothing.
@@ -58,6 +60,8 @@ pub(crate) struct Scope {
     /// Whether more room may be allocated when it is asked for: outside of a system, where nothing is started together.
     grows: bool,
     most: usize,
+    /// In nanoseconds: what the common grids of loops count from.
+    start: AtomicU64,
 }
 
 #[expect(
@@ -88,6 +92,7 @@ impl Scope {
             }),
             grows: false,
             most,
+            start: AtomicU64::new(Instant::now().as_nanos()),
         })
     }
 
@@ -101,7 +106,21 @@ impl Scope {
             }),
             grows: true,
             most: 0,
+            start: AtomicU64::new(Instant::now().as_nanos()),
         })
+    }
+
+    /// The processes start now. To be said before the first of them runs.
+    pub(crate) fn begin(&self) -> Instant {
+        let now = Instant::now();
+        // Whoever is released sees what came before the release.
+        self.start.store(now.as_nanos(), Ordering::Relaxed);
+        now
+    }
+
+    /// When the processes started.
+    pub(crate) fn start(&self) -> Instant {
+        Instant::from_nanos(self.start.load(Ordering::Relaxed))
     }
 
     /// Makes this the scope of the calling thread, for as long as the thread lives.
