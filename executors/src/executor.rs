@@ -152,7 +152,8 @@ impl Executor {
     ///
     /// # Errors
     ///
-    /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do.
+    /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do. A deadline
+    /// policy, whose budget would stop all processes at once, is refused here.
     pub fn start(attributes: Attributes) -> Result<Executor, SpawnError<Infallible>> {
         Self::start_counted(attributes, Arc::new(Living::new()))
     }
@@ -166,6 +167,9 @@ impl Executor {
         attributes: Attributes,
         living: Arc<Living>,
     ) -> Result<Executor, SpawnError<Infallible>> {
+        attributes
+            .validate_shared()
+            .map_err(SpawnError::Attributes)?;
         let shared = Arc::new(Shared {
             home: Home::new(),
             thread_priority: AtomicU8::new(0),

@@ -117,7 +117,7 @@ fn run_here<F: Future>(
     let presence = Arc::new(Presence::new());
     let _calls = calls::enter(presence.clone(), None);
     let id = ProcessId::new();
-    let priority = thread::current_policy().priority();
+    let priority = thread::current_policy().rank();
     let spec = (id, priority, ProcessSpec::DEFAULT_LEVEL);
     run(
         pin!(future),
@@ -257,7 +257,7 @@ impl OsThread {
             attributes,
             move |obtained: &Obtained| {
                 own.thread_priority
-                    .store(obtained.policy.priority(), Ordering::Relaxed);
+                    .store(obtained.policy.rank(), Ordering::Relaxed);
                 // Before the body is built, which may prepare to wait for files.
                 let files = watch::enter(own.parker.bell());
                 let enrolled = own.living.enroll(own.home, own.clone());

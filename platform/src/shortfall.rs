@@ -67,6 +67,23 @@ pub enum PolicyRefusal {
     },
     /// It has CAP_SYS_NICE in a user namespace, which does not count.
     UserNamespace,
+    /// A deadline policy, and the process may not run on all cores: it was started under `taskset`, or its control group keeps it from some.
+    NotAllCores {
+        /// Those allowed, as the kernel writes lists.
+        allowed: String,
+    },
+    /// A deadline policy, and the deadline threads together would take more of the processors than the kernel admits.
+    NoBandwidth {
+        /// The share that it admits in percent, where it could be read.
+        share: Option<u8>,
+    },
+    /// A deadline policy, and its period is not within the kernel's limits.
+    PeriodRange {
+        /// The shortest period, in µs.
+        least: u64,
+        /// The longest.
+        most: u64,
+    },
     /// Nothing was refused, yet the thread has another policy.
     NotKept {
         /// What it has.
@@ -193,6 +210,21 @@ const RUN_ON_LINUX: &str = "run it on Linux, built without `--cfg luna_portable`
 impl PolicyRefusal {
     fn text(&self, asked: Policy) -> String {
         match self {
+            Self::NotPermitted { .. } if asked.is_deadline() => {
+                "CAP_SYS_NICE is missing, for which no limit stands in".to_owned()
+            }
+            Self::NotAllCores { allowed } => {
+                format!("SCHED_DEADLINE is for threads that may run on all cores, and this process may on {allowed}")
+            }
+            Self::NoBandwidth { share: Some(share) } => format!(
+                "all deadline threads together would take more than the {share} % of the processors that the kernel admits"
+            ),
+            Self::NoBandwidth { share: None } => {
+                "all deadline threads together would take more of the processors than the kernel admits".to_owned()
+            }
+            Self::PeriodRange { least, most } => {
+                format!("the kernel admits periods of {least} to {most} µs")
+            }
             Self::NotPermitted { limit: Some(limit) } => {
                 format!(
                     "CAP_SYS_NICE is missing and the limit on real-time priorities (RLIMIT_RTPRIO) is {limit}"
@@ -217,6 +249,23 @@ impl PolicyRefusal {
 
     fn remedy(&self, asked: Policy) -> String {
         match self {
+            Self::NotPermitted { .. } if asked.is_deadline() => {
+                "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM` (in a container: --cap-add SYS_NICE)".to_owned()
+            }
+            Self::NotAllCores { .. } => {
+                "start it without taskset, or make its cpuset a root domain of its own (cpuset.cpus.partition), or choose SCHED_FIFO".to_owned()
+            }
+            Self::NoBandwidth { .. } => {
+                "ask for less runtime or a longer period, end other deadline threads (chrt -p shows them), or raise \
+                 /proc/sys/kernel/sched_rt_runtime_us"
+                    .to_owned()
+            }
+            Self::PeriodRange { .. } => {
+                "choose a period within them, or change /proc/sys/kernel/sched_deadline_period_min_us and sched_deadline_period_max_us".to_owned()
+            }
+            Self::UserNamespace if asked.is_deadline() => {
+                "start it outside of the namespace (a container that is not rootless)".to_owned()
+            }
             Self::NotPermitted { .. } => format!(
                 "run as root, or `sudo setcap cap_sys_nice,cap_ipc_lock+ep PROGRAM`, or put `USER - rtprio {}` into \
                  /etc/security/limits.d/luna.conf and log in again (in a container: --cap-add SYS_NICE --ulimit rtprio={0})",
@@ -234,6 +283,7 @@ impl PolicyRefusal {
                 "start it in the root control group (echo PID > /sys/fs/cgroup/cgroup.procs), or boot with rt_group_sched=0".to_owned()
             }
             Self::NotKept { .. } => "see which other program changes the policies of threads (rtkit, a cgroup manager)".to_owned(),
+            Self::Kernel { .. } if asked.is_deadline() => "see sched_setattr(2) and sched(7)".to_owned(),
             Self::Kernel { .. } => "see sched_setscheduler(2)".to_owned(),
             Self::Unsupported => RUN_ON_LINUX.to_owned(),
         }

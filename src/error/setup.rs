@@ -64,11 +64,6 @@ pub enum SetupError {
         /// The longest it may have.
         longest: Duration,
     },
-    /// An executor was to run under SCHED_DEADLINE, which serves one loop on a thread of its own.
-    DeadlineExecutor {
-        /// The executor's name.
-        executor: String,
-    },
     /// A loop's name does not fit in the room that is set aside before the start.
     NameTooLong {
         /// The name.
@@ -145,11 +140,6 @@ impl fmt::Display for SetupError {
             SetupError::GuardTooLong { name, guard, longest } => write!(
                 f,
                 "loop `{name}` asks for a guard spin of {guard:?}; choose at most {longest:?}, a sixteenth of its period"
-            ),
-            SetupError::DeadlineExecutor { executor } => write!(
-                f,
-                "executor `{executor}` asks for SCHED_DEADLINE, whose budget would stop all its processes at once; run the loop on a thread of \
-                 its own (System::thread), or choose SCHED_FIFO"
             ),
             SetupError::NameTooLong { name, most } => {
                 write!(f, "the loop name `{name}` has {} bytes; use at most {most}", name.len())

@@ -37,7 +37,8 @@ macro_rules! place_methods {
             self
         }
 
-        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or none (the default).
+        /// Runs the thread under `policy`: SCHED_FIFO or SCHED_RR with a priority of 1 to 97, or none (the default); an OS thread without a core also under
+        /// SCHED_DEADLINE ([`Policy::deadline`] says what to know of it).
         pub fn policy(mut self, policy: Policy) -> Self {
             self.attributes = self.attributes.policy(policy);
             self
@@ -90,7 +91,7 @@ impl ExecutorBuilder {
     /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
     /// ```
     pub fn build(self) -> Result<Executor> {
-        self.attributes.validate()?;
+        self.attributes.validate_shared()?;
         check_core(&self.name, self.core)?;
         let number = self.plan.add_executor(ExecutorPlan {
             name: self.name,

@@ -10,7 +10,7 @@
 //! Priorities are lent and given back in any order and from any thread, so what is lent is counted: O(1) each, under the lock of the
 //! process' home.
 
-use super::home_thread::{HomeThread, LentThread};
+use super::home_thread::{self, HomeThread, LentThread};
 use super::inheritance::LEVEL;
 use super::process::{Place, Priority, Process};
 use super::wakeup::Reference;
@@ -157,30 +157,28 @@ impl Heir {
 
     #[inline]
     fn lent_for(&self, priority: Priority, lowered: u8) -> Lent {
+        let thread = home_thread::lent_by(priority.thread);
         match &self.to {
             To::Process(reference) => {
                 let own = reference.process().own_priority();
                 let level = priority.level + lowered;
-                if priority.thread > own.thread {
-                    Lent::Thread(priority.thread)
+                if thread > own.thread {
+                    Lent::Thread(thread)
                 } else if priority.thread == own.thread && level > own.level {
                     Lent::Level(level.min(LEVEL))
                 } else {
                     Lent::Nothing
                 }
             }
-            // What a plain thread's own is now is asked when it is boosted.
-            To::Thread(thread)
-                if priority.thread
-                    > if thread.is_plain() {
-                        0
-                    } else {
-                        thread.own_rank()
-                    } =>
-            {
-                Lent::Thread(priority.thread)
+            To::Thread(heir) => {
+                // What a plain thread's own is now is asked when it is boosted.
+                let own = if heir.is_plain() { 0 } else { heir.own_rank() };
+                if thread > own {
+                    Lent::Thread(thread)
+                } else {
+                    Lent::Nothing
+                }
             }
-            To::Thread(_) => Lent::Nothing,
         }
     }
 

@@ -12,6 +12,14 @@ use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 /// The highest priority of the real-time policies.
 const HIGHEST: u8 = 99;
 
+/// What a thread above all priorities lends, a deadline thread that is: the highest that leaves an emergency above it.
+const OF_DEADLINE: u8 = 97;
+
+/// The priority that a client whose thread has this rank lends.
+pub(super) fn lent_by(rank: u8) -> u8 {
+    if rank > HIGHEST { OF_DEADLINE } else { rank }
+}
+
 /// How many boosts the system has refused, and the first of them: its priority and what the system said.
 static REFUSED: AtomicU32 = AtomicU32::new(0);
 static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
@@ -259,6 +267,55 @@ pub fn refused_boosts() -> Option<RefusedBoosts> {
 mod tests {
     use super::*;
     use crate::thread::{Policy, current_policy};
+
+    #[test]
+    fn a_deadline_thread_keeps_its_policy_whatever_it_is_lent() {
+        use crate::thread::{Attributes, spawn};
+        use std::time::Duration;
+        let policy = Policy::deadline(
+            Duration::from_millis(1),
+            Duration::from_millis(10),
+            Duration::from_millis(10),
+        );
+        let attributes = Attributes::new("deadline").policy(policy);
+        let thread = spawn(
+            attributes,
+            |_| Ok::<_, std::convert::Infallible>(()),
+            |()| {
+                let own = current_policy();
+                let thread = HomeThread::new();
+                for more in [true, false] {
+                    thread.change(|lent| lent.count(99, more));
+                    // Without the privilege it is an ordinary thread, which may have been lent the priority.
+                    if own.is_deadline() {
+                        assert_eq!(current_policy(), own);
+                    }
+                }
+                thread.change(|lent| lent.count(50, true));
+                thread.leave();
+                assert_eq!(current_policy(), own);
+            },
+        )
+        .expect("best effort makes the thread");
+        let obtained = thread.obtained().policy;
+        thread.join().expect("the body does not panic");
+        if obtained != policy {
+            println!("skipped: a_deadline_thread_keeps_its_policy: needs SCHED_DEADLINE");
+        }
+    }
+
+    #[test]
+    fn a_deadline_thread_lends_what_leaves_an_emergency_above_it() {
+        let deadline = Policy::deadline(
+            std::time::Duration::from_millis(1),
+            std::time::Duration::from_millis(2),
+            std::time::Duration::from_millis(3),
+        );
+        assert_eq!(
+            [0, 80, 99, deadline.rank()].map(lent_by),
+            [0, 80, 99, crate::thread::HIGHEST_USER_PRIORITY]
+        );
+    }
 
     #[test]
     fn a_thread_runs_at_what_is_lent_or_the_refusal_is_told() {

@@ -70,7 +70,7 @@ impl Home {
 /// How urgent a process is: the priority of its OS thread first, then its level on the executor. Greater is more urgent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Priority {
-    /// 0 for threads without a real-time policy, else their SCHED_FIFO or SCHED_RR priority.
+    /// 0 for threads without a real-time policy, else their SCHED_FIFO or SCHED_RR priority; 100 under SCHED_DEADLINE.
     pub thread: u8,
     /// The level within the executor, 0 to 31.
     pub level: u8,

@@ -2,6 +2,7 @@
 
 pub(crate) mod boost;
 pub(crate) mod clock;
+mod deadline;
 pub(crate) mod facts;
 pub(crate) mod file;
 pub mod futex;

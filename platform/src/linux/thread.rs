@@ -1,5 +1,6 @@
 //! Threads' attributes: set by the thread itself, then read back.
 
+use super::deadline;
 use super::privileges::{self, Capability};
 use crate::facts::parse::{core_list, write_core_list};
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
@@ -59,6 +60,7 @@ pub(crate) fn current_policy() -> Policy {
     match policy & !libc::SCHED_RESET_ON_FORK {
         libc::SCHED_FIFO => Policy::Fifo(priority),
         libc::SCHED_RR => Policy::RoundRobin(priority),
+        libc::SCHED_DEADLINE => deadline::get(),
         _ => Policy::Other,
     }
 }
@@ -179,16 +181,12 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     let (before, _) = scheduler();
     let (number, priority) = match asked {
         // A thread that was batch or idle before stays so: it has no real-time policy, and that was somebody's wish.
-        Policy::Other
-            if !current_policy().is_real_time()
-                && before & !libc::SCHED_RESET_ON_FORK != libc::SCHED_DEADLINE =>
-        {
-            return Ok(());
-        }
+        Policy::Other if !current_policy().is_real_time() => return Ok(()),
         // Taking the flag back would need a privilege, which must not keep a thread from giving up its policy.
         Policy::Other => (libc::SCHED_OTHER | before & libc::SCHED_RESET_ON_FORK, 0),
         Policy::Fifo(priority) => (libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority),
         Policy::RoundRobin(priority) => (libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, priority),
+        Policy::Deadline { .. } => return deadline::set(asked),
     };
     let mut parameter = zeroed_parameter();
     parameter.sched_priority = i32::from(priority);

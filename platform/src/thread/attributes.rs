@@ -113,7 +113,7 @@ impl Attributes {
     ///
     /// # Errors
     ///
-    /// A priority out of range, a stack too small or too large, or a name with a zero byte in it.
+    /// A priority out of range, a deadline policy beside a core, a stack too small or too large, or a name with a zero byte in it.
     pub fn validate(&self) -> Result<(), AttributeError> {
         let checked = if self.framework {
             self.policy.validate_framework()
@@ -124,6 +124,14 @@ impl Attributes {
             name: self.name.clone(),
             error,
         })?;
+        if let Some(core) = self.core
+            && self.policy.is_deadline()
+        {
+            return Err(AttributeError::PinnedDeadline {
+                name: self.name.clone(),
+                core,
+            });
+        }
         if self.stack_size < MINIMUM_STACK_SIZE {
             return Err(AttributeError::StackTooSmall {
                 name: self.name.clone(),
@@ -143,6 +151,21 @@ impl Attributes {
         }
         Ok(())
     }
+
+    /// As [`validate`](Self::validate), for a thread that several processes share.
+    ///
+    /// # Errors
+    ///
+    /// As for `validate`, and a deadline policy: its budget would stop all of them at once.
+    pub fn validate_shared(&self) -> Result<(), AttributeError> {
+        self.validate()?;
+        if self.policy.is_deadline() {
+            return Err(AttributeError::SharedDeadline {
+                name: self.name.clone(),
+            });
+        }
+        Ok(())
+    }
 }
 
 /// What is wrong with a thread's attributes, whatever the machine.
@@ -155,6 +178,18 @@ pub enum AttributeError {
         name: String,
         /// What is wrong with it.
         error: PolicyError,
+    },
+    /// A deadline policy and a core, which the kernel does not give together.
+    PinnedDeadline {
+        /// The thread's name.
+        name: String,
+        /// The core that was asked for.
+        core: usize,
+    },
+    /// A deadline policy for a thread that several processes share.
+    SharedDeadline {
+        /// The thread's name.
+        name: String,
     },
     /// The stack is smaller than [`MINIMUM_STACK_SIZE`].
     StackTooSmall {
@@ -181,6 +216,16 @@ impl fmt::Display for AttributeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             AttributeError::Policy { name, error } => write!(f, "thread `{name}`: {error}"),
+            AttributeError::PinnedDeadline { name, core } => write!(
+                f,
+                "thread `{name}` asks for SCHED_DEADLINE and for core {core}, and the kernel refuses that policy to pinned threads; leave \
+                 the core out, or choose SCHED_FIFO"
+            ),
+            AttributeError::SharedDeadline { name } => write!(
+                f,
+                "executor `{name}` asks for SCHED_DEADLINE, whose budget would stop all its processes at once; run the loop on an OS \
+                 thread of its own, or choose SCHED_FIFO"
+            ),
             AttributeError::StackTooSmall { name, asked } => write!(
                 f,
                 "thread `{name}`: a stack of {asked} bytes is too small; ask for at least {MINIMUM_STACK_SIZE}"
@@ -265,6 +310,24 @@ mod tests {
         );
         let error = Attributes::new("ze\0ro").validate().unwrap_err();
         assert!(error.to_string().contains("ze\\0ro"), "{error}");
+    }
+
+    #[test]
+    fn a_deadline_is_for_one_process_on_any_core() {
+        let time = std::time::Duration::from_millis;
+        let attributes =
+            Attributes::new("servo").policy(Policy::deadline(time(1), time(2), time(2)));
+        assert_eq!(attributes.validate(), Ok(()));
+        let shared = attributes.validate_shared().unwrap_err();
+        assert!(shared.to_string().contains("`servo`"), "{shared}");
+        let pinned = attributes.core(3).validate().unwrap_err();
+        assert!(pinned.to_string().contains("core 3"), "{pinned}");
+        let reversed = Attributes::new("servo").policy(Policy::deadline(time(2), time(1), time(2)));
+        assert!(matches!(
+            reversed.validate(),
+            Err(AttributeError::Policy { .. })
+        ));
+        assert_eq!(Attributes::new("many").validate_shared(), Ok(()));
     }
 
     #[test]

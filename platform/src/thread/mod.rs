@@ -146,8 +146,8 @@ pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, ApplyError>
     backend::apply(attributes).map_err(ApplyError::Refused)
 }
 
-/// The policy that the calling thread runs under, as the system says. Policies without a variant of their own (batch, idle, deadline)
-/// are reported as [`Policy::Other`]. Two system calls.
+/// The policy that the calling thread runs under, as the system says. Policies without a variant of their own (batch, idle)
+/// are reported as [`Policy::Other`]. Two system calls, and a third for a deadline policy.
 pub fn current_policy() -> Policy {
     backend::current_policy()
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::Duration;
 
 /// The priority of the timer manager's thread. Users have 1 to 97.
 pub const TIMER_PRIORITY: u8 = 98;
@@ -37,7 +38,20 @@ pub enum Policy {
     Fifo(u8),
     /// `SCHED_RR` with a priority: as `Fifo`, but threads of one priority take turns.
     RoundRobin(u8),
+    /// `SCHED_DEADLINE`: up to `runtime` of a processor in each `period`, given within `deadline` of its begin, the earliest deadline first.
+    /// See [`deadline`](Self::deadline).
+    Deadline {
+        /// The time on a processor that the thread is promised in each period, and held to.
+        runtime: Duration,
+        /// From the begin of a period until it has had that.
+        deadline: Duration,
+        /// How often it gets that.
+        period: Duration,
+    },
 }
+
+/// The shortest runtime that the kernel counts: 1024 ns.
+const SHORTEST_RUNTIME: Duration = Duration::from_nanos(1 << 10);
 
 impl Policy {
     /// `SCHED_FIFO` at `priority`. Not checked here: see [`validate_user`](Self::validate_user).
@@ -50,16 +64,65 @@ impl Policy {
         Policy::RoundRobin(priority)
     }
 
+    /// `SCHED_DEADLINE` for one loop on a thread of its own: `runtime` within `deadline` in each `period`. Not checked here: see
+    /// [`validate_user`](Self::validate_user).
+    ///
+    /// What is to be known of it before it is chosen:
+    ///
+    /// - **It ranks above all priorities.** A deadline thread preempts SCHED_FIFO 99 too, and with it the timer manager and the emergency manager: neither
+    ///   acts on its core while it uses its runtime. It counts as more urgent than any priority where processes wait.
+    /// - **It is held to its runtime.** A thread that has used it up sleeps until its next period, whatever it was about. Give it the longest cycle and a margin; a guard spin counts.
+    /// - **It may not be pinned.** The kernel refuses it to a thread that may not run on all cores of its root domain, so a core asked for beside it is an error before
+    ///   the start, and a program under `taskset` does not get it.
+    /// - **It is for OS-thread processes alone.** An executor under it is refused: the budget would stop all its processes at once, and its bands mean nothing to it.
+    /// - **It is admitted.** The kernel refuses it when all deadline threads together would take more than its share of the processors (95 % as a rule), and to who
+    ///   has no CAP_SYS_NICE: no limit stands in for that.
+    /// - **It does not fork as it is.** Threads made here have `SCHED_RESET_ON_FORK`, so that what a library starts on one is an ordinary thread; without it the kernel would refuse
+    ///   the start.
+    /// - **It inherits no priority**, since none is above it. Who works for it inherits SCHED_FIFO 97, so that an emergency still comes through.
+    ///
+    /// ```
+    /// use luna_platform::thread::{Attributes, Policy};
+    /// use std::time::Duration;
+    ///
+    /// let servo = Policy::deadline(Duration::from_micros(200), Duration::from_micros(500), Duration::from_millis(1));
+    /// assert_eq!(servo.to_string(), "deadline:200000/500000/1000000");
+    /// assert!(Attributes::new("servo").policy(servo).validate().is_ok());
+    /// assert!(Attributes::new("servo").policy(servo).core(1).validate().is_err());
+    /// let impossible = Policy::deadline(Duration::from_millis(2), Duration::from_millis(1), Duration::from_millis(1));
+    /// assert!(impossible.validate_user().is_err());
+    /// ```
+    pub const fn deadline(runtime: Duration, deadline: Duration, period: Duration) -> Policy {
+        Policy::Deadline {
+            runtime,
+            deadline,
+            period,
+        }
+    }
+
+    /// Whether it is `SCHED_DEADLINE`.
+    pub const fn is_deadline(self) -> bool {
+        matches!(self, Policy::Deadline { .. })
+    }
+
     /// Whether threads of this policy run before all others.
     pub const fn is_real_time(self) -> bool {
         !matches!(self, Policy::Other)
     }
 
-    /// The real-time priority, 0 for [`Other`](Self::Other).
+    /// The real-time priority, 0 for [`Other`](Self::Other) and [`Deadline`](Self::Deadline), which have none.
     pub const fn priority(self) -> u8 {
         match self {
-            Policy::Other => 0,
+            Policy::Other | Policy::Deadline { .. } => 0,
             Policy::Fifo(priority) | Policy::RoundRobin(priority) => priority,
+        }
+    }
+
+    /// How urgent a thread of this policy is beside others: the priority, or 100 for [`Deadline`](Self::Deadline), which is above them all.
+    pub const fn rank(self) -> u8 {
+        match self {
+            Policy::Deadline { .. } => EMERGENCY_PRIORITY + 1,
+            other => other.priority(),
         }
     }
 
@@ -67,7 +130,8 @@ impl Policy {
     ///
     /// # Errors
     ///
-    /// [`PolicyError::OutOfRange`] for a real-time priority outside 1 to 97.
+    /// [`PolicyError::OutOfRange`] for a real-time priority outside 1 to 97, [`PolicyError::Times`] for times of a deadline policy
+    /// that no kernel grants: 1024 ns ≤ runtime ≤ deadline ≤ period ≤ 292 years.
     pub const fn validate_user(self) -> Result<(), PolicyError> {
         self.validate(HIGHEST_USER_PRIORITY)
     }
@@ -78,6 +142,21 @@ impl Policy {
     }
 
     const fn validate(self, highest: u8) -> Result<(), PolicyError> {
+        if let Policy::Deadline {
+            runtime,
+            deadline,
+            period,
+        } = self
+        {
+            let ordered = SHORTEST_RUNTIME.as_nanos() <= runtime.as_nanos()
+                && runtime.as_nanos() <= deadline.as_nanos()
+                && deadline.as_nanos() <= period.as_nanos();
+            return if ordered && period.as_nanos() <= i64::MAX as u128 {
+                Ok(())
+            } else {
+                Err(PolicyError::Times { policy: self })
+            };
+        }
         if self.is_real_time() && (self.priority() == 0 || self.priority() > highest) {
             return Err(PolicyError::OutOfRange {
                 policy: self,
@@ -94,6 +173,14 @@ impl fmt::Display for Policy {
             Policy::Other => f.write_str("other"),
             Policy::Fifo(priority) => write!(f, "fifo:{priority}"),
             Policy::RoundRobin(priority) => write!(f, "rr:{priority}"),
+            Policy::Deadline {
+                runtime,
+                deadline,
+                period,
+            } => {
+                let (runtime, deadline) = (runtime.as_nanos(), deadline.as_nanos());
+                write!(f, "deadline:{runtime}/{deadline}/{}", period.as_nanos())
+            }
         }
     }
 }
@@ -101,7 +188,7 @@ impl fmt::Display for Policy {
 impl FromStr for Policy {
     type Err = PolicyError;
 
-    /// Reads `other`, `fifo:80` or `rr:80`, as `Display` writes them. The priority is 1 to 99, so that what was obtained can be read
+    /// Reads `other`, `fifo:80`, `rr:80` or `deadline:200000/500000/1000000` (runtime, deadline and period in nanoseconds), as `Display` writes them. The priority is 1 to 99, so that what was obtained can be read
     /// back from a report; what a user types is to be checked with [`validate_user`](Policy::validate_user) too.
     fn from_str(text: &str) -> Result<Policy, PolicyError> {
         if text == "other" {
@@ -111,6 +198,10 @@ impl FromStr for Policy {
             text: text.to_owned(),
         };
         let (name, priority) = text.split_once(':').ok_or_else(unknown)?;
+        if name == "deadline" {
+            let policy = deadline_of(priority).ok_or_else(unknown)?;
+            return policy.validate_framework().map(|()| policy);
+        }
         let make = match name {
             "fifo" => Policy::Fifo,
             "rr" => Policy::RoundRobin,
@@ -132,6 +223,23 @@ impl FromStr for Policy {
     }
 }
 
+/// Three times in nanoseconds, with slashes between them.
+fn deadline_of(text: &str) -> Option<Policy> {
+    let mut times = text.split('/').map(|time| {
+        // Digits alone: `u64` would take a sign too.
+        let digits = time.bytes().all(|byte| byte.is_ascii_digit());
+        digits
+            .then(|| time.parse().ok())
+            .flatten()
+            .map(Duration::from_nanos)
+    });
+    let (runtime, deadline, period) = (times.next()??, times.next()??, times.next()??);
+    times
+        .next()
+        .is_none()
+        .then(|| Policy::deadline(runtime, deadline, period))
+}
+
 /// What is wrong with a policy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
@@ -148,6 +256,11 @@ pub enum PolicyError {
         /// The highest priority allowed.
         highest: u8,
     },
+    /// The times of a deadline policy are not in order.
+    Times {
+        /// What was asked for.
+        policy: Policy,
+    },
 }
 
 impl fmt::Display for PolicyError {
@@ -156,7 +269,8 @@ impl fmt::Display for PolicyError {
             PolicyError::Unknown { text } => {
                 write!(
                     f,
-                    "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97"
+                    "`{text}` is no scheduling policy; write other, fifo:80 or rr:80, with a priority of 1 to 97, or \
+                     deadline:RUNTIME/DEADLINE/PERIOD in nanoseconds"
                 )
             }
             PolicyError::OutOfRange { policy, highest } => {
@@ -171,6 +285,10 @@ impl fmt::Display for PolicyError {
                 }
                 Ok(())
             }
+            PolicyError::Times { policy } => write!(
+                f,
+                "the times of policy {policy} (runtime/deadline/period in ns) are impossible; choose 1024 ns <= runtime <= deadline <= period"
+            ),
         }
     }
 }
@@ -181,6 +299,43 @@ impl std::error::Error for PolicyError {}
 mod tests {
     use super::*;
 
+    fn deadline(runtime: u64, deadline: u64, period: u64) -> Policy {
+        let [runtime, deadline, period] = [runtime, deadline, period].map(Duration::from_nanos);
+        Policy::deadline(runtime, deadline, period)
+    }
+
+    #[test]
+    fn the_times_of_a_deadline_are_in_order() {
+        for (policy, possible) in [
+            (deadline(1024, 1024, 1024), true),
+            (deadline(1023, 2000, 2000), false),
+            (deadline(0, 0, 0), false),
+            (deadline(2001, 2000, 2000), false),
+            (deadline(2000, 2001, 2000), false),
+            (deadline(2000, 2000, i64::MAX as u64), true),
+            (deadline(2000, 2000, i64::MAX as u64 + 1), false),
+        ] {
+            let checked = policy.validate_user();
+            assert_eq!(checked.is_ok(), possible, "{policy}");
+            assert_eq!(policy.to_string().parse::<Policy>().is_ok(), possible);
+            if let Err(error) = checked {
+                let text = error.to_string();
+                assert!(text.contains(&policy.to_string()), "{text}");
+                assert!(text.contains("runtime <= deadline <= period"), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_deadline_ranks_above_every_priority() {
+        let policy = deadline(2000, 3000, 4000);
+        assert!(policy.is_real_time() && policy.is_deadline());
+        assert_eq!(policy.priority(), 0);
+        assert!(policy.rank() > Policy::fifo(EMERGENCY_PRIORITY).rank());
+        assert_eq!(Policy::fifo(7).rank(), 7);
+        assert_eq!(Policy::Other.rank(), 0);
+    }
+
     #[test]
     fn text_and_back() {
         for policy in [
@@ -188,6 +343,8 @@ mod tests {
             Policy::fifo(1),
             Policy::fifo(99),
             Policy::round_robin(80),
+            deadline(1024, 1024, 1024),
+            deadline(200_000, 500_000, 1_000_000),
         ] {
             assert_eq!(policy.to_string().parse(), Ok(policy));
         }
@@ -196,8 +353,24 @@ mod tests {
     #[test]
     fn bad_text_is_named() {
         for text in [
-            "", "fifo", "fifo:", "fifo:x", "fifo:+8", "fifo:-1", "Fifo:3", "other:3", "rr:8 ",
+            "",
+            "fifo",
+            "fifo:",
+            "fifo:x",
+            "fifo:+8",
+            "fifo:-1",
+            "Fifo:3",
+            "other:3",
+            "rr:8 ",
             "batch",
+            "deadline",
+            "deadline:",
+            "deadline:2000",
+            "deadline:2000/3000",
+            "deadline:2000/3000/x",
+            "deadline:2000/3000/+4000",
+            "deadline:2000/3000/4000/5000",
+            "deadline:2000/3000/",
         ] {
             let error = text.parse::<Policy>().unwrap_err();
             assert_eq!(
