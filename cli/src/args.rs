@@ -41,6 +41,9 @@ pub(crate) enum Command {
     Doctor(Doctor),
 }
 
+/// Beside the measured one: as many as a system sets room aside for, with some to spare.
+const MAX_OTHERS: i64 = 250;
+
 /// The options of `luna demo`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Demo {
@@ -79,6 +82,20 @@ pub(crate) struct Jitter {
     /// How many wake-ups
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u64).range(1..), allow_negative_numbers = true)]
     pub(crate) loops: u64,
+    /// Spin for the last so many µs before each wake-up: at most a sixteenth of the interval
+    #[arg(
+        long,
+        value_name = "US",
+        default_value_t = 0,
+        allow_negative_numbers = true
+    )]
+    pub(crate) guard: u64,
+    /// How many other loops run on the same executor, at 100 Hz to 1 kHz and lower priorities
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_OTHERS), allow_negative_numbers = true)]
+    pub(crate) others: u32,
+    /// Keep the core busy for so many ms at a time, from a thread of lower priority
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=1000), allow_negative_numbers = true)]
+    pub(crate) burn: Option<u64>,
     #[command(flatten)]
     pub(crate) place: Place,
     /// Where to write the histogram, as CSV: latency_ns,count
@@ -165,6 +182,11 @@ fn interval(text: &str) -> Result<u64, String> {
 
 fn policy(text: &str) -> Result<Policy, String> {
     let policy: Policy = text.parse().map_err(|error| format!("{error}"))?;
+    if policy.is_deadline() {
+        return Err(
+            "what is measured here shares an executor, which cannot have a deadline policy".into(),
+        );
+    }
     policy.validate_user().map_err(|error| format!("{error}"))?;
     Ok(policy)
 }
@@ -237,6 +259,15 @@ mod tests {
             (500, 20, Policy::Other)
         );
         assert_eq!(jitter.histogram, Some(PathBuf::from("h.csv")));
+        assert_eq!((jitter.guard, jitter.others, jitter.burn), (0, 0, None));
+        let Ok(Command::Jitter(jitter)) = parse("luna jitter --guard 60 --others 99 --burn 100")
+        else {
+            panic!("no jitter");
+        };
+        assert_eq!(
+            (jitter.guard, jitter.others, jitter.burn),
+            (60, 99, Some(100))
+        );
     }
 
     #[test]
@@ -280,6 +311,14 @@ mod tests {
             ("luna jitter --loops 0", "--loops"),
             ("luna jitter --loops -3", "--loops"),
             ("luna doctor --core -1", "--core"),
+            ("luna jitter --guard -1", "--guard"),
+            ("luna jitter --others 251", "--others"),
+            ("luna jitter --burn 0", "--burn"),
+            ("luna jitter --burn 1001", "--burn"),
+            (
+                "luna jitter --policy deadline:200000/1000000/1000000",
+                "--policy",
+            ),
         ] {
             let error = parse(line).expect_err(line);
             assert_eq!(error.exit_code(), 2, "{line}");

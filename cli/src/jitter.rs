@@ -1,6 +1,7 @@
 //! `luna jitter`: how late a periodic process wakes up, and nothing else.
 
 use crate::alloc::Counting;
+use crate::beside::{self, Ended, EndsOnDrop};
 use crate::demo::{print_json, print_parts};
 use crate::failure::Failure;
 use crate::{args, place, report, text};
@@ -56,18 +57,32 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
     Ok(measurement.complete)
 }
 
+/// The measured loop, at the highest level of its executor, and what is to run beside it.
 fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<()> {
     let loops = arguments.loops;
     let period = Duration::from_micros(arguments.interval);
-    place::executor(system, NAME, &arguments.place)?
-        .process(NAME)
-        .spawn(async move {
-            let mut tick = luna::periodic(NAME, period)?;
-            for _ in 0..loops {
-                tick.next().await;
-            }
-            Ok(())
-        })?;
+    let guard = Duration::from_micros(arguments.guard);
+    let executor = place::executor(system, NAME, &arguments.place)?;
+    let ended = Ended::default();
+    let measured = ended.clone();
+    executor.process(NAME).priority(31).spawn(async move {
+        // Also if it fails: the others wait for it.
+        let _ends = EndsOnDrop(measured);
+        let mut tick = luna::periodic(NAME, period)?.guard_spin(guard)?;
+        for _ in 0..loops {
+            tick.next().await;
+        }
+        Ok(())
+    })?;
+    beside::others(&executor, arguments.others, &ended)?;
+    if let Some(burn) = arguments.burn {
+        beside::burner(
+            system,
+            &arguments.place,
+            Duration::from_millis(burn),
+            &ended,
+        )?;
+    }
     Ok(())
 }
 

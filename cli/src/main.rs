@@ -2,6 +2,7 @@
 
 mod alloc;
 mod args;
+mod beside;
 mod demo;
 mod doctor;
 mod failure;

@@ -1,7 +1,7 @@
 //! Where the measured processes run.
 
 use crate::args::Place;
-use luna::System;
+use luna::{Policy, System};
 use luna_platform::facts::SystemFacts;
 
 /// The executor `name`, placed as asked for; without a core, on the one that [`quietest`] finds.
@@ -10,7 +10,17 @@ pub(crate) fn executor(
     name: &str,
     place: &Place,
 ) -> luna::Result<luna::Executor> {
-    let mut executor = system.executor(name).policy(place.policy);
+    executor_under(system, name, place, place.policy)
+}
+
+/// As [`executor`], under another policy.
+pub(crate) fn executor_under(
+    system: &mut System,
+    name: &str,
+    place: &Place,
+    policy: Policy,
+) -> luna::Result<luna::Executor> {
+    let mut executor = system.executor(name).policy(policy);
     if let Some(core) = place.core.or_else(quietest_here) {
         executor = executor.core(core);
     }

@@ -18,3 +18,96 @@ pub(super) async fn until(slot: Instant) -> Instant {
         luna_executors::yield_now().await;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prelude::*;
+    use futures_lite::future;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+    /// Spins for a slot that never comes, until it is told to stop. If the spin kept others from running, nobody would ever tell it.
+    async fn spin(stop: Receiver<()>) -> crate::Result<()> {
+        let forever = async {
+            until(Instant::NEVER).await;
+            Ok(())
+        };
+        future::or(forever, async { Ok(stop.recv().await?) }).await
+    }
+
+    #[test]
+    fn who_is_ready_at_its_level_or_above_runs_and_nobody_below() {
+        for level in [16, 17, 31] {
+            let (stop, stopped) = crate::channel();
+            let below = Arc::new(AtomicBool::new(false));
+            let turns = Arc::new(AtomicU32::new(0));
+            let mut system = System::new("spin");
+            let executor = system.executor("one").build().unwrap();
+            let (seen, counted) = (below.clone(), turns.clone());
+            let spinner = async move {
+                spin(stopped).await?;
+                assert!(!seen.load(Ordering::Relaxed), "a lower process was started");
+                assert_eq!(counted.load(Ordering::Relaxed), 100);
+                Ok(())
+            };
+            executor.process("spinner").spawn(spinner).unwrap();
+            let low = async move {
+                below.store(true, Ordering::Relaxed);
+                Ok(())
+            };
+            executor.process("below").priority(15).spawn(low).unwrap();
+            let busy = async move {
+                for _ in 0..100 {
+                    turns.fetch_add(1, Ordering::Relaxed);
+                    crate::yield_now().await;
+                }
+                Ok(stop.send(()).await?)
+            };
+            let process = executor.process("busy").priority(level);
+            process.spawn(busy).unwrap();
+            system.run().unwrap();
+        }
+    }
+
+    #[test]
+    fn a_wake_from_outside_is_seen_while_it_spins() {
+        let (stop, stopped) = crate::channel();
+        let (go, gone) = crate::channel();
+        let mut system = System::new("spin");
+        let here = system.executor("here").build().unwrap();
+        let there = system.executor("there").build().unwrap();
+        here.process("spinner").spawn(spin(stopped)).unwrap();
+        let relay = async move {
+            gone.recv().await?;
+            Ok(stop.send(()).await?)
+        };
+        here.process("relay").priority(20).spawn(relay).unwrap();
+        let outside = async move { Ok(go.send(()).await?) };
+        there.process("outside").spawn(outside).unwrap();
+        system.run().unwrap();
+    }
+
+    #[test]
+    fn a_timer_is_served_while_it_spins() {
+        let (stop, stopped) = crate::channel();
+        let mut system = System::new("spin");
+        let here = system.executor("here").build().unwrap();
+        here.process("spinner").spawn(spin(stopped)).unwrap();
+        let timer = async move {
+            crate::after(std::time::Duration::from_millis(1)).await;
+            Ok(stop.send(()).await?)
+        };
+        here.process("timer").spawn(timer).unwrap();
+        system.run().unwrap();
+    }
+
+    #[test]
+    fn it_ends_at_the_slot_and_not_before() {
+        let slot = Instant::now() + std::time::Duration::from_micros(300);
+        for slot in [slot, Instant::from_nanos(0)] {
+            let now = crate::run(async { Ok(until(slot).await) }).unwrap();
+            assert!(now >= slot);
+        }
+    }
+}

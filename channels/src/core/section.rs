@@ -387,8 +387,13 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             .first()
             .map(|node| unsafe { node.as_ref() }.priority());
         match (&mut lists.server, most_urgent) {
-            (Some(server), Some(priority)) => server.lend(priority),
-            (Some(server), None) => server.give_back(),
+            (Some(server), Some(priority)) => {
+                // It may be ready, and queued at a lower level.
+                if server.lend(priority).is_gt() {
+                    server.move_up();
+                }
+            }
+            (Some(server), None) => drop(server.give_back()),
             (None, _) => {}
         }
     }
