@@ -2,13 +2,11 @@
 
 use super::privileges::{self, Capability};
 use super::thread::{available_cores, current_policy};
-use crate::clock::nanos;
 use crate::facts::parse::write_core_list;
 use crate::shortfall::PolicyRefusal;
 use crate::thread::Policy;
 use nix::errno::Errno;
 use std::fs;
-use std::time::Duration;
 
 /// Gives the calling thread `asked`, which is a deadline policy. What it starts is not to inherit it: the kernel would refuse the start.
 pub(super) fn set(asked: Policy) -> Result<(), PolicyRefusal> {
@@ -23,9 +21,9 @@ pub(super) fn set(asked: Policy) -> Result<(), PolicyRefusal> {
     let mut attributes = zeroed();
     attributes.sched_policy = libc::SCHED_DEADLINE as u32;
     attributes.sched_flags = libc::SCHED_FLAG_RESET_ON_FORK as u64;
-    attributes.sched_runtime = nanos(runtime);
-    attributes.sched_deadline = nanos(deadline);
-    attributes.sched_period = nanos(period);
+    attributes.sched_runtime = runtime;
+    attributes.sched_deadline = deadline;
+    attributes.sched_period = period;
     // SAFETY: the structure is valid for the length of the call and says its size; 0 is the calling thread, and no flags.
     let outcome = unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) };
     match Errno::result(outcome) {
@@ -53,11 +51,11 @@ pub(super) fn get() -> Policy {
         );
     }
     // It cannot fail for the calling thread; zeros would read as a policy that nobody was given.
-    Policy::deadline(
-        Duration::from_nanos(attributes.sched_runtime),
-        Duration::from_nanos(attributes.sched_deadline),
-        Duration::from_nanos(attributes.sched_period),
-    )
+    Policy::Deadline {
+        runtime: attributes.sched_runtime,
+        deadline: attributes.sched_deadline,
+        period: attributes.sched_period,
+    }
 }
 
 fn zeroed() -> libc::sched_attr {
@@ -91,12 +89,12 @@ fn share() -> Option<u8> {
 }
 
 /// Whether the kernel's limits on the period are the reason.
-fn out_of_range(period: Duration) -> Option<PolicyRefusal> {
+fn out_of_range(period: u64) -> Option<PolicyRefusal> {
     let (least, most) = (
         setting("sched_deadline_period_min_us")?,
         setting("sched_deadline_period_max_us")?,
     );
-    let within = Duration::from_micros(least)..=Duration::from_micros(most);
+    let within = least.saturating_mul(1000)..=most.saturating_mul(1000);
     (!within.contains(&period)).then_some(PolicyRefusal::PeriodRange { least, most })
 }
 

@@ -41,17 +41,27 @@ pub enum Policy {
     /// `SCHED_DEADLINE`: up to `runtime` of a processor in each `period`, given within `deadline` of its begin, the earliest deadline first.
     /// See [`deadline`](Self::deadline).
     Deadline {
-        /// The time on a processor that the thread is promised in each period, and held to.
-        runtime: Duration,
-        /// From the begin of a period until it has had that.
-        deadline: Duration,
-        /// How often it gets that.
-        period: Duration,
+        /// The time on a processor that the thread is promised in each period, and held to, in nanoseconds.
+        runtime: u64,
+        /// From the begin of a period until it has had that, in nanoseconds.
+        deadline: u64,
+        /// How often it gets that, in nanoseconds.
+        period: u64,
     },
 }
 
-/// The shortest runtime that the kernel counts: 1024 ns.
-const SHORTEST_RUNTIME: Duration = Duration::from_nanos(1 << 10);
+/// The shortest runtime that the kernel counts, in nanoseconds.
+const SHORTEST_RUNTIME: u64 = 1 << 10;
+
+/// Whole nanoseconds, saturating.
+const fn whole_nanos(time: Duration) -> u64 {
+    let nanos = time.as_nanos();
+    if nanos > u64::MAX as u128 {
+        u64::MAX
+    } else {
+        nanos as u64
+    }
+}
 
 impl Policy {
     /// `SCHED_FIFO` at `priority`. Not checked here: see [`validate_user`](Self::validate_user).
@@ -94,9 +104,9 @@ impl Policy {
     /// ```
     pub const fn deadline(runtime: Duration, deadline: Duration, period: Duration) -> Policy {
         Policy::Deadline {
-            runtime,
-            deadline,
-            period,
+            runtime: whole_nanos(runtime),
+            deadline: whole_nanos(deadline),
+            period: whole_nanos(period),
         }
     }
 
@@ -148,10 +158,8 @@ impl Policy {
             period,
         } = self
         {
-            let ordered = SHORTEST_RUNTIME.as_nanos() <= runtime.as_nanos()
-                && runtime.as_nanos() <= deadline.as_nanos()
-                && deadline.as_nanos() <= period.as_nanos();
-            return if ordered && period.as_nanos() <= i64::MAX as u128 {
+            let ordered = SHORTEST_RUNTIME <= runtime && runtime <= deadline && deadline <= period;
+            return if ordered && period <= i64::MAX as u64 {
                 Ok(())
             } else {
                 Err(PolicyError::Times { policy: self })
@@ -177,10 +185,7 @@ impl fmt::Display for Policy {
                 runtime,
                 deadline,
                 period,
-            } => {
-                let (runtime, deadline) = (runtime.as_nanos(), deadline.as_nanos());
-                write!(f, "deadline:{runtime}/{deadline}/{}", period.as_nanos())
-            }
+            } => write!(f, "deadline:{runtime}/{deadline}/{period}"),
         }
     }
 }
