@@ -8,10 +8,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// The pairs of a large machine are not all measured.
+/// The pairs of a large machine are not all measured, which is told.
 const MOST_PAIRS: usize = 16;
 /// An answer that takes longer ends the measurement.
 const PATIENCE: Duration = Duration::from_secs(5);
+const WHY: &str = "what a message to a sleeping executor on another core takes at least";
 /// As for a wake-up from sleep.
 const BOUNDS: Bounds = Bounds {
     good: 50_000,
@@ -27,16 +28,20 @@ pub(super) fn between(cores: &[usize], each: Duration) -> Vec<Finding> {
         _ => cores.windows(2).map(|two| (two[0], two[1])).collect(),
     };
     let share = each / u32::try_from(pairs.len().clamp(1, MOST_PAIRS)).unwrap_or(1);
-    let measured = pairs.into_iter().take(MOST_PAIRS).map(|(from, to)| {
+    let (measured, left_out) = pairs.split_at(pairs.len().min(MOST_PAIRS));
+    let measured = measured.iter().map(|&(from, to)| {
         let measurement = Measurement {
             name: format!("wake-core-{from}-to-{to}"),
-            why: "what a message to a sleeping executor on another core takes at least",
+            why: WHY,
             advice: "see the findings above on idle-states, cpu-dma-latency and hypervisor; or put both ends on one executor",
             bounds: BOUNDS,
         };
         measurement.finding(from_to(from, to, share))
     });
-    measured.collect()
+    let callees: Vec<_> = left_out.iter().map(|(_, to)| *to).collect();
+    measured
+        .chain(super::left_out("wake-other-cores", WHY, &callees))
+        .collect()
 }
 
 /// What the two threads share.

@@ -8,7 +8,7 @@ mod wake_up;
 
 use super::finding::{Finding, Part, Times, Verdict};
 use super::machine::Machine;
-use luna_platform::facts::parse::core_list;
+use luna_platform::facts::parse::{core_list, write_core_list};
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory;
 use std::time::Duration;
@@ -117,6 +117,23 @@ fn unknown(why: String, how: String) -> (Verdict, String, String, Option<String>
     (Verdict::Unknown, why, how, Some(advice), None)
 }
 
+/// The finding on cores that were not measured, if there are any.
+fn left_out(name: &str, why: &'static str, cores: &[usize]) -> Option<Finding> {
+    let last = cores.last()?;
+    Some(Finding {
+        name: name.to_owned(),
+        part: Part::Measurement,
+        verdict: Verdict::Unknown,
+        read: format!("the time was up before {}", write_core_list(cores)),
+        from: "the measurement".to_owned(),
+        why,
+        advice: Some(format!(
+            "run it on fewer cores (`taskset -c {last} luna doctor`), or `luna jitter --core {last}`"
+        )),
+        ns: None,
+    })
+}
+
 fn times_of(mut times: Vec<u64>) -> Option<Times> {
     times.sort_unstable();
     let max = *times.last()?;
@@ -179,6 +196,14 @@ mod tests {
         let one = times_of(vec![7]).unwrap();
         assert_eq!((one.min, one.p50, one.p99, one.max), (7, 7, 7, 7));
         assert_eq!(times_of(Vec::new()), None);
+    }
+
+    #[test]
+    fn what_was_left_out_is_told() {
+        assert_eq!(left_out("x", "y", &[]), None);
+        let finding = left_out("x", "y", &[5, 6, 9]).unwrap();
+        assert_eq!(finding.verdict, Verdict::Unknown);
+        assert!(finding.read.contains("5-6,9"), "{finding:?}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(1);
 /// The fewest wake-ups from which something can be said.
 const FEWEST: u32 = 20;
+const WHY: &str = "what every loop on this core is late by, before it has done anything";
 /// A twentieth of the period; more than the period and a slot is missed.
 const BOUNDS: Bounds = Bounds {
     good: 50_000,
@@ -17,26 +18,35 @@ const BOUNDS: Bounds = Bounds {
     by: p99,
 };
 
-/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core: the last cores of a large machine are left out.
+/// After this long no other core is begun.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// One core after the other, twice `each` in all, but at least 20 wake-ups for a core. The last cores of a very large or very busy machine are
+/// left out, which is told.
 pub(super) fn on_each(cores: &[usize], each: Duration) -> Vec<Finding> {
     let all = 2 * each;
     let share = all / u32::try_from(cores.len().max(1)).unwrap_or(u32::MAX);
     let wake_ups = u32::try_from(share.as_millis() / PERIOD.as_millis())
         .unwrap_or(u32::MAX)
         .max(FEWEST);
-    let end = now() + all + each;
-    let in_time = |_: &&usize| now() < end;
-    let measured = cores.iter().take_while(in_time).map(|&core| {
+    let end = now() + PATIENCE;
+    let (mut findings, mut left_out) = (Vec::new(), Vec::new());
+    for &core in cores {
+        if now() >= end {
+            left_out.push(core);
+            continue;
+        }
         let measurement = Measurement {
             name: format!("wake-up-core-{core}"),
-            why: "what every loop on this core is late by, before it has done anything",
+            why: WHY,
             advice: "see the findings above on preemption, isolated-cores, idle-states, governor and hypervisor, then measure for \
                      longer: `luna jitter`",
             bounds: BOUNDS,
         };
-        measurement.finding(on(core, wake_ups))
-    });
-    measured.collect()
+        findings.push(measurement.finding(on(core, wake_ups)));
+    }
+    findings.extend(super::left_out("wake-up-other-cores", WHY, &left_out));
+    findings
 }
 
 fn on(core: usize, wake_ups: u32) -> Result<Measured, String> {
