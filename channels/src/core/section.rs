@@ -393,7 +393,9 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                     server.move_up();
                 }
             }
-            (Some(server), None) => drop(server.give_back()),
+            (Some(server), None) => {
+                server.give_back();
+            }
             (None, _) => {}
         }
     }
