@@ -31,8 +31,8 @@ impl<A> Allocator<A> {
     /// use luna_path_guard::Allocator;
     /// use std::alloc::System;
     ///
-    /// #[global_allocator]
     /// static ALLOCATOR: Allocator<System> = Allocator::around(System);
+    /// # let _ = &ALLOCATOR;
     /// ```
     pub const fn around(allocator: A) -> Self {
         Self(allocator)
