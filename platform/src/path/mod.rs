@@ -1,6 +1,6 @@
 //! The real-time path, as a test can watch it: where it is left on purpose, and which system calls belong to it.
 //!
-//! [`current::on_path`](crate::current::on_path) says whether a thread is on the path. What this room adds is for a guard that holds the path to
+//! [`current::on_path`] says whether a thread is on the path. What this room adds is for a guard that holds the path to
 //! its rules in tests (the crate `luna-path-guard`):
 //!
 //! - [`off_path`] leaves the path for a while, on purpose and said so.
