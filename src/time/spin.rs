@@ -24,8 +24,21 @@ mod tests {
     use super::*;
     use crate::prelude::*;
     use futures_lite::future;
-    use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::sync::{Arc, mpsc};
+
+    /// Ends the program if a test hangs, which is how a spin that lets nobody run shows. No machine is that slow.
+    fn watchdog() -> mpsc::Sender<()> {
+        let (alive, ended) = mpsc::channel();
+        std::thread::spawn(move || {
+            let limit = std::time::Duration::from_secs(300);
+            if ended.recv_timeout(limit) == Err(mpsc::RecvTimeoutError::Timeout) {
+                eprintln!("a test of the guard spin hangs");
+                std::process::abort();
+            }
+        });
+        alive
+    }
 
     /// Spins for a slot that never comes, until it is told to stop. If the spin kept others from running, nobody would ever tell it.
     async fn spin(stop: Receiver<()>) -> crate::Result<()> {
@@ -38,6 +51,7 @@ mod tests {
 
     #[test]
     fn who_is_ready_at_its_level_or_above_runs_and_nobody_below() {
+        let _alive = watchdog();
         for level in [16, 17, 31] {
             let (stop, stopped) = crate::channel();
             let below = Arc::new(AtomicBool::new(false));
@@ -72,6 +86,7 @@ mod tests {
 
     #[test]
     fn a_wake_from_outside_is_seen_while_it_spins() {
+        let _alive = watchdog();
         let (stop, stopped) = crate::channel();
         let (go, gone) = crate::channel();
         let mut system = System::new("spin");
@@ -90,6 +105,7 @@ mod tests {
 
     #[test]
     fn a_timer_is_served_while_it_spins() {
+        let _alive = watchdog();
         let (stop, stopped) = crate::channel();
         let mut system = System::new("spin");
         let here = system.executor("here").build().unwrap();
@@ -104,6 +120,7 @@ mod tests {
 
     #[test]
     fn it_ends_at_the_slot_and_not_before() {
+        let _alive = watchdog();
         let slot = Instant::now() + std::time::Duration::from_micros(300);
         for slot in [slot, Instant::from_nanos(0)] {
             let now = crate::run(async { Ok(until(slot).await) }).unwrap();
