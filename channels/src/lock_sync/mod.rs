@@ -9,12 +9,11 @@
 //! # luna_executors::block_on(async {
 //! let position = Mutex::new(0.0);
 //! {
-//!     let mut position = position.lock().await?;
+//!     let mut position = position.lock().await.expect("nobody has died with it");
 //!     *position += 1.5;
 //! } // unlocked by scope
-//! assert_eq!(*position.lock().await?, 1.5);
-//! # Ok::<(), luna_channels::lock_sync::LockError<'_, f64>>(()).map_err(|_| ()).unwrap();
-//! # }).unwrap_or_default();
+//! assert_eq!(*position.try_lock().expect("nobody holds it"), 1.5);
+//! # }).unwrap();
 //! ```
 
 // The protocol.
