@@ -8,7 +8,7 @@ mod common;
 mod kernel;
 
 use common::{COMPLETE, has_real_time, skip, watchdog};
-use kernel::own_processor_time;
+use kernel::{own_processor_time, spoilt};
 use luna::prelude::*;
 use luna::{Executor, after, channel};
 use luna_platform::thread::available_cores;
@@ -188,15 +188,19 @@ fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
         let (sender, receiver) = channel::<u64>();
         let steps = Arc::new(AtomicU64::new(0));
         let (of_high, received) = (steps.clone(), Arc::new(AtomicU64::new(0)));
-        let count = received.clone();
+        let (count, lates) = (received.clone(), Arc::new(AtomicU64::new(0)));
+        let late = lates.clone();
         high.process("high")
             .priority(31)
             .spawn(async move {
                 receiver.recv().await?;
                 while let Ok(step) = receiver.recv().await {
                     let now = of_high.load(Ordering::SeqCst);
-                    assert_eq!(now, if in_bands { step } else { STEPS });
-                    count.fetch_add(1, Ordering::SeqCst);
+                    if now == if in_bands { step } else { STEPS } {
+                        count.fetch_add(1, Ordering::SeqCst);
+                    } else {
+                        late.fetch_add(1, Ordering::SeqCst);
+                    }
                 }
                 Ok(())
             })
@@ -215,8 +219,16 @@ fn a_receiver_of_a_higher_band_runs_before_the_senders_next_step() {
             })
             .unwrap();
         system.run().unwrap();
-        let expected = if in_bands { STEPS } else { 1 };
-        assert_eq!(received.load(Ordering::SeqCst), expected);
+        let received = received.load(Ordering::SeqCst);
+        if in_bands {
+            let late = lates.load(Ordering::SeqCst);
+            assert!(
+                late <= spoilt(STEPS) && received > STEPS / 2,
+                "{late} late of {received}"
+            );
+        } else {
+            assert_eq!(received, 1);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The thread between, and what it had of the core.
 
 use crate::common::say;
-use crate::kernel::{burn, processor_time, thread_id};
+use crate::kernel::{burn, processor_time, spoilt, thread_id};
 use crate::{MIDDLE, thread};
 use luna_platform::clock::Instant;
 use luna_platform::park::Parker;
@@ -94,12 +94,14 @@ pub(crate) struct Waits {
 }
 
 impl Waits {
-    /// The first is left out: what the threads need is not in memory yet.
+    /// The first is left out: what the threads need is not in memory yet. So are the extremes that a machine may [spoil](spoilt).
     pub(crate) fn of(all: &[Duration]) -> Waits {
-        let settled = &all[1..];
+        let mut settled = all[1..].to_vec();
+        settled.sort_unstable();
+        let left_out = spoilt(settled.len() as u64) as usize;
         Waits {
-            least: *settled.iter().min().unwrap(),
-            most: *settled.iter().max().unwrap(),
+            least: settled[left_out],
+            most: settled[settled.len() - 1 - left_out],
         }
     }
 

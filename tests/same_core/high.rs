@@ -15,6 +15,9 @@ use std::time::Duration;
 const WITHOUT_PARTNER: u64 = 1;
 /// During one that does: the one that was under way, and the one that serves it.
 const WITH_PARTNER: u64 = 2;
+/// How many steps of the burner, of 2 µs of processor time or a little more, may come to lie in one that waits for nobody. One that waited for the low
+/// side without lending it its priority would wait for what is left of a burst, which is at least 500 µs.
+const BURNT: u64 = 25;
 
 pub(crate) struct High {
     pub(crate) place: Place,
@@ -156,13 +159,14 @@ impl High {
             return;
         }
         // If it was ready to run and something above all user threads had the core, the low side's part in it cannot be told.
-        if self.kept_off.so_far().differs_from(&before.kept) {
+        let kept = self.kept_off.so_far();
+        if kept.differs_from(&before.kept) {
             shared.excused.fetch_add(1, Ordering::Relaxed);
             return;
         }
         shared.violations.lock().unwrap().push(format!(
-            "`{}`, {how:?}: {low} operations of the low side, at most {most} expected",
-            self.scene
+            "`{}`, {how:?}: {low} operations of the low side, at most {most} expected; {:?}, then {kept:?}",
+            self.scene, before.kept
         ));
     }
 }
@@ -171,6 +175,9 @@ impl High {
     fn note_burnt(&self, before: &Before) {
         let burnt = self.shared.burnt.load(Ordering::SeqCst) - before.burnt;
         self.shared.most_burnt.fetch_max(burnt, Ordering::Relaxed);
+        if burnt > BURNT {
+            self.shared.inverted.fetch_add(1, Ordering::Relaxed);
+        }
     }
 }
 

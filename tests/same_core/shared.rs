@@ -49,6 +49,8 @@ pub(crate) struct Shared {
     pub(crate) burnt_for: AtomicU64,
     /// The greatest number of such steps in one operation of the high side.
     pub(crate) most_burnt: AtomicU64,
+    /// How many of them had more of them than a switch takes.
+    pub(crate) inverted: AtomicU64,
     /// How many operations do not count, since the machine kept the high side off its core.
     pub(crate) excused: AtomicU64,
     /// The threads; 0 where there is none.
