@@ -255,3 +255,42 @@ fn poison_races_with_many_who_communicate() {
         ledger.assert_all_dropped_once();
     }
 }
+
+#[test]
+fn ends_that_go_with_a_culprit_poison_also_if_others_are_left() {
+    let _watchdog = Watchdog::new();
+    for by_sender in [true, false] {
+        for (sender, receiver) in [channel(), buffered(Buffer::fifo(2))] {
+            let (other_sender, other_receiver) = (sender.clone(), receiver.clone());
+            current::poison_dropped_ends(|| match by_sender {
+                true => drop(sender),
+                false => drop(receiver),
+            });
+            assert_eq!(other_sender.try_send(1), Err(TrySendError::Poisoned(1)));
+            assert_eq!(other_receiver.try_recv(), Err(TryRecvError::Poisoned));
+        }
+        // Whatever happens in between, ends that are dropped afterwards merely count as less again.
+        let panics = || current::poison_dropped_ends(|| panic!("in a drop"));
+        assert!(std::panic::catch_unwind(panics).is_err());
+        let (sender, receiver) = channel::<u32>();
+        match by_sender {
+            true => {
+                drop(sender);
+                assert_eq!(receiver.try_recv(), Err(TryRecvError::Closed));
+            }
+            false => {
+                drop(receiver);
+                assert_eq!(sender.try_send(1), Err(TrySendError::Closed(1)));
+            }
+        }
+    }
+}
+
+#[test]
+fn who_waits_is_told_that_the_other_end_went_with_a_culprit() {
+    let _watchdog = Watchdog::new();
+    let (sender, receiver) = channel::<u32>();
+    let waiting = thread::spawn(move || receiver.blocking_recv());
+    current::poison_dropped_ends(|| drop(sender));
+    assert_eq!(waiting.join().unwrap(), Err(RecvError::Poisoned));
+}

@@ -15,6 +15,7 @@
 //! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
+//! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
 //! - [`signals`]: requests to end, as events.
 //!
 //! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
@@ -46,12 +47,16 @@ pub mod reclaim;
 pub mod shortfall;
 #[cfg(not(loom))]
 pub mod signals;
+#[cfg(not(loom))]
+pub mod steal;
 pub mod sync;
 #[cfg(not(loom))]
 pub mod thread;
 #[cfg(not(loom))]
 pub mod timer_fd;
 pub mod timer_queue;
+#[cfg(not(loom))]
+pub mod usage;
 pub mod wait_list;
 
 #[cfg(loom)]

@@ -429,6 +429,7 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn drop_sender(channel: NonNull<Self>) {
         // SAFETY: the sender kept the channel alive until now, and its kind does until `drop_kind`.
         unsafe {
+            channel.as_ref().poison_if_told();
             if channel.as_ref().senders.fetch_sub(1, Ordering::AcqRel) == 1 {
                 channel.as_ref().end(Ending::Closed);
                 Self::drop_kind(channel);
@@ -442,11 +443,19 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn drop_receiver(channel: NonNull<Self>) {
         // SAFETY: as for `drop_sender`.
         unsafe {
+            channel.as_ref().poison_if_told();
             if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
                 channel.as_ref().end(Ending::Closed);
                 channel.as_ref().drop_stored();
                 Self::drop_kind(channel);
             }
+        }
+    }
+
+    /// Poisons the channel if one of its ends goes with a process that was ended for cause.
+    fn poison_if_told(&self) {
+        if current::dropped_ends_poison() {
+            self.poison();
         }
     }
 

@@ -9,6 +9,7 @@ mod heir;
 mod home_thread;
 mod inheritance;
 mod lone;
+mod poisoning;
 mod process;
 mod references;
 mod wakeup;
@@ -18,6 +19,7 @@ pub use heir::Heir;
 #[cfg(not(loom))]
 pub use home_thread::{RefusedBoosts, refused_boosts};
 pub use lone::Lone;
+pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
 pub use wakeup::{Ready, Wakeup};
 

@@ -130,6 +130,23 @@ pub fn preemption_asked(command_line: &str) -> Option<PreemptionModel> {
         .and_then(preemption_word)
 }
 
+/// A core's line of `/proc/stat`: the core, and how many ticks a hypervisor has taken from it. `None` for every other line.
+///
+/// ```
+/// use luna_platform::facts::parse::stolen_ticks;
+///
+/// assert_eq!(stolen_ticks("cpu1 10 0 20 3000 4 0 5 67 0 0"), Some((1, 67)));
+/// assert_eq!(stolen_ticks("cpu  10 0 20 3000 4 0 5 67 0 0"), None); // all of them together
+/// assert_eq!(stolen_ticks("ctxt 12345"), None);
+/// ```
+pub fn stolen_ticks(line: &str) -> Option<(usize, u64)> {
+    let mut words = line.split_whitespace();
+    let core = words.next()?.strip_prefix("cpu")?.parse().ok()?;
+    // user, nice, system, idle, iowait, irq, softirq; kernels before 2.6.11 end there.
+    let stolen = words.nth(7)?.parse().ok()?;
+    Some((core, stolen))
+}
+
 fn preemption_word(word: &str) -> Option<PreemptionModel> {
     match word {
         "none" => Some(PreemptionModel::None),

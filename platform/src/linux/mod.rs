@@ -12,5 +12,7 @@ pub(crate) mod memory;
 pub(crate) mod privileges;
 pub(crate) mod reactor;
 pub(crate) mod signals;
+pub(crate) mod steal;
 pub(crate) mod thread;
 pub(crate) mod timer_fd;
+pub(crate) mod usage;

@@ -11,5 +11,7 @@ pub mod lock;
 pub(crate) mod memory;
 pub(crate) mod reactor;
 pub(crate) mod signals;
+pub(crate) mod steal;
 pub(crate) mod thread;
 pub(crate) mod timer_fd;
+pub(crate) mod usage;

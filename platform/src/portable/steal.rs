@@ -1,0 +1,14 @@
+//! The standard library does not tell.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+pub(crate) type Source = Infallible;
+
+pub(crate) fn open() -> Option<Source> {
+    None
+}
+
+pub(crate) fn read(source: &mut Source) -> Option<Vec<(usize, Duration)>> {
+    match *source {}
+}
