@@ -6,6 +6,7 @@
 
 use crate::calls;
 use crate::inbound::Inbound;
+use crate::interference;
 use crate::presence::{Presence, Sleeper};
 use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record};
 use crate::task::{self, with_queue};
@@ -375,6 +376,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
                 current::set_on_path(false);
                 shared.take_in(members);
                 current::set_on_path(true);
+                interference::rest();
             }
             if shared.phase() == Phase::STOPPING && take_in {
                 return;
@@ -390,6 +392,7 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
     let deadline = timers.next_deadline();
     if deadline != Instant::NEVER {
         let now = Instant::now();
+        interference::look(now);
         if deadline <= now {
             timers.expire(now);
         }
@@ -398,7 +401,10 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
     match with_queue(|queue| queue.pop()) {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(link) => unsafe { task::run(link) },
-        None => sleep(shared, timers.next_deadline()),
+        None => {
+            sleep(shared, timers.next_deadline());
+            interference::rest();
+        }
     }
 }
 

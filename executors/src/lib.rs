@@ -45,6 +45,8 @@ mod file_waits;
 #[cfg(all(unix, not(loom)))]
 mod files;
 #[cfg(not(loom))]
+mod interference;
+#[cfg(not(loom))]
 mod os_thread;
 #[cfg(not(loom))]
 mod process;
@@ -76,9 +78,11 @@ mod loom_tests;
 pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
     executor::{Executor, ExecutorHandle},
+    interference::{Interference, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
-        Exit, Join, Living, ProcessHandle, ProcessSpec, ProcessState, Stillness, panic_message,
+        Exit, Join, Living, Overseer, ProcessHandle, ProcessSpec, ProcessState, Sentence,
+        Stillness, overseer, panic_message,
     },
     yield_now::{YieldNow, yield_now},
 };

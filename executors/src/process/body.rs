@@ -2,7 +2,7 @@
 
 use super::ProcessState;
 use super::record::{RawExit, Record};
-use luna_platform::clock::Instant;
+use crate::interference;
 use luna_platform::current;
 use std::future::Future;
 use std::pin::Pin;
@@ -42,16 +42,14 @@ impl<F: Future<Output = ()>> Future for Body<F> {
             record
                 .polls
                 .store(record.polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
-            let started = record.timed.then(Instant::now);
+            let began = record.timed.then(|| record.begin_poll());
             // SAFETY: see above.
             let future = unsafe { Pin::new_unchecked(future) };
             // A body that panicked is dropped and never polled again, so nobody sees what it left half done.
             let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| future.poll(cx)));
-            if let Some(started) = started {
-                let took = Instant::now().nanos_since(started);
-                if took > record.longest_poll.load(Ordering::Relaxed) {
-                    record.longest_poll.store(took, Ordering::Relaxed);
-                }
+            interference::polled(record.id);
+            if let Some(began) = began {
+                record.end_poll(began);
             }
             match polled {
                 // A wake during the poll schedules after this store, so it has the last word.
@@ -72,9 +70,18 @@ impl<F> Body<F> {
     fn end(&mut self, exit: RawExit) -> Poll<()> {
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
-        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match exit {
-            RawExit::Completed => self.future = None,
-            _ => current::with_abandoned(|| self.future = None),
+        let poisons = self.record.is_poisoned();
+        let abandoned = !matches!(exit, RawExit::Completed);
+        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            let drop_body = || match abandoned {
+                true => current::with_abandoned(|| self.future = None),
+                false => self.future = None,
+            };
+            if poisons {
+                current::poison_dropped_ends(drop_body);
+            } else {
+                drop_body();
+            }
         }));
         let exit = match (exit, dropped) {
             (RawExit::Panicked(payload), Err(second)) => {

@@ -3,12 +3,14 @@
 mod body;
 mod join;
 mod living;
+mod overseer;
 mod record;
 
 pub(crate) use body::Body;
 pub use join::Join;
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
+pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::Record;
 
 use luna_platform::current::{self, ProcessId};
@@ -18,13 +20,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// What a process is to be: its name, its level, and whether its polls are timed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What a process is to be: its name, its level, and who looks at its polls.
+#[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
     name: String,
     level: u8,
     timed: bool,
+    overseer: Option<Arc<dyn Overseer>>,
 }
 
 impl ProcessSpec {
@@ -38,6 +41,7 @@ impl ProcessSpec {
             name: name.into(),
             level: Self::DEFAULT_LEVEL,
             timed: false,
+            overseer: None,
         }
     }
 
@@ -62,6 +66,40 @@ impl ProcessSpec {
     #[must_use]
     pub fn timed(mut self, timed: bool) -> Self {
         self.timed = timed;
+        self
+    }
+
+    /// Lets `overseer` look at each poll, which costs two clock reads and what it does itself.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use luna_executors::{Executor, Exit, Overseer, ProcessSpec, Sentence, yield_now};
+    /// use luna_platform::{clock::Instant, thread::Attributes};
+    /// use std::sync::Arc;
+    /// use std::time::Duration;
+    ///
+    /// struct AtMost(Duration);
+    /// impl Overseer for AtMost {
+    ///     fn poll_begins(&self, _: Instant) {}
+    ///     fn poll_ends(&self, began: Instant, now: Instant) -> Sentence {
+    ///         if now - began > self.0 { Sentence::Poison } else { Sentence::GoOn }
+    ///     }
+    /// }
+    ///
+    /// let executor = Executor::start(Attributes::new("main"))?;
+    /// let hog = ProcessSpec::new("hog").overseen(Arc::new(AtMost(Duration::from_millis(5))));
+    /// let hog = executor.spawn(hog, || async {
+    ///     std::thread::sleep(Duration::from_millis(6));
+    ///     yield_now().await;
+    ///     unreachable!("it has been ended");
+    /// });
+    /// executor.release();
+    /// assert_eq!(hog.wait(), Exit::Cancelled);
+    /// # Ok(()) }
+    /// ```
+    #[must_use]
+    pub fn overseen(mut self, overseer: Arc<dyn Overseer>) -> Self {
+        self.overseer = Some(overseer);
         self
     }
 }

@@ -2,7 +2,9 @@
 
 use super::join::JoinNode;
 use super::living::Living;
+use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
+use luna_platform::clock::Instant;
 use luna_platform::current::ProcessId;
 use luna_platform::lock::PiLock;
 use luna_platform::path;
@@ -25,11 +27,15 @@ pub(crate) struct Record {
     pub(super) name: String,
     pub(super) id: ProcessId,
     pub(super) level: u8,
+    /// Whether its polls are timed, be it for the overseer's sake.
     pub(super) timed: bool,
+    overseer: Option<Arc<dyn Overseer>>,
     /// What it is doing, as last said: a late wake may say that it is ready when it has ended, so `ended` has the last word.
     state: AtomicU8,
     ended: AtomicBool,
     pub(super) cancelled: AtomicBool,
+    /// It was ended by its overseer.
+    poisoned: AtomicBool,
     /// Written by the process' thread alone.
     pub(super) polls: AtomicU64,
     pub(super) longest_poll: AtomicU64,
@@ -52,10 +58,12 @@ impl Record {
             name: spec.name,
             id: spec.id,
             level: spec.level,
-            timed: spec.timed,
+            timed: spec.timed || spec.overseer.is_some(),
+            overseer: spec.overseer,
             state: AtomicU8::new(ProcessState::Created as u8),
             ended: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
+            poisoned: AtomicBool::new(false),
             polls: AtomicU64::new(0),
             longest_poll: AtomicU64::new(0),
             waker: PiLock::new(None),
@@ -91,6 +99,41 @@ impl Record {
             return ProcessState::Ended;
         }
         ProcessState::from_number(self.state.load(Ordering::Relaxed))
+    }
+
+    /// Begins a timed poll; gives when.
+    #[cold]
+    pub(super) fn begin_poll(&self) -> Instant {
+        let began = Instant::now();
+        if let Some(overseer) = &self.overseer {
+            overseer::set(Some(overseer.clone()));
+            overseer.poll_begins(began);
+        }
+        began
+    }
+
+    /// Ends a timed poll. If the overseer wants the process ended, it counts as cancelled from here on.
+    #[cold]
+    pub(super) fn end_poll(&self, began: Instant) {
+        let now = Instant::now();
+        let took = now.nanos_since(began);
+        if took > self.longest_poll.load(Ordering::Relaxed) {
+            self.longest_poll.store(took, Ordering::Relaxed);
+        }
+        let Some(overseer) = &self.overseer else {
+            return;
+        };
+        // The record has another, so nothing is freed here.
+        overseer::set(None);
+        if overseer.poll_ends(began, now) == Sentence::Poison {
+            self.poisoned.store(true, Ordering::Relaxed);
+            self.cancelled.store(true, Ordering::Release);
+        }
+    }
+
+    /// Whether the channel ends that go with its body are to poison their channels.
+    pub(super) fn is_poisoned(&self) -> bool {
+        self.poisoned.load(Ordering::Relaxed)
     }
 
     pub(crate) fn set_waker(&self, waker: Waker) {

@@ -1,0 +1,238 @@
+//! Who held this executor, and when: so that a process that comes late can say who ran instead.
+//!
+//! It costs next to nothing. Each poll ends with one store of the process' number. While any deadline is armed the executor looks at the
+//! clock before each poll anyway: what has passed since its last look was the poll in between. With no deadline armed nobody can be late.
+
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, ProcessId};
+use std::cell::Cell;
+
+/// Shorter polls than this many nanoseconds make nobody late, and are not remembered.
+const NOTABLE: u64 = 10_000;
+
+/// How many polls are remembered: the last ones.
+const REMEMBERED: usize = 16;
+
+/// A process that held an executor: what [`interference`] gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Interference {
+    /// The process that was polled; of several between two looks at the clock the last one.
+    pub process: ProcessId,
+    /// When the executor had looked at the clock before.
+    pub began: Instant,
+    /// When it looked again.
+    pub ended: Instant,
+}
+
+impl Interference {
+    /// How much of the time between two instants it took, in nanoseconds.
+    fn overlap(&self, from: Instant, until: Instant) -> u64 {
+        self.ended.min(until).nanos_since(self.began.max(from))
+    }
+}
+
+/// What an executor's thread remembers.
+struct Memory {
+    /// When the clock was last looked at; 0 if something else than a poll came in between.
+    looked: Cell<u64>,
+    /// The process that was polled last since then, as a number; 0 if none was.
+    polled: Cell<u32>,
+    polls: [Cell<Option<Interference>>; REMEMBERED],
+    /// Where the next one goes.
+    next: Cell<usize>,
+}
+
+thread_local! {
+    static MEMORY: Memory = const {
+        Memory {
+            polled: Cell::new(0),
+            looked: Cell::new(0),
+            polls: [const { Cell::new(None) }; REMEMBERED],
+            next: Cell::new(0),
+        }
+    };
+}
+
+/// Says that `process` has just been polled. One store.
+#[inline]
+pub(crate) fn polled(process: ProcessId) {
+    MEMORY.with(|memory| memory.polled.set(process.get()));
+}
+
+/// Says that the executor looks at the clock, between two polls.
+#[inline]
+pub(crate) fn look(now: Instant) {
+    MEMORY.with(|memory| {
+        let before = memory.looked.replace(now.as_nanos());
+        if now.as_nanos().saturating_sub(before) >= NOTABLE {
+            memory.note(before, now);
+        }
+        // From here on nobody has been polled yet.
+        memory.polled.set(0);
+    });
+}
+
+/// Says that the thread does something else than polling: what has passed since the last look is nobody's.
+pub(crate) fn rest() {
+    MEMORY.with(|memory| {
+        memory.polled.set(0);
+        memory.looked.set(0);
+    });
+}
+
+impl Memory {
+    #[cold]
+    fn note(&self, before: u64, now: Instant) {
+        if let Some(poll) = self.poll_since(before, now) {
+            let next = self.next.get();
+            self.polls[next].set(Some(poll));
+            self.next.set((next + 1) % REMEMBERED);
+        }
+    }
+
+    /// The poll that went on from `before`, a look at the clock, until now.
+    fn poll_since(&self, before: u64, now: Instant) -> Option<Interference> {
+        let process = ProcessId::from_number(self.polled.get())?;
+        (before != 0).then_some(Interference {
+            process,
+            began: Instant::from_nanos(before),
+            ended: now,
+        })
+    }
+}
+
+/// The process that held this executor longest between the two instants, with its whole turn, if any held it for 10 µs or more and `counts`.
+/// Called in a poll.
+///
+/// Known are the last 16 such turns. A turn is what passed between two looks of the executor at the clock: one poll, as long as any deadline
+/// is armed here; when none is, several polls may count as one turn, of the last of them. `None` on a thread that is no executor's. Real-time path:
+/// yes; O(1), no system call.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use luna_executors::{Executor, ProcessSpec, interference};
+/// use luna_platform::{clock::Instant, thread::Attributes, timer_queue::Sleep};
+/// use std::time::Duration;
+///
+/// let executor = Executor::start(Attributes::new("main"))?;
+/// let hog = ProcessSpec::new("hog").level(20);
+/// let hog_id = hog.id();
+/// let late = executor.spawn(ProcessSpec::new("late"), move || async move {
+///     let slot = Instant::now() + Duration::from_millis(1);
+///     Sleep::until(slot).await;
+///     let culprit = interference(slot, Instant::now(), |_| true).map(|turn| turn.process);
+///     assert_eq!(culprit, Some(hog_id));
+/// });
+/// executor.spawn(hog, || async {
+///     Sleep::until(Instant::now() + Duration::from_micros(500)).await;
+///     let end = Instant::now() + Duration::from_millis(3);
+///     while Instant::now() < end {}
+/// });
+/// executor.release();
+/// assert_eq!(late.wait(), luna_executors::Exit::Completed);
+/// # Ok(()) }
+/// ```
+pub fn interference(
+    from: Instant,
+    until: Instant,
+    counts: impl Fn(&Interference) -> bool,
+) -> Option<Interference> {
+    MEMORY.with(|memory| {
+        // The process that asks has not been noted as polled yet, so this is the one before it.
+        let last = memory.poll_since(memory.looked.get(), until);
+        let turns = memory.polls.iter().filter_map(Cell::get).chain(last);
+        turns
+            .filter(|turn| turn.overlap(from, until) >= NOTABLE && counts(turn))
+            .max_by_key(|turn| turn.overlap(from, until))
+    })
+}
+
+/// Says that a process of this executor looks at the clock at the begin of its poll: what has passed since the last look was the poll before.
+/// To be called before anything else of the poll has taken
+/// time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone on its thread.
+///
+/// The executor looks only while a deadline is armed; loops that wake together, and are the only ones who wait for the clock, tell each other
+/// apart by this.
+#[inline]
+pub fn look_at_clock(now: Instant) {
+    // A process alone on its thread is in nobody's way but its own.
+    if !current::may_block() {
+        look(now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(micros: u64) -> Instant {
+        Instant::from_nanos(micros * 1000)
+    }
+
+    fn turn(process: ProcessId, from: u64, until: u64) {
+        look(at(from));
+        polled(process);
+        look(at(until));
+    }
+
+    fn culprit(from: u64, until: u64) -> Option<ProcessId> {
+        interference(at(from), at(until), |_| true).map(|turn| turn.process)
+    }
+
+    #[test]
+    fn the_longest_overlap_is_the_culprit() {
+        rest();
+        let (long_ago, long, short) = (ProcessId::new(), ProcessId::new(), ProcessId::new());
+        turn(long_ago, 1000, 2000);
+        turn(long, 2000, 2100);
+        turn(short, 2100, 2150);
+        assert_eq!(culprit(2010, 2160), Some(long));
+        assert_eq!(
+            culprit(2090, 2160),
+            Some(short),
+            "before the slot does not count"
+        );
+        assert_eq!(culprit(1890, 2160), Some(long_ago));
+        assert_eq!(culprit(2149, 2160), None, "too short to matter");
+        let other = interference(at(2010), at(2160), |turn| turn.process != long);
+        assert_eq!(other.map(|turn| turn.process), Some(short));
+    }
+
+    #[test]
+    fn who_was_polled_since_the_last_look_counts_too() {
+        rest();
+        let before = ProcessId::new();
+        look(at(5000));
+        polled(before);
+        assert_eq!(culprit(5000, 5100), Some(before));
+        look(at(5100));
+        assert_eq!(culprit(5000, 5200), Some(before), "noted by the look");
+    }
+
+    #[test]
+    fn rest_is_nobodys() {
+        rest();
+        let polled_before = ProcessId::new();
+        turn(polled_before, 100, 105);
+        rest();
+        look(at(9000));
+        assert_eq!(culprit(105, 9000), None);
+        polled(ProcessId::new());
+        rest();
+        assert_eq!(culprit(9000, 9900), None);
+    }
+
+    #[test]
+    fn the_oldest_are_forgotten() {
+        rest();
+        let old = ProcessId::new();
+        turn(old, 100, 1000);
+        let last = ProcessId::new();
+        for n in 0..REMEMBERED as u64 {
+            turn(last, 1000 + 20 * n, 1020 + 20 * n);
+        }
+        assert_eq!(culprit(100, 1000), None);
+        assert_eq!(culprit(100, 1020), Some(last));
+    }
+}

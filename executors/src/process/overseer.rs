@@ -1,0 +1,48 @@
+//! Who looks at each poll of a process: for budgets. Processes without one pay nothing.
+
+use luna_platform::clock::Instant;
+use std::any::Any;
+use std::cell::RefCell;
+use std::fmt;
+use std::sync::Arc;
+
+/// Looks at each poll of one process: see [`ProcessSpec::overseen`](super::ProcessSpec::overseen).
+///
+/// Its methods run on the process' thread, on the real-time path: no allocation, bounded time.
+pub trait Overseer: Any + Send + Sync {
+    /// A poll begins.
+    fn poll_begins(&self, now: Instant);
+
+    /// The poll that began at `began` has ended, and says what becomes of the process.
+    fn poll_ends(&self, began: Instant, now: Instant) -> Sentence;
+}
+
+/// What becomes of a process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sentence {
+    /// It goes on.
+    GoOn,
+    /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the channel ends in it poison their channels.
+    Poison,
+}
+
+thread_local! {
+    /// That of the process whose poll is under way.
+    static OVERSEER: RefCell<Option<Arc<dyn Overseer>>> = const { RefCell::new(None) };
+}
+
+/// The overseer of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
+pub fn overseer() -> Option<Arc<dyn Overseer>> {
+    OVERSEER.with(|overseer| overseer.borrow().clone())
+}
+
+/// Makes it the one that [`overseer`] gives. No process is polled within another's poll, so there is none to be restored.
+pub(super) fn set(now: Option<Arc<dyn Overseer>>) {
+    OVERSEER.set(now);
+}
+
+impl fmt::Debug for dyn Overseer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Overseer").finish_non_exhaustive()
+    }
+}
