@@ -71,13 +71,15 @@ pub use luna_platform::current::{ProcessId, on_path, refused_boosts};
 pub use luna_platform::path::off_path;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
+pub use luna_platform::usage::ThreadUsage;
 pub use report::{End, ProcessReport, Report, ThreadReport};
 pub use safety::{Bite, Watchdog, WatchdogProcess};
+pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};
 pub use system::{Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
-    Cycle, Distribution, Expiry, Instant, LoopReport, NextTick, Overrun, Periodic, Tick, Ticks,
-    Timer, now, periodic, ticks,
+    Cycle, Distribution, Expiry, Instant, LateCycle, LoopReport, NextTick, Overrun, Periodic,
+    RanInstead, Tick, Ticks, Timer, UsageSince, now, periodic, ticks,
 };
 
 #[doc(hidden)]

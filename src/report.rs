@@ -1,7 +1,8 @@
 //! What a system did, told when it has ended.
 
+use crate::safety::BudgetReport;
 use crate::system::deadlock::Deadlock;
-use crate::time::{Distribution, LoopReport};
+use crate::time::{Distribution, LoopReport, short};
 use luna_executors::Exit;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::Policy;
@@ -9,7 +10,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-/// What a system did. Its `Display` is a table: a row for each thread and each loop.
+/// How many late cycles of a loop the table shows.
+const CYCLES_SHOWN: usize = 2;
+
+/// What a system did. Its `Display` is a table: a row for each thread and each loop, overruns of budgets, and the causes of the latest cycles.
 ///
 /// ```
 /// use luna::{End, Exit, prelude::*};
@@ -57,6 +61,9 @@ pub enum End {
     /// Every process waited for another, and the system was [`strict`](crate::System::strict): the emergency functions ran, then all were
     /// cancelled.
     Deadlock,
+    /// A process overran a budget whose policy is [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all were
+    /// cancelled.
+    Overrun,
 }
 
 /// An executor or OS thread.
@@ -87,6 +94,8 @@ pub struct ProcessReport {
     pub polls: u64,
     /// The longest that it kept it, if its polls were timed.
     pub longest_poll: Option<Duration>,
+    /// How it kept each of its budgets.
+    pub budgets: Vec<BudgetReport>,
 }
 
 impl Report {
@@ -115,6 +124,7 @@ impl fmt::Display for Report {
             End::Signal(number) => format!("ended by signal {number}"),
             End::Panic => "ended by a panic".to_owned(),
             End::Deadlock => "ended by a deadlock".to_owned(),
+            End::Overrun => "ended by an overrun".to_owned(),
         };
         writeln!(
             f,
@@ -149,6 +159,11 @@ impl fmt::Display for Report {
         if let Some(deadlock) = &self.deadlock {
             writeln!(f, "  {}", deadlock.to_string().replace('\n', "\n  "))?;
         }
+        for process in &self.processes {
+            for budget in process.budgets.iter().filter(|one| one.overruns > 0) {
+                writeln!(f, "  process `{}`: {budget}", process.name)?;
+            }
+        }
         if self.loops.is_empty() {
             return Ok(());
         }
@@ -180,6 +195,18 @@ impl fmt::Display for Report {
                 cycle.stddev_nanos() / 1e3,
                 micros(cycle.max()),
             )?;
+        }
+        for (name, one) in self.loops.iter().filter(|(_, one)| one.late > 0) {
+            writeln!(
+                f,
+                "{name}: {} of {} cycles more than {} late, the worst:",
+                one.late,
+                one.cycles,
+                short(one.late_after)
+            )?;
+            for cycle in one.late_cycles.iter().take(CYCLES_SHOWN) {
+                writeln!(f, "  {cycle}")?;
+            }
         }
         Ok(())
     }

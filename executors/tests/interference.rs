@@ -65,14 +65,15 @@ fn the_building_of_a_process_is_laid_to_nobody() {
     let executor = Executor::start(Attributes::new("main")).unwrap();
     let handle = executor.handle().clone();
     let asks = executor.spawn(ProcessSpec::new("asks"), || async move {
+        // From here on the executor has looked at the clock.
+        Sleep::until(Instant::now() + Duration::from_millis(1)).await;
         let slot = Instant::now() + Duration::from_millis(1);
-        let wait = Sleep::until(slot);
         // Built after this poll, on this thread.
         handle.spawn(ProcessSpec::new("new"), || {
             burn(LONG);
             async {}
         });
-        wait.await;
+        Sleep::until(slot).await;
         let now = Instant::now();
         assert!(now >= slot + LONG / 2);
         // The poll itself may have taken long, on a busy machine.

@@ -8,6 +8,7 @@ use crate::time::{LoopName, Scope};
 use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, SpawnError};
+use luna_platform::usage::ThreadUsage;
 use std::cell::Cell;
 use std::convert::Infallible;
 use std::fmt;
@@ -328,6 +329,7 @@ impl<F> Supervised<F> {
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.scope.enter_thread();
         frame.tree.enter_thread();
+        ThreadUsage::prepare_thread();
         let alarm = Alarm(&frame.emergency);
         let body = make();
         std::mem::forget(alarm);

@@ -8,10 +8,12 @@ pub use setup::SetupError;
 pub(crate) use several::Failures;
 pub use several::{Errors, Several};
 
+use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::LoopName;
 use std::fmt;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What a process' body, a construct, or a system returns.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -56,6 +58,15 @@ pub enum Error {
         name: String,
         /// How many cycles in a row were late.
         consecutive: u32,
+    },
+    /// A process took longer than its budget, and was ended for it, or the system was: see [`OnOverrun`](crate::OnOverrun).
+    BudgetOverrun {
+        /// Of a poll, or of a cycle.
+        kind: BudgetKind,
+        /// The budget.
+        budget: Duration,
+        /// How long it took.
+        taken: Duration,
     },
     /// Every process of a [`strict`](crate::System::strict) system waited for another one.
     Deadlock(Box<Deadlock>),
@@ -167,6 +178,15 @@ impl fmt::Display for Error {
                 f,
                 "loop `{name}` was late {consecutive} cycles in a row, which is its limit: give it less to do, a longer \
                  period, a higher priority, or a greater limit"
+            ),
+            Error::BudgetOverrun {
+                kind,
+                budget,
+                taken,
+            } => write!(
+                f,
+                "took {taken:?} for a {kind} whose budget is {budget:?}: give it less to do at a time, await in between, or move it to an \
+                 executor of lower priority"
             ),
             Error::Deadlock(deadlock) => deadlock.fmt(f),
             Error::Setup(error) => error.fmt(f),

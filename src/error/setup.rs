@@ -1,5 +1,6 @@
 //! Errors of the set-up: bad input, and what the system refuses.
 
+use crate::safety::BudgetKind;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::AttributeError;
 use std::fmt;
@@ -33,6 +34,18 @@ pub enum SetupError {
         kind: &'static str,
         /// The name.
         name: String,
+    },
+    /// A process' budget is zero.
+    ZeroBudget {
+        /// The process' name.
+        process: String,
+        /// Which budget.
+        kind: BudgetKind,
+    },
+    /// What is to happen when a process overruns its budgets was stated, and no budget.
+    NoBudget {
+        /// The process' name.
+        process: String,
     },
     /// A loop's period is zero.
     ZeroPeriod {
@@ -129,6 +142,13 @@ impl fmt::Display for SetupError {
             SetupError::DuplicateName { kind, name } => {
                 write!(f, "there is {kind} `{name}` already; give each {kind} a name of its own")
             }
+            SetupError::ZeroBudget { process, kind } => {
+                write!(f, "process `{process}` has a {kind} budget of 0; give it at least 1 ns, or none")
+            }
+            SetupError::NoBudget { process } => write!(
+                f,
+                "process `{process}` is to be judged by its budgets, and has none; call ProcessBuilder::poll_budget or cycle_budget"
+            ),
             SetupError::ZeroPeriod { name } => write!(f, "loop `{name}` has a period of 0; give it at least 1 ns"),
             SetupError::PeriodTooLong { name, period } => {
                 write!(f, "loop `{name}` has a period of {period:?}; the clock reaches 292 years")

@@ -1,7 +1,11 @@
-//! What happens when something goes wrong: the emergency functions, run once, before anything else; and watchdogs, which find it out.
+//! What happens when something goes wrong: the emergency functions, run once, before anything else; watchdogs, which find it out; and
+//! budgets, which find out who takes too long.
 
+mod budget;
 mod emergency;
 mod watchdog;
 
+pub use budget::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
+pub(crate) use budget::{Budgets, Ledger};
 pub(crate) use emergency::{Emergency, EmergencyThread, Function};
 pub use watchdog::{Bite, Watchdog, WatchdogProcess};

@@ -3,12 +3,14 @@
 use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
+use crate::safety::{Budgets, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
 use luna_platform::current::{LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
 use luna_platform::thread::{Attributes, Policy};
 use std::fmt;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Whether the machine has the core that was asked for. Whether this program may use it, the start will show.
 fn check_core(of: &str, core: Option<usize>) -> Result<()> {
@@ -169,6 +171,7 @@ pub struct ProcessBuilder {
     place: Result<Place>,
     level: u8,
     timed: bool,
+    budgets: Budgets,
 }
 
 impl ProcessBuilder {
@@ -179,6 +182,7 @@ impl ProcessBuilder {
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
+            budgets: Budgets::default(),
         }
     }
 
@@ -194,6 +198,73 @@ impl ProcessBuilder {
         self
     }
 
+    /// Allows the process so much time for one poll, that is from when it is given the processor until it awaits something that is not there yet.
+    /// Measured by the clock on the wall, for about 50 ns a poll; [`OnOverrun`] says what happens when it takes longer, when it has.
+    ///
+    /// A poll that never ends is never measured: a [`Watchdog`](crate::Watchdog) finds that. The time counts also while another thread has taken the
+    /// processor: the report tells one from the other.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("machine");
+    /// let main = system.executor("main").build()?;
+    /// main.process("planner").poll_budget(Duration::from_millis(1)).spawn(async {
+    ///     let end = luna::now() + Duration::from_millis(2);
+    ///     while luna::now() < end {}
+    ///     Ok(())
+    /// })?;
+    /// let report = system.run()?;
+    /// assert_eq!(report.processes[0].budgets[0].overruns, 1);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn poll_budget(mut self, budget: Duration) -> Self {
+        self.budgets.poll = Some(budget);
+        self
+    }
+
+    /// Allows the process so much time for a cycle of each of its loops, that is from when the cycle begins until the loop calls
+    /// [`next`](crate::Periodic::next). How late the cycle began does not count, since that is another's fault: [`LateCycle`](crate::LateCycle) looks
+    /// for whose. What it waits for within the cycle does.
+    ///
+    /// ```
+    /// use luna::{BudgetKind, prelude::*};
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("machine");
+    /// let main = system.executor("main").build()?;
+    /// main.process("servo").cycle_budget(Duration::from_millis(1)).spawn(async {
+    ///     let mut tick = luna::periodic("servo", Duration::from_millis(5))?;
+    ///     tick.next().await;
+    ///     luna::after(Duration::from_millis(2)).await;
+    ///     tick.next().await;
+    ///     Ok(())
+    /// })?;
+    /// let budgets = &system.run()?.processes[0].budgets;
+    /// assert_eq!((budgets[0].kind, budgets[0].overruns), (BudgetKind::Cycle, 1));
+    /// assert_eq!(budgets[0].worst.as_ref().unwrap().of_loop.as_deref(), Some("servo"));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn cycle_budget(mut self, budget: Duration) -> Self {
+        self.budgets.cycle = Some(budget);
+        self
+    }
+
+    /// What happens when the process takes longer than a budget; without this it is counted.
+    pub fn on_overrun(mut self, policy: OnOverrun) -> Self {
+        self.budgets.on_overrun = Some(policy);
+        self
+    }
+
+    /// Reads before each poll what the kernel counts of the thread, so that the report of an overrun says exactly how long it was on the processor,
+    /// and how often it was taken off. Three system calls, about two microseconds a poll: for the search, not for the machine. Without it the counts
+    /// go back to the overrun before, or the start.
+    pub fn accounted(mut self) -> Self {
+        self.budgets.accounted = true;
+        self
+    }
+
     /// Adds the process to the system. It starts with the others; if they run already, at once.
     ///
     /// `process` is a future, a closure that makes one on the executor's thread, or a [`Process`](crate::Process): see
@@ -201,8 +272,8 @@ impl ProcessBuilder {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a priority out of range, a name that another process has, a thread that makes no sense, a system that has ended.
-    /// While the system runs also an error of `pre_run`, and a thread that is refused.
+    /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
+    /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         let place = self.place?;
         if self.level >= LEVELS {
@@ -212,15 +283,20 @@ impl ProcessBuilder {
             }
             .into());
         }
-        let spec = ProcessSpec::new(self.name.clone())
+        let ledger = self.budgets.ledger(&self.name)?;
+        let mut spec = ProcessSpec::new(self.name.clone())
             .level(self.level)
             .timed(self.timed);
+        if let Some(ledger) = &ledger {
+            spec = spec.overseen(ledger.clone());
+        }
         let id = spec.id();
         self.plan.add_process(ProcessPlan {
             name: self.name,
             id,
             place,
             spec,
+            ledger,
             prepared: process.prepare(),
         })
     }

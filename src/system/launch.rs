@@ -98,7 +98,7 @@ fn launch_described(
     let loops = settings
         .max_loops
         .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
-    let scope = Scope::with_room_for(loops);
+    let scope = Scope::with_room_for(loops, living.clone());
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
         let started = Executor::start_counted(executor.attributes.mode(mode), living.clone())

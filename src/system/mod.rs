@@ -6,7 +6,9 @@ pub mod deadlock;
 mod launch;
 mod plan;
 mod quiet;
+mod stolen;
 mod supervise;
+mod warnings;
 
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
 pub use compose::Observer;

@@ -5,7 +5,7 @@ use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
-use crate::safety::{Emergency, Function};
+use crate::safety::{Emergency, Function, Ledger};
 use crate::time::Scope;
 use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::current::ProcessId;
@@ -59,6 +59,7 @@ pub(crate) struct ProcessPlan {
     pub(crate) id: ProcessId,
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
+    pub(crate) ledger: Option<Arc<Ledger>>,
     pub(crate) prepared: Prepared,
 }
 
@@ -68,6 +69,7 @@ pub(crate) struct Member {
     pub(crate) id: ProcessId,
     pub(crate) handle: ProcessHandle,
     pub(crate) verdict: Arc<Verdict>,
+    pub(crate) ledger: Option<Arc<Ledger>>,
     pub(crate) resident: Option<Box<dyn Phases>>,
     pub(crate) error: Option<Error>,
     pub(crate) buried: bool,
@@ -128,10 +130,14 @@ impl Running {
             id,
             place,
             spec,
+            ledger,
             prepared: Prepared { resident, starter },
         } = plan;
         let frame = self.frame();
         let verdict = frame.verdict.clone();
+        if let Some(ledger) = &ledger {
+            ledger.join(&self.emergency, &self.living);
+        }
         let (handle, thread, on) = match place {
             Place::Executor(number) => (
                 starter.on_executor(&self.executors[number], spec, frame),
@@ -175,6 +181,7 @@ impl Running {
                 id,
                 handle,
                 verdict,
+                ledger,
                 resident,
                 error: None,
                 buried: false,

@@ -4,13 +4,18 @@ use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::plan::{Member, NamedThread, Phase, Plan};
 use super::quiet::Lookout;
+use super::stolen::Stolen;
+use super::warnings::Warnings;
 use crate::csp::process::{Ended, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, ProcessReport, Report, ThreadReport};
+use crate::time::Witness;
 use luna_executors::{Executor, Exit, ProcessState};
 use luna_platform::clock::Instant;
+use luna_platform::current::ProcessId;
 use luna_platform::thread::{Mode, Obtained, Policy};
 use luna_platform::{current, reclaim};
+use std::collections::HashMap;
 use std::time::Duration;
 
 /// How long the end of a system waits for threads that do not end.
@@ -35,7 +40,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         }
     }
 
-    let (threads, deadlock) = watch(plan, &launched);
+    let mut stolen = Stolen::begin();
+    let (threads, deadlock) = watch(plan, &launched, &mut stolen);
     let emergency = launched.running.emergency.is_safe();
     let elapsed = Instant::now() - started;
     let Launched {
@@ -48,6 +54,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let threads = end_threads(plan, executors, threads);
     bury(plan, false);
     let signal = guard.stop();
+    stolen.sample();
 
     let mut members = plan.members();
     for left_behind in members.started.iter_mut().filter(|member| !member.buried) {
@@ -60,7 +67,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         // Its body still lives, on the thread that was left to itself, and borrows it.
         std::mem::forget(left_behind.resident.take());
     }
+    for line in Warnings::rest(&members) {
+        eprintln!("{line}");
+    }
     let processes = members.started.iter().map(process_report).collect();
+    let names = members.started.iter();
+    let known = Known {
+        names: names.map(|one| (one.id, one.name.clone())).collect(),
+        stolen,
+    };
     let report = Report {
         system: plan.name().to_owned(),
         end: match (signal, emergency, has_panicked(&members.started)) {
@@ -68,13 +83,14 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             (None, true, false) if deadlock.is_some() && running.mode == Mode::Strict => {
                 End::Deadlock
             }
+            (None, true, false) if overrun_of(&members.started).is_some() => End::Overrun,
             (None, true, _) => End::Panic,
             (None, false, _) => End::Completed,
         },
         elapsed,
         threads,
         processes,
-        loops: running.scope.take_reports(),
+        loops: running.scope.take_reports(&known),
         shortfalls,
         deadlock,
     };
@@ -134,9 +150,16 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
 
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
 /// the OS threads, and the deadlock that was found, if one was.
-fn watch(plan: &Plan, launched: &Launched) -> (Vec<NamedThread>, Option<Deadlock>) {
+fn watch(
+    plan: &Plan,
+    launched: &Launched,
+    stolen: &mut Stolen,
+) -> (Vec<NamedThread>, Option<Deadlock>) {
     let running = &launched.running;
     let mut lookout = Lookout::new();
+    let mut warnings = Warnings::default();
+    let mut look_again = Instant::NEVER;
+    let mut seen_before = None;
     loop {
         let seen = running.living.changes();
         bury(plan, true);
@@ -146,19 +169,54 @@ fn watch(plan: &Plan, launched: &Launched) -> (Vec<NamedThread>, Option<Deadlock
                 members.phase = Phase::Ended;
                 members.running = None;
                 let threads = std::mem::take(&mut members.threads);
+                let overrun = overrun_of(&members.started);
+                drop(members);
+                if let Some(error) = overrun {
+                    eprintln!("luna: emergency: {error}");
+                }
                 return (threads, lookout.into_found());
             }
         }
-        // After the burial, which may have dropped channel ends.
-        let (found, until) = lookout.look(plan, running);
-        if let Some(deadlock) = found {
-            eprintln!("luna: {deadlock}");
-            if running.mode == Mode::Strict {
-                // The machine may stand in the middle of a movement.
-                running.emergency.trigger();
+        let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
+        for line in lines {
+            eprintln!("{line}");
+        }
+        let next_sample = if running.scope.has_loops() {
+            stolen.sample_if_due()
+        } else {
+            Instant::NEVER
+        };
+        // A sample is no reason to look for a deadlock.
+        if seen_before.replace(seen) != Some(seen) || Instant::now() >= look_again {
+            // After the burial, which may have dropped channel ends.
+            let (found, until) = lookout.look(plan, running);
+            look_again = until;
+            if let Some(deadlock) = found {
+                eprintln!("luna: {deadlock}");
+                if running.mode == Mode::Strict {
+                    // The machine may stand in the middle of a movement.
+                    running.emergency.trigger();
+                }
             }
         }
+        let until = look_again.min(warn_again).min(next_sample);
         running.living.wait(seen, until);
+    }
+}
+
+/// What the report needs to say why cycles were late.
+struct Known {
+    names: HashMap<ProcessId, String>,
+    stolen: Stolen,
+}
+
+impl Witness for Known {
+    fn name_of(&self, process: ProcessId) -> Option<String> {
+        self.names.get(&process).cloned()
+    }
+
+    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<Duration> {
+        self.stolen.between(core, from, until)
     }
 }
 
@@ -190,21 +248,41 @@ fn bury(plan: &Plan, tell: bool) {
                 {
                     eprintln!("luna: {error}");
                 }
-                member.resident.take()
+                (member.resident.take(), was_sentenced(member))
             })
         };
         match next {
-            Some(resident) => clean_up(resident),
+            // What it holds outside of its body goes as the body went.
+            Some((resident, true)) => current::poison_dropped_ends(|| clean_up(resident)),
+            Some((resident, false)) => clean_up(resident),
             None => break,
         }
     }
     reclaim::collect();
 }
 
+/// Whether the process was ended for an overrun.
+fn was_sentenced(member: &Member) -> bool {
+    member.handle.exit() == Some(Exit::Cancelled)
+        && member
+            .ledger
+            .as_ref()
+            .is_some_and(|ledger| ledger.is_sentenced())
+}
+
+/// The overrun for which the system ends, if it does for one, with its culprit.
+fn overrun_of(members: &[Member]) -> Option<Error> {
+    members.iter().find_map(|member| {
+        let offence = member.ledger.as_ref()?.emergency()?;
+        Some(Error::from(offence).in_process(&member.name))
+    })
+}
+
 fn error_of(member: &Member) -> Option<Error> {
+    let offence = member.ledger.as_ref().and_then(|ledger| ledger.offence());
     let error = match (member.handle.exit()?, member.verdict.take()) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
-        (Exit::Cancelled, _) => Error::Cancelled,
+        (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
         (_, Some(Ended::Returned(Err(error)))) => error,
         (_, Some(Ended::Failed(failure))) => failure.into(),
         _ => return None,
@@ -286,6 +364,11 @@ fn process_report(member: &Member) -> ProcessReport {
         exit: member.handle.exit(),
         polls: member.handle.polls(),
         longest_poll: member.handle.longest_poll(),
+        budgets: member
+            .ledger
+            .as_ref()
+            .map(|ledger| ledger.reports())
+            .unwrap_or_default(),
     }
 }
 
@@ -306,8 +389,11 @@ fn first_error(members: &[Member], report: &Report) -> Option<Error> {
         End::Panic => is_panic(error),
         End::Completed => true,
         // What they return while they are being ended says nothing either.
-        End::Deadlock => false,
+        End::Deadlock | End::Overrun => false,
     };
+    if report.end == End::Overrun {
+        return overrun_of(members);
+    }
     if report.end == End::Deadlock {
         return report.deadlock.clone().map(Box::new).map(Error::Deadlock);
     }

@@ -1,8 +1,10 @@
 //! Time as processes see it: the clock, timer channels, and periodic loops with their statistics.
 
+mod accounting;
 mod clock;
 mod distribution;
 mod grid;
+mod late;
 mod periodic;
 mod registry;
 mod spin;
@@ -10,8 +12,12 @@ mod statistics;
 mod ticks;
 mod timer;
 
+pub use accounting::UsageSince;
+pub(crate) use accounting::{Accounting, short};
 pub use clock::now;
 pub use distribution::Distribution;
+pub(crate) use late::Witness;
+pub use late::{LateCycle, RanInstead};
 pub use luna_platform::clock::Instant;
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};

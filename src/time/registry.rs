@@ -1,14 +1,16 @@
 //! The loops of a system: room for their statistics, set aside before the start, and their names.
 
+use super::late::Witness;
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
+use luna_executors::Living;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 /// A loop's name, in room of fixed size: taking one allocates nothing.
@@ -62,6 +64,9 @@ pub(crate) struct Scope {
     most: usize,
     /// In nanoseconds: what the common grids of loops count from.
     start: AtomicU64,
+    has_loops: AtomicBool,
+    /// Who runs the system is told through this of the first loop.
+    living: Option<Arc<Living>>,
 }
 
 #[expect(
@@ -83,7 +88,7 @@ thread_local! {
 
 impl Scope {
     /// Sets room for `most` loops aside.
-    pub(crate) fn with_room_for(most: usize) -> Arc<Self> {
+    pub(crate) fn with_room_for(most: usize, living: Arc<Living>) -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
                 free: (0..most).map(|_| Statistics::new()).collect(),
@@ -93,6 +98,8 @@ impl Scope {
             grows: false,
             most,
             start: AtomicU64::new(Instant::now().as_nanos()),
+            has_loops: AtomicBool::new(false),
+            living: Some(living),
         })
     }
 
@@ -107,6 +114,8 @@ impl Scope {
             grows: true,
             most: 0,
             start: AtomicU64::new(Instant::now().as_nanos()),
+            has_loops: AtomicBool::new(false),
+            living: None,
         })
     }
 
@@ -145,7 +154,13 @@ impl Scope {
         SCOPE.with(|scope| scope.borrow().clone())
     }
 
-    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names.
+    /// Whether any loop was begun.
+    pub(crate) fn has_loops(&self) -> bool {
+        self.has_loops.load(Ordering::Relaxed)
+    }
+
+    /// Takes a name and room for its statistics. Allocates nothing in a system; O(loops), to compare the names. The first one makes a system call, to
+    /// tell who runs the system.
     pub(crate) fn enroll(
         self: &Arc<Self>,
         name: &str,
@@ -175,7 +190,19 @@ impl Scope {
         };
         loops.names.push(short);
         statistics.name = short;
+        drop(loops);
         statistics.period = period;
+        if self.grows {
+            // Nobody reports it.
+            statistics.late.set_threshold(Duration::MAX);
+        } else {
+            statistics.late.begin(period, Instant::now());
+        }
+        if !self.has_loops.swap(true, Ordering::Relaxed)
+            && let Some(living) = &self.living
+        {
+            living.announce();
+        }
         Ok(statistics)
     }
 
@@ -185,11 +212,14 @@ impl Scope {
     }
 
     /// The reports of the loops that have ended, by their names. Not for the real-time path.
-    pub(crate) fn take_reports(&self) -> BTreeMap<String, LoopReport> {
+    pub(crate) fn take_reports(&self, witness: &impl Witness) -> BTreeMap<String, LoopReport> {
         let ended = std::mem::take(&mut self.loops.lock().ended);
         ended
             .into_iter()
-            .map(|loops| (loops.name.as_str().to_owned(), LoopReport::from(*loops)))
+            .map(|loops| {
+                let name = loops.name.as_str().to_owned();
+                (name, LoopReport::new(*loops, witness))
+            })
             .collect()
     }
 }

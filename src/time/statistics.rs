@@ -1,6 +1,7 @@
 //! What is counted of a periodic loop.
 
 use super::distribution::Distribution;
+use super::late::{LateCycle, LateCycles, Witness};
 use super::registry::LoopName;
 use std::time::Duration;
 
@@ -16,6 +17,7 @@ pub(crate) struct Statistics {
     pub(crate) wake_latency: Distribution,
     pub(crate) cycle_time: Distribution,
     pub(crate) run_time: Distribution,
+    pub(crate) late: LateCycles,
 }
 
 impl Statistics {
@@ -31,6 +33,7 @@ impl Statistics {
             wake_latency: Distribution::new(),
             cycle_time: Distribution::new(),
             run_time: Distribution::new(),
+            late: LateCycles::default(),
         })
     }
 }
@@ -78,11 +81,21 @@ pub struct LoopReport {
     pub cycle_time: Distribution,
     /// From a cycle's begin until the loop asked for the next.
     pub run_time: Distribution,
+    /// From which lateness on a cycle is late: see [`Periodic::late_after`](crate::Periodic::late_after).
+    pub late_after: Duration,
+    /// How many cycles were late.
+    pub late: u64,
+    /// The latest of these, at most eight, the worst first, with what is known of the cause.
+    pub late_cycles: Vec<LateCycle>,
 }
 
-impl From<Statistics> for LoopReport {
-    fn from(statistics: Statistics) -> Self {
+impl LoopReport {
+    pub(crate) fn new(statistics: Statistics, witness: &impl Witness) -> Self {
+        let (late, late_after) = statistics.late.summary();
         LoopReport {
+            late_after,
+            late,
+            late_cycles: statistics.late.reports(witness),
             period: statistics.period,
             cycles: statistics.kept,
             missed: statistics.missed,

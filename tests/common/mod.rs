@@ -224,6 +224,11 @@ impl Program {
         String::from_utf8_lossy(&line).into_owned()
     }
 
+    /// Closes its standard input.
+    pub(crate) fn close_input(&mut self) {
+        self.child.stdin.take();
+    }
+
     /// Sends it a signal, by number.
     #[cfg(unix)]
     pub(crate) fn signal(&self, signal: i32) {

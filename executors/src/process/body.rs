@@ -73,7 +73,7 @@ impl<F> Body<F> {
         let poisons = self.record.is_poisoned();
         let abandoned = !matches!(exit, RawExit::Completed);
         let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            let drop_body = || match abandoned {
+            let mut drop_body = || match abandoned {
                 true => current::with_abandoned(|| self.future = None),
                 false => self.future = None,
             };

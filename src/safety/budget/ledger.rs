@@ -1,0 +1,217 @@
+//! A process' budgets while it runs: measured on its thread, read by the one that runs the system.
+
+use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
+use crate::safety::Emergency;
+use crate::time::{Accounting, LoopName, UsageSince};
+use luna_executors::{Living, Overseer, Sentence};
+use luna_platform::clock::{Instant, nanos};
+use luna_platform::lock::PiLock;
+use std::any::Any;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+/// The budgets of one process, and how it keeps them. All room is there before the start; what is written on an overrun stands under a
+/// priority-inheriting lock, which the reader holds for a copy.
+pub(crate) struct Ledger {
+    poll: Option<Duration>,
+    cycle: Option<Duration>,
+    on_overrun: OnOverrun,
+    /// Whether each poll is accounted for, and not the overruns alone.
+    accounted: bool,
+    /// A first reading was made. Written by the process' thread alone.
+    has_begun: AtomicBool,
+    /// The process is to be ended.
+    sentenced: AtomicBool,
+    books: PiLock<Books>,
+    /// From when the process is started.
+    system: OnceLock<(Arc<Emergency>, Arc<Living>)>,
+}
+
+#[derive(Default)]
+struct Books {
+    accounting: Accounting,
+    poll: Overruns,
+    cycle: Overruns,
+    /// What was decided on, if the process or the system is to end.
+    offence: Option<Offence>,
+    /// Nobody has said of the last overruns yet.
+    is_unsaid: bool,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Overruns {
+    count: u64,
+    worst: Option<Worst>,
+}
+
+#[derive(Clone, Copy)]
+struct Worst {
+    at: Instant,
+    taken: Duration,
+    of_loop: Option<LoopName>,
+    usage: Option<UsageSince>,
+}
+
+impl Ledger {
+    pub(super) fn new(budgets: &Budgets) -> Self {
+        Self {
+            poll: budgets.poll,
+            cycle: budgets.cycle,
+            on_overrun: budgets.on_overrun.unwrap_or_default(),
+            accounted: budgets.accounted,
+            has_begun: AtomicBool::new(false),
+            sentenced: AtomicBool::new(false),
+            books: PiLock::new(Books::default()),
+            system: OnceLock::new(),
+        }
+    }
+
+    /// Says what system the process is part of, before it runs.
+    pub(crate) fn join(&self, emergency: &Arc<Emergency>, living: &Arc<Living>) {
+        // A process is started once.
+        let _ = self.system.set((emergency.clone(), living.clone()));
+    }
+
+    /// That of the process that is being polled, if it has budgets.
+    pub(crate) fn current() -> Option<Arc<Ledger>> {
+        let overseer: Arc<dyn Any + Send + Sync> = luna_executors::overseer()?;
+        overseer.downcast().ok()
+    }
+
+    /// A cycle has ended; says whether the process has to end too. O(1); on an overrun as [`overrun`](Self::overrun).
+    #[inline]
+    pub(crate) fn cycle_ends(&self, of: LoopName, began: Instant, now: Instant) -> bool {
+        if let Some(budget) = self.cycle
+            && now.nanos_since(began) > nanos(budget)
+        {
+            self.overrun(BudgetKind::Cycle, budget, Some(of), began, now);
+        }
+        self.sentenced.load(Ordering::Relaxed)
+    }
+
+    /// O(1), no allocation. Three system calls to read what the kernel has counted; one more for a warning that is the first since the last was said,
+    /// or to trigger the emergency.
+    #[cold]
+    fn overrun(
+        &self,
+        kind: BudgetKind,
+        budget: Duration,
+        of_loop: Option<LoopName>,
+        began: Instant,
+        now: Instant,
+    ) {
+        let taken = now - began;
+        let mut books = self.books.lock();
+        let usage = books.accounting.turn(now);
+        let overruns = match kind {
+            BudgetKind::Poll => &mut books.poll,
+            BudgetKind::Cycle => &mut books.cycle,
+        };
+        overruns.count += 1;
+        if overruns.worst.is_none_or(|worst| worst.taken < taken) {
+            overruns.worst = Some(Worst {
+                at: began,
+                taken,
+                of_loop,
+                usage,
+            });
+        }
+        let ends = matches!(self.on_overrun, OnOverrun::Poison | OnOverrun::Emergency);
+        let is_first = ends && books.offence.is_none();
+        if is_first {
+            books.offence = Some(Offence {
+                kind,
+                budget,
+                taken,
+            });
+        }
+        let is_news =
+            self.on_overrun == OnOverrun::Warn && !std::mem::replace(&mut books.is_unsaid, true);
+        drop(books);
+        match (self.on_overrun, self.system.get()) {
+            (OnOverrun::Poison, _) => self.sentenced.store(true, Ordering::Relaxed),
+            (OnOverrun::Warn, Some((_, living))) if is_news => living.announce(),
+            (OnOverrun::Emergency, Some((emergency, _))) if is_first => emergency.trigger(),
+            _ => {}
+        }
+    }
+
+    /// For what the process, or the system, is being ended; once it is.
+    pub(crate) fn offence(&self) -> Option<Offence> {
+        self.books.lock().offence
+    }
+
+    /// For what the system is being ended, if it is that.
+    pub(crate) fn emergency(&self) -> Option<Offence> {
+        self.offence()
+            .filter(|_| self.on_overrun == OnOverrun::Emergency)
+    }
+
+    /// Whether the process was ended for an overrun, so that the channel ends that it leaves poison their channels.
+    pub(crate) fn is_sentenced(&self) -> bool {
+        self.sentenced.load(Ordering::Relaxed)
+    }
+
+    /// Whether somebody is to be told of an overrun.
+    pub(crate) fn has_news(&self) -> bool {
+        self.books.lock().is_unsaid
+    }
+
+    /// They are being told: the next overrun is news.
+    pub(crate) fn take_news(&self) {
+        self.books.lock().is_unsaid = false;
+    }
+
+    /// How each budget was kept until now. Not for the real-time path.
+    pub(crate) fn reports(&self) -> Vec<BudgetReport> {
+        let (poll, cycle) = {
+            let books = self.books.lock();
+            (books.poll, books.cycle)
+        };
+        let kinds = [
+            (BudgetKind::Poll, self.poll, poll),
+            (BudgetKind::Cycle, self.cycle, cycle),
+        ];
+        kinds
+            .into_iter()
+            .filter_map(|(kind, budget, overruns)| {
+                Some(BudgetReport {
+                    kind,
+                    budget: budget?,
+                    on_overrun: self.on_overrun,
+                    overruns: overruns.count,
+                    worst: overruns.worst.map(|worst| BudgetOverrun {
+                        at: worst.at,
+                        taken: worst.taken,
+                        of_loop: worst.of_loop.map(|name| name.as_str().to_owned()),
+                        usage: worst.usage,
+                    }),
+                })
+            })
+            .collect()
+    }
+}
+
+impl Overseer for Ledger {
+    fn poll_begins(&self, now: Instant) {
+        // The first reading is what the first overrun is counted from.
+        if self.accounted || !self.has_begun.load(Ordering::Relaxed) {
+            self.has_begun.store(true, Ordering::Relaxed);
+            self.books.lock().accounting.begin(now);
+        }
+    }
+
+    fn poll_ends(&self, began: Instant, now: Instant) -> Sentence {
+        if let Some(budget) = self.poll
+            && now.nanos_since(began) > nanos(budget)
+        {
+            self.overrun(BudgetKind::Poll, budget, None, began, now);
+        }
+        if self.sentenced.load(Ordering::Relaxed) {
+            Sentence::Poison
+        } else {
+            Sentence::GoOn
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Says of overruns, on the thread that runs the system: the path only raises a flag, and rings if nobody had raised it.
+
+use super::plan::Members;
+use luna_platform::clock::Instant;
+use luna_platform::current::ProcessId;
+use std::collections::HashMap;
+use std::time::Duration;
+
+/// The time between two lines about one process.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// When something was said of whom.
+#[derive(Default)]
+pub(super) struct Warnings {
+    said: HashMap<ProcessId, Instant>,
+}
+
+impl Warnings {
+    /// The lines to be said now, and when to look again if nobody rings. A process of which something was said lately keeps its flag, so that it does
+    /// not ring.
+    pub(super) fn collect(&mut self, members: &Members, now: Instant) -> (Vec<String>, Instant) {
+        let mut lines = Vec::new();
+        let mut next = Instant::NEVER;
+        for member in &members.started {
+            let Some(ledger) = &member.ledger else {
+                continue;
+            };
+            if !ledger.has_news() {
+                continue;
+            }
+            if let Some(&said) = self.said.get(&member.id)
+                && now < said + PAUSE
+            {
+                next = next.min(said + PAUSE);
+                continue;
+            }
+            self.said.insert(member.id, now);
+            lines.extend(take_lines(&member.name, ledger));
+        }
+        (lines, next)
+    }
+
+    /// What has not been said yet, at the end.
+    pub(super) fn rest(members: &Members) -> Vec<String> {
+        let with_news = members.started.iter().filter_map(|member| {
+            let ledger = member.ledger.as_ref()?;
+            ledger.has_news().then(|| take_lines(&member.name, ledger))
+        });
+        with_news.flatten().collect()
+    }
+}
+
+fn take_lines(name: &str, ledger: &crate::safety::Ledger) -> Vec<String> {
+    // Before the reading: an overrun in between is said twice, and not never.
+    ledger.take_news();
+    let reports = ledger.reports().into_iter();
+    reports
+        .filter(|report| report.overruns > 0)
+        .map(|report| format!("luna: process `{name}`: {report}"))
+        .collect()
+}
