@@ -8,7 +8,7 @@ use crate::calls;
 use crate::inbound::Inbound;
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
-use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record};
+use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
 use crate::task::{self, with_queue};
 use crate::watch;
 use luna_platform::clock::Instant;
@@ -326,6 +326,7 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let _home = current::enter_home(shared.home, timers.clone(), false);
     let _files = watch::enter(shared.inbound.bell());
     let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
+    prepare_thread();
     let mut members = Vec::new();
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers, &mut members)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know

@@ -3,7 +3,7 @@
 use crate::calls;
 use crate::executor::Phase;
 use crate::presence::{Presence, Sleeper};
-use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record};
+use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
 use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home, ProcessId};
@@ -147,6 +147,7 @@ fn run<F: Future>(
     let mut cx = Context::from_waker(&waker);
     // It may block, and nobody's first blocking call is to allocate.
     park::prepare();
+    prepare_thread();
     current::set_on_path(on_path);
     loop {
         // SAFETY: this thread is the home, and the process ends with this function.

@@ -95,15 +95,16 @@ fn however_often_it_is_woken_on_its_thread_it_runs_once_more() {
             [[Pull::Waker; 10], [Pull::Here(Place::Last); 10]].concat(),
         )
         .await;
-        // Nobody wakes it any more, so the lower one below runs, and then this one again.
-        let mut is_polled = false;
+        // Nobody wakes it any more after the next poll, so the lower one below runs, and then this one again.
+        let mut polls = 0;
         poll_fn(move |cx| {
-            if is_polled {
-                return Poll::Ready(());
-            }
-            is_polled = true;
+            polls += 1;
             WOKEN.lock().unwrap().replace(cx.waker().clone());
-            Poll::Pending
+            if polls == 3 {
+                Poll::Ready(())
+            } else {
+                Poll::Pending
+            }
         })
         .await;
     });

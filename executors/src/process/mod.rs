@@ -10,6 +10,7 @@ pub(crate) use body::Body;
 pub use join::Join;
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
+pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::Record;
 

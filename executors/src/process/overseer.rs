@@ -31,6 +31,11 @@ thread_local! {
     static OVERSEER: RefCell<Option<Arc<dyn Overseer>>> = const { RefCell::new(None) };
 }
 
+/// Makes the thread's room for it, before the real-time path begins: the first touch registers a destructor, which may allocate.
+pub(crate) fn prepare() {
+    OVERSEER.with(|_| {});
+}
+
 /// The overseer of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
 pub fn overseer() -> Option<Arc<dyn Overseer>> {
     OVERSEER.with(|overseer| overseer.borrow().clone())

@@ -88,6 +88,14 @@ impl Record {
         self.state.store(state as u8, Ordering::Relaxed);
     }
 
+    /// Says that it is able to run, unless it runs: then its end of the poll says so. On its own thread.
+    #[inline]
+    pub(crate) fn set_ready(&self) {
+        if self.state.load(Ordering::Relaxed) != ProcessState::Running as u8 {
+            self.set_state(ProcessState::Ready);
+        }
+    }
+
     /// Whether the body has ended.
     #[inline]
     pub(crate) fn has_ended(&self) -> bool {

@@ -180,7 +180,7 @@ unsafe fn ready(task: NonNull<Task>, level: u8, place: Place) {
             // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
             with_queue(|queue| queue.remove(queued, link));
         } else {
-            this.record.set_state(ProcessState::Ready);
+            this.record.set_ready();
         }
         this.queued_level.set(level);
         with_queue(|queue| match place {
@@ -208,7 +208,6 @@ unsafe fn ready_here(owner: NonNull<()>, level: u8, place: Place) {
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
-    this.record.set_state(ProcessState::Ready);
     this.shared.inbound().wake(&this.seat, level);
 }
 

@@ -76,6 +76,11 @@ impl Made {
                     | libc::SYS_writev
                     | libc::SYS_epoll_ctl
             ),
+            // Opened once a thread, when its first loop begins.
+            Call::Account => matches!(
+                number,
+                libc::SYS_getrusage | libc::SYS_openat | libc::SYS_pread64
+            ),
         }
     }
 

@@ -1,5 +1,6 @@
 //! `getrusage` of the thread, its clock, and its line of `/proc`.
 
+use crate::path::{self, Call};
 use crate::usage::ThreadUsage;
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::time::{ClockId, clock_gettime};
@@ -19,6 +20,10 @@ pub(crate) fn prepare_thread() {
 }
 
 pub(crate) fn of_current_thread() -> Option<ThreadUsage> {
+    path::expected(Call::Account, counted)
+}
+
+fn counted() -> Option<ThreadUsage> {
     let usage = getrusage(UsageWho::RUSAGE_THREAD).ok()?;
     // The times of `getrusage` are as old as the last tick; the clock's is exact.
     let cpu_time = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).ok()?;

@@ -36,6 +36,8 @@ pub enum Call {
     Boost,
     /// To read or write a file that does not wait, or to say what it is waited for: for those processes alone that work on files.
     File,
+    /// To read what the kernel has counted of the thread, when a loop begins, a cycle is late or a budget is overrun. None of these calls waits.
+    Account,
 }
 
 /// Calls `f` off the real-time path: until it returns, this thread says of itself that it is not on it.

@@ -212,19 +212,32 @@ pub(crate) fn a_limit_that_is_reached(places: &mut Places) {
     });
 }
 
-/// Foreign combinators keep wakers: the last one of a thread that is long gone may be dropped on the path of another.
+/// Foreign combinators keep wakers: the last one of a process that is long gone may be dropped on the path of another.
+pub(crate) fn wakers_that_outlive_their_process(places: &mut Places) {
+    let (output, input) = luna::channel::<Waker>();
+    for process in 0..3 {
+        places.process(&format!("leaves its waker {process}"), leaves(output.clone()));
+    }
+    keep(places, input);
+}
+
+/// The same of processes that had a thread alone.
 pub(crate) fn wakers_that_outlive_their_thread(places: &mut Places) {
     let (output, input) = luna::channel::<Waker>();
     for process in 0..3 {
-        let output = output.clone();
-        let leaves = async move {
-            let waker = poll_fn(|cx| Poll::Ready(cx.waker().clone())).await;
-            output.send(waker).await.map_err(|_| luna::Error::Closed)?;
-            Ok(())
-        };
         let name = format!("leaves its waker {process}");
+        let leaves = leaves(output.clone());
         places.system.thread(&name).process(&name).spawn(leaves).unwrap();
     }
+    keep(places, input);
+}
+
+async fn leaves(output: Sender<Waker>) -> luna::Result<()> {
+    let waker = poll_fn(|cx| Poll::Ready(cx.waker().clone())).await;
+    output.send(waker).await.map_err(|_| luna::Error::Closed)
+}
+
+fn keep(places: &mut Places, input: Receiver<Waker>) {
     places.process("keeps them", async move {
         let wakers = [input.recv().await?, input.recv().await?, input.recv().await?];
         // Until they are buried.

@@ -2,7 +2,7 @@
 
 use super::Places;
 use luna::prelude::*;
-use luna::{Overrun, Timer, Watchdog};
+use luna::{OnOverrun, Overrun, Timer, Watchdog};
 use std::time::Duration;
 
 const SHORT: Duration = Duration::from_micros(50);
@@ -52,6 +52,62 @@ pub(crate) fn loops_behind_time(places: &mut Places) {
             }
             Ok(())
         });
+    }
+}
+
+/// Loops on the common grid, with a guard, that follow another clock.
+pub(crate) fn loops_in_phase(places: &mut Places) {
+    for (name, phase) in [("first", Duration::ZERO), ("second", PERIOD / 2)] {
+        places.process(name, async move {
+            let mut tick = luna::periodic(name, PERIOD)?
+                .phase(phase)?
+                .guard_spin(PERIOD / 20)?;
+            for n in 0..30 {
+                tick.next().await;
+                tick.correct(if n % 2 == 0 { 500 } else { -700 });
+            }
+            Ok(())
+        });
+    }
+}
+
+/// Loops all of whose cycles are late, and ask the kernel why.
+pub(crate) fn loops_that_account(places: &mut Places) {
+    for (name, accounts) in [("asks when late", false), ("asks each time", true)] {
+        places.process(name, async move {
+            let mut tick = luna::periodic(name, PERIOD)?.late_after(Duration::from_nanos(1));
+            if accounts {
+                tick = tick.accounted();
+            }
+            for _ in 0..30 {
+                tick.next().await;
+            }
+            Ok(())
+        });
+    }
+}
+
+/// Processes beyond their budgets in each poll and cycle.
+pub(crate) fn budgets(places: &mut Places) {
+    for (name, on_overrun) in [("counts", OnOverrun::Count), ("warns", OnOverrun::Warn)] {
+        let body = async move {
+            let mut tick = luna::periodic(name, PERIOD)?;
+            for _ in 0..30 {
+                tick.next().await;
+                let end = luna::now() + Duration::from_micros(5);
+                while luna::now() < end {
+                    std::hint::spin_loop();
+                }
+            }
+            Ok(())
+        };
+        places
+            .next(name)
+            .poll_budget(Duration::from_micros(1))
+            .cycle_budget(Duration::from_micros(1))
+            .on_overrun(on_overrun)
+            .spawn(body)
+            .unwrap();
     }
 }
 
