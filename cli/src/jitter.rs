@@ -30,7 +30,8 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
 
     let mut system = System::new(NAME);
     system.lock_memory();
-    spawn(&mut system, arguments).map_err(Failure::Luna)?;
+    // Kept, so that no process drops the last one on the real-time path.
+    let _ended = spawn(&mut system, arguments).map_err(Failure::Luna)?;
     let report = system.run().map_err(Failure::Luna)?;
     let measurement = report::measurement(&report, NAME, &[NAME], allocator.counts());
 
@@ -58,7 +59,7 @@ pub(crate) fn run(arguments: &args::Jitter, allocator: &Counting) -> Result<bool
 }
 
 /// The measured loop, at the highest level of its executor, and what is to run beside it.
-fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<()> {
+fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<Ended> {
     let loops = arguments.loops;
     let period = Duration::from_micros(arguments.interval);
     let guard = Duration::from_micros(arguments.guard);
@@ -83,7 +84,7 @@ fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<()> {
             &ended,
         )?;
     }
-    Ok(())
+    Ok(ended)
 }
 
 /// A line for each latency that occurred, the shortest first.
