@@ -338,7 +338,8 @@ mod tests {
                 Some(refused) => {
                     assert_eq!(now, own);
                     let text = refused.first.to_string();
-                    assert!(text.starts_with("no inherited priority 50: "), "{text}");
+                    // Another test may have been the first.
+                    assert!(text.starts_with("no inherited priority "), "{text}");
                 }
             }
         }
