@@ -290,6 +290,116 @@ fn the_next_holder_inherits_from_those_behind_it() {
     });
 }
 
+/// The next holder was handed the mutex, and has not run yet, when somebody more urgent comes: it moves up before those between.
+#[test]
+fn who_was_handed_the_mutex_and_is_queued_moves_up() {
+    let _watch = watchdog();
+    let (log, mutex) = (Log::default(), Mutex::new(()));
+    on_one_executor(|process| {
+        let (release, released) = luna::buffered::<()>(Buffer::fifo(1));
+        let (start_between, between) = luna::buffered::<()>(Buffer::fifo(1));
+        let (start_urgent, urgent) = luna::buffered::<()>(Buffer::fifo(1));
+        let (own, first) = (mutex.clone(), log.clone());
+        process("first", 25)
+            .spawn(async move {
+                let guard = own.lock().await?;
+                released.recv().await?;
+                drop(guard);
+                start_between.try_send(()).unwrap();
+                start_urgent.try_send(()).unwrap();
+                first.add("handed over");
+                Ok(())
+            })
+            .unwrap();
+        let (own, next) = (mutex.clone(), log.clone());
+        process("next", 10)
+            .spawn(async move {
+                // It waits in the mutex when it lets the first go on.
+                par!(
+                    async {
+                        drop(own.lock().await?);
+                        next.add("next unlocks");
+                        Ok(())
+                    },
+                    async {
+                        release.send(()).await?;
+                        Ok(())
+                    }
+                )
+                .await?;
+                Ok(())
+            })
+            .unwrap();
+        let between_log = log.clone();
+        process("between", 20)
+            .spawn(async move {
+                between.recv().await?;
+                between_log.add("between");
+                Ok(())
+            })
+            .unwrap();
+        let (own, last) = (mutex.clone(), log.clone());
+        process("urgent", 30)
+            .spawn(async move {
+                urgent.recv().await?;
+                drop(own.lock().await?);
+                last.add("urgent");
+                Ok(())
+            })
+            .unwrap();
+    });
+    let order = log.between("handed over", "urgent");
+    assert_eq!(order, Vec::from(["next unlocks"]));
+}
+
+/// A branch that waits for what another branch of its process holds lends it nothing, least of all what the process inherits.
+#[test]
+fn who_inherits_does_not_lend_it_to_itself() {
+    let _watch = watchdog();
+    let (mutex, log) = (Mutex::new(()), Log::default());
+    on_one_executor(|process| {
+        let (own, seen) = (mutex.clone(), log.clone());
+        let (wait, waits) = luna::buffered::<()>(Buffer::fifo(1));
+        let (end, ended) = luna::buffered::<()>(Buffer::fifo(1));
+        process("both", 10)
+            .spawn(async move {
+                par!(
+                    async {
+                        let guard = own.lock().await?;
+                        yield_now().await; // the other branch waits for it now
+                        wait.send(()).await?;
+                        ended.recv().await?;
+                        if level() == 10 {
+                            seen.add("its own level again");
+                        }
+                        drop(guard);
+                        Ok(())
+                    },
+                    async {
+                        drop(own.lock().await?);
+                        Ok(())
+                    }
+                )
+                .await?;
+                Ok(())
+            })
+            .unwrap();
+        let (own, seen) = (mutex.clone(), log.clone());
+        process("gives up", 30)
+            .spawn(async move {
+                waits.recv().await?;
+                let given_up = own.lock_timeout(Duration::from_millis(1)).await;
+                assert!(given_up.is_err());
+                seen.add("given up");
+                end.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+    });
+    let log = log.0.lock().unwrap();
+    assert_eq!(*log, ["given up", "its own level again"]);
+}
+
 #[test]
 fn branches_of_one_process_do_not_lift_each_other() {
     let _watch = watchdog();

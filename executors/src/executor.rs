@@ -335,6 +335,7 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
         current::set_on_path(false);
         shared.close();
         for record in members {
+            record.leave_body();
             record.end_panicked(Box::new(
                 "the executor's thread panicked outside of any process",
             ));
@@ -349,6 +350,10 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>
         shared.take_in(members);
         if shared.phase() != Phase::HELD {
             break;
+        }
+        // Who is woken before the start is queued; a signal that is left would keep the thread from its sleep.
+        while let Some(level) = shared.inbound.signals().highest_level() {
+            task::take_in(shared, level);
         }
         shared.inbound.sleep(Instant::NEVER);
     }

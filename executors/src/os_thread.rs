@@ -352,7 +352,11 @@ impl Held {
         }));
         if let Err(payload) = ran {
             // Not the body's panic, which is caught where it is polled: a foreign waker's, say.
-            drop(body);
+            let abandoned = AssertUnwindSafe(|| current::with_abandoned(|| drop(body)));
+            if let Err(second) = catch_unwind(abandoned) {
+                // The first one counts, and dropping the other could panic in turn.
+                std::mem::forget(second);
+            }
             record.end_panicked(payload);
         }
         record.drop_waker();

@@ -78,20 +78,25 @@ struct Here {
 
 /// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is dropped.
 pub(crate) fn enter(bell: &Bell) -> FilesGuard {
-    HERE.set(Some(Here {
+    let here = Here {
         bell: bell.clone(),
         files: None,
-    }));
-    FilesGuard(())
+    };
+    HAS_FILES.set(false);
+    FilesGuard(HERE.replace(Some(here)))
 }
 
 #[must_use = "files can be waited for until the guard is dropped"]
-pub(crate) struct FilesGuard(());
+pub(crate) struct FilesGuard(
+    /// What was there before: a process may be made by a builder that runs another one first.
+    Option<Here>,
+);
 
 impl Drop for FilesGuard {
     fn drop(&mut self) {
-        HAS_FILES.set(false);
-        HERE.take();
+        let before = self.0.take();
+        HAS_FILES.set(before.as_ref().is_some_and(|here| here.files.is_some()));
+        drop(HERE.replace(before));
     }
 }
 

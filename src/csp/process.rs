@@ -129,8 +129,9 @@ impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
             resident: Some(Box::new(resident)),
             starter: Box::new(move || {
                 let at = at;
-                // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended, and
-                // does not touch the process in between; so this is the only access while the body lives.
+                // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended (or else
+                // the record says that it was left, and the resident stays for ever), and does not touch the process in between; so this is the
+                // only access while the body lives.
                 let process: &'static mut P = unsafe { &mut *at.0 };
                 process.run()
             }),

@@ -248,7 +248,12 @@ fn bury(plan: &Plan, tell: bool) {
                 {
                     eprintln!("luna: {error}");
                 }
-                (member.resident.take(), was_sentenced(member))
+                let mut resident = member.resident.take();
+                if member.handle.has_left_body() {
+                    // The body that was left may still be found by others, and refers to it.
+                    std::mem::forget(resident.take());
+                }
+                (resident, was_sentenced(member))
             })
         };
         match next {

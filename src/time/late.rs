@@ -164,7 +164,8 @@ impl LateCycles {
     /// The loop asks for its next cycle; the one before ran so many nanoseconds.
     pub(crate) fn asked(&mut self, now: Instant, previous_run: Option<u64>) {
         self.asked = now;
-        self.previous_run = previous_run;
+        // A future that was dropped, and another that asks again: the cycle before is still the same.
+        self.previous_run = previous_run.or(self.previous_run);
     }
 
     /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is accounted for.

@@ -51,7 +51,8 @@ pub struct Periodic {
     /// Always there until the drop.
     statistics: Option<Box<Statistics>>,
     scope: Arc<Scope>,
-    ledger: Option<Arc<Ledger>>,
+    /// Slots that a future which was dropped since has left behind on a former grid.
+    carried: u64,
     period: u64,
     overrun: Overrun,
     limit: Option<u32>,
@@ -115,7 +116,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
     Ok(Periodic {
         statistics: Some(statistics),
         scope,
-        ledger: Ledger::current(),
+        carried: 0,
         period: length,
         overrun: Overrun::default(),
         limit: None,
@@ -336,14 +337,14 @@ impl Periodic {
             self.join_common_grid(phase, asked);
         }
         let target = self.grid.slot(self.number.saturating_add(1));
-        let mut missed = 0;
         let mut run = None;
         if let Some(began) = self.began
             && std::mem::take(&mut self.in_cycle)
         {
             run = Some(asked.nanos_since(began));
             self.statistics().run_time.record(asked.nanos_since(began));
-            if let Some(ledger) = &self.ledger
+            // That of the process whose cycle it is: a loop may be handed on.
+            if let Some(ledger) = Ledger::current()
                 && ledger.cycle_ends(self.name(), began, asked)
             {
                 // The process is ended when this poll is.
@@ -352,7 +353,7 @@ impl Periodic {
             let statistics = self.statistics();
             if asked > target {
                 statistics.overruns += 1;
-                self.consecutive += 1;
+                self.consecutive = self.consecutive.saturating_add(1);
                 if self.limit.is_some_and(|limit| self.consecutive >= limit) {
                     let name = self.name();
                     fail_current(Failure::Overrun {
@@ -362,7 +363,7 @@ impl Periodic {
                     .await;
                 }
                 if self.overrun == Overrun::Rephase {
-                    missed = self.leave_grid(asked);
+                    self.carried += self.leave_grid(asked);
                 }
             } else {
                 self.consecutive = 0;
@@ -377,11 +378,11 @@ impl Periodic {
         }
         // Without a guard the slot has come: one look at the clock.
         let now = spin::until(target).await;
-        self.begin_cycle(target, missed, now)
+        self.begin_cycle(target, now)
     }
 
-    /// Begins a cycle that was scheduled for `target`, `missed` slots having been missed on a grid that was left.
-    fn begin_cycle(&mut self, target: Instant, missed: u64, now: Instant) -> Cycle {
+    /// Begins a cycle that was scheduled for `target`.
+    fn begin_cycle(&mut self, target: Instant, now: Instant) -> Cycle {
         let before = self.number;
         self.come = self.grid.last_at(now).max(before + 1);
         self.number = match self.overrun {
@@ -407,7 +408,7 @@ impl Periodic {
             number,
             deadline,
             lateness: now - deadline,
-            missed: missed + skipped,
+            missed: std::mem::take(&mut self.carried) + skipped,
         }
     }
 

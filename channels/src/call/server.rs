@@ -38,7 +38,7 @@ use std::task::{Context, Poll};
 /// with another one's call or on its way back. That one is known from its first `accept` on, also from one that was dropped, and until
 /// another process accepts. It is lent the priority of the most urgent client that waits, until none does.
 /// What is not inherited: by a server that was never there; by several servers that are all busy, but for the last; and what a server is
-/// lent while it waits itself for the reply of another one is not passed on to that one.
+/// lent while it waits itself, for the reply of another one or for a mutex, is not passed on to that one.
 ///
 /// Dropping the last one closes the channel: clients get their requests back. Cloning is not for the real-time path; dropping is O(1), and
 /// O(waiting clients) for the last one.

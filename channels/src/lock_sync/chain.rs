@@ -18,8 +18,8 @@ pub(super) struct Changed {
     pub(super) is_more: bool,
 }
 
-/// Lets what a holder waits for know that it is as urgent as it is now, and so on. A holder that waits for none is let run, if it was lent more. Called without
-/// any lock.
+/// Lets what a holder waits for know that it is as urgent as it is now, and so on. Each on the way is let run, if it was lent more: one that really waits is polled
+/// once for nothing. Called without any lock.
 pub(super) fn follow(changed: Option<Changed>) {
     let Some(Changed { heir, is_more }) = changed else {
         return;
@@ -31,23 +31,28 @@ pub(super) fn follow(changed: Option<Changed>) {
         let Some((heir, above)) = way.last_mut() else {
             return;
         };
+        // Also one that has a wait listed: it may have been handed what it waited for and be queued, or another branch of it may be.
+        if *above == 0 && is_more {
+            heir.move_up();
+        }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
         let next = heir.next_wait(*above, |node| unsafe {
             let (entry, core) = Entry::waited_for(node);
             (node.addr().get(), entry, CoreRef::new(core))
         });
         let Some((address, entry, core)) = next else {
-            if *above == 0 && is_more {
-                heir.move_up();
-            }
             way.pop();
             continue;
         };
         *above = address;
-        if let Some(further) = core.reorder(entry)
-            && !way.is_full()
-        {
-            way.push((further, 0));
+        if let Some(further) = core.reorder(entry) {
+            if way.is_full() {
+                if is_more {
+                    further.move_up();
+                }
+            } else {
+                way.push((further, 0));
+            }
         }
     }
 }

@@ -223,7 +223,7 @@ impl Condition {
             // SAFETY: it was just taken off this condition's list, whose lock is held.
             .and_then(|node| unsafe { move_on(node, Cause::NotifiedAlone) });
         drop(lists);
-        if let Some(admitted) = admitted {
+        if let Some((admitted, _mutex)) = admitted {
             admitted.carry_out();
         }
     }
@@ -260,7 +260,7 @@ impl Condition {
             let admitted = unsafe { move_on(node, Cause::NotifiedWithAll) };
             drop(lists);
             let rest = Rest(self);
-            if let Some(admitted) = admitted {
+            if let Some((admitted, _mutex)) = admitted {
                 admitted.carry_out();
             }
             std::mem::forget(rest);
@@ -296,19 +296,20 @@ impl Condition {
     }
 }
 
-/// Moves one who waited to its mutex.
+/// Moves one who waited to its mutex. The reference is to be dropped without the condition's lock: it may be the last, and then does what takes other locks.
 ///
 /// # Safety
 ///
 /// `node` was just taken off a condition's list, whose lock is held.
-unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<Admitted> {
+unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, CoreRef)> {
     // SAFETY: the contract: its future cannot go without the condition's lock before it is settled, and keeps its mutex. After that it may, so that the
     // reference keeps the mutex while its lock is held here.
     unsafe {
         let entry = Entry::of(node);
         Entry::set_cause(entry, cause);
         let core = CoreRef::new(Entry::core(entry)?);
-        Some(core.admit(entry))
+        let admitted = core.admit(entry);
+        Some((admitted, core))
     }
 }
 

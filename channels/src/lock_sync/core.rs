@@ -57,6 +57,10 @@ impl CoreRef {
             .fetch_add(1, Ordering::Relaxed);
         Self(core)
     }
+
+    pub(super) fn pointer(&self) -> NonNull<Core> {
+        self.0
+    }
 }
 
 impl Deref for CoreRef {
@@ -345,21 +349,31 @@ impl Core {
         }
     }
 
-    /// Lends the holder the priority of the first who waits. O(1).
+    /// Lends the holder the priority of the first other one who waits. O(1), and O(those before who are branches of the holder itself).
     fn relend(&self, lists: &Lists) -> Option<Changed> {
-        let first = match lists.senders.first() {
-            // SAFETY: a listed node is live.
-            Some(node) => unsafe { node.as_ref() }.priority(),
-            None => Priority::default(),
-        };
         self.state(lists, |state| {
             let heir = state.heir.as_mut()?;
-            // As a whole: what waits may be another branch of the same process.
-            let change = heir.lend_whole(first);
+            // As a whole: what waits may be another branch of the same process. Its own priority is not lent to it, since it may be one that it has inherited.
+            let change = heir.lend_whole(first_other(lists, heir));
             change.is_ne().then(|| Changed {
                 heir: heir.copy(),
                 is_more: change.is_gt(),
             })
         })
     }
+}
+
+/// The priority of the first who waits and is not the holder itself.
+fn first_other(lists: &Lists, holder: &Heir) -> Priority {
+    let mut next = lists.senders.first();
+    while let Some(node) = next {
+        // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.
+        unsafe {
+            if !Entry::is_of(Entry::of(node), holder) {
+                return node.as_ref().priority();
+            }
+            next = lists.senders.after(node);
+        }
+    }
+    Priority::default()
 }

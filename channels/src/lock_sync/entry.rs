@@ -1,6 +1,6 @@
 //! The node of one who waits for a mutex, or for a condition and then its mutex.
 
-use super::core::Core;
+use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{Heir, Priority, Wakeup};
 use luna_platform::wait_list::WaitNode;
@@ -42,8 +42,8 @@ pub(super) struct Entry {
     /// Who inherits when the mutex is its own.
     heir: Option<Heir>,
     cause: Cause,
-    /// Which mutex it is to lock, once it is begun.
-    core: Option<NonNull<Core>>,
+    /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if its future is leaked: the chain may still find it.
+    core: Option<CoreRef>,
     is_listed: bool,
     listed: MaybeUninit<Listed>,
 }
@@ -77,8 +77,8 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` lives until [`end`](Self::end), which is called before the
-    /// entry goes.
+    /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` is live; [`end`](Self::end) is called before the
+    /// entry goes, or the entry stays for ever.
     pub(super) unsafe fn begin(entry: NonNull<Entry>, core: NonNull<Core>, heir: Option<Heir>) {
         // SAFETY: the contract.
         unsafe {
@@ -95,7 +95,7 @@ impl Entry {
                 heir.begin_wait(NonNull::from(&mut (*this).listed).cast());
             }
             (*this).heir = heir;
-            (*this).core = Some(core);
+            (*this).core = Some(CoreRef::new(core));
         }
     }
 
@@ -115,6 +115,7 @@ impl Entry {
                 (*this).listed.assume_init_drop();
             }
             (*this).heir = None;
+            (*this).core = None;
         }
     }
 
@@ -156,6 +157,18 @@ impl Entry {
         }
     }
 
+    /// Whether it waits for `holder` itself.
+    ///
+    /// # Safety
+    ///
+    /// As for [`priority`](Self::priority).
+    pub(super) unsafe fn is_of(entry: NonNull<Entry>, holder: &Heir) -> bool {
+        // SAFETY: the contract; this borrows the one field.
+        unsafe { &(*entry.as_ptr()).heir }
+            .as_ref()
+            .is_some_and(|heir| heir.is_same(holder))
+    }
+
     /// Takes out who inherits.
     ///
     /// # Safety
@@ -172,8 +185,10 @@ impl Entry {
     ///
     /// It is live.
     pub(super) unsafe fn core(entry: NonNull<Entry>) -> Option<NonNull<Core>> {
-        // SAFETY: the contract; once begun, this does not change.
-        unsafe { (*entry.as_ptr()).core }
+        // SAFETY: the contract; between begin and end, this does not change.
+        unsafe { &(*entry.as_ptr()).core }
+            .as_ref()
+            .map(CoreRef::pointer)
     }
 
     /// # Safety

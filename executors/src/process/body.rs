@@ -70,8 +70,8 @@ impl<F> Body<F> {
     fn end(&mut self, exit: RawExit) -> Poll<()> {
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
-        let poisons = self.record.is_poisoned();
         let abandoned = !matches!(exit, RawExit::Completed);
+        let poisons = abandoned && self.record.is_poisoned();
         let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             let mut drop_body = || match abandoned {
                 true => current::with_abandoned(|| self.future = None),

@@ -230,6 +230,12 @@ impl ProcessHandle {
         join::joiners(&self.0)
     }
 
+    /// Whether its body was left behind and is never dropped, since its executor's thread panicked outside of any process: what the body refers to
+    /// must then stay. Asked after the end.
+    pub fn has_left_body(&self) -> bool {
+        self.0.has_left_body()
+    }
+
     /// How it ended, if it has.
     pub fn exit(&self) -> Option<Exit> {
         self.0.end.lock().exit()

@@ -11,6 +11,7 @@ use luna_platform::path;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
@@ -33,6 +34,8 @@ pub(crate) struct Record {
     /// What it is doing, as last said: a late wake may say that it is ready when it has ended, so `ended` has the last word.
     state: AtomicU8,
     ended: AtomicBool,
+    /// Its thread has gone under with the body, which still refers to what it was made of.
+    body_left: AtomicBool,
     pub(super) cancelled: AtomicBool,
     /// It was ended by its overseer.
     poisoned: AtomicBool,
@@ -62,6 +65,7 @@ impl Record {
             overseer: spec.overseer,
             state: AtomicU8::new(ProcessState::Created as u8),
             ended: AtomicBool::new(false),
+            body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             poisoned: AtomicBool::new(false),
             polls: AtomicU64::new(0),
@@ -161,6 +165,17 @@ impl Record {
         }
     }
 
+    /// Says that the process' body is never dropped, if it has not ended: called before it is ended.
+    pub(crate) fn leave_body(&self) {
+        if !self.has_ended() {
+            self.body_left.store(true, Ordering::Release);
+        }
+    }
+
+    pub(super) fn has_left_body(&self) -> bool {
+        self.body_left.load(Ordering::Acquire)
+    }
+
     /// Ends a process whose body never ran.
     pub(crate) fn end_unstarted(&self) {
         self.finish(RawExit::Cancelled);
@@ -188,8 +203,11 @@ impl Record {
                 ready
             };
             drop(end);
-            if let Some(ready) = ready {
-                ready.wake();
+            if let Some(ready) = ready
+                && let Err(payload) = catch_unwind(AssertUnwindSafe(|| ready.wake()))
+            {
+                // A foreign waker's panic is its own matter: the others are told all the same. Dropping what it said could panic in turn.
+                std::mem::forget(payload);
             }
             end = self.end.lock();
         }

@@ -142,7 +142,11 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
     SEATS.with_borrow(|seats| {
         shared.inbound().take(level, seats, |task| {
             // SAFETY: who has a seat is not retired, so it is live, and this is its home's thread.
-            unsafe { ready(task, level, Place::Last) };
+            unsafe {
+                // What it had inherited may have been given back meanwhile, or the wake was one of the seat's former owner.
+                let level = level.min(task.as_ref().process.level());
+                ready(task, level, Place::Last);
+            }
         });
     });
 }

@@ -79,6 +79,15 @@ impl Heir {
         })
     }
 
+    /// Whether both are the same process, or the same thread.
+    pub fn is_same(&self, other: &Heir) -> bool {
+        match (&self.to, &other.to) {
+            (To::Process(own), To::Process(other)) => std::ptr::eq(own.process(), other.process()),
+            (To::Thread(own), To::Thread(other)) => Arc::ptr_eq(own, other),
+            _ => false,
+        }
+    }
+
     /// Whether it is the current process.
     #[inline]
     pub fn is_current(&self) -> bool {
@@ -240,8 +249,9 @@ impl Heir {
         if reference.is_here() {
             // SAFETY: this is the home's thread.
             unsafe { reference.ready_here(Place::Last) };
-        } else if let Some(waker) = reference.process().waker() {
-            waker.wake_by_ref();
+        } else {
+            // SAFETY: the reference keeps the process' memory, and this is not its home's thread.
+            unsafe { reference.process().ready_elsewhere(reference.lowered()) };
         }
     }
 

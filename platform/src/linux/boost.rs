@@ -47,10 +47,16 @@ pub(crate) fn scheduling_again(of: &Scheduling) -> Scheduling {
     }
 }
 
+/// The rank of a deadline thread, as [`Policy::rank`] gives it.
+const ABOVE_ALL: u8 = 100;
+
 impl Scheduling {
-    /// The real-time priority, 1 to 99; 0 without one.
+    /// The real-time priority, 1 to 99; 0 without one, and above all of a deadline thread.
     pub(crate) fn rank(&self) -> u8 {
         let policy = self.policy & !libc::SCHED_RESET_ON_FORK;
+        if policy == libc::SCHED_DEADLINE {
+            return ABOVE_ALL;
+        }
         if [libc::SCHED_FIFO, libc::SCHED_RR].contains(&policy) {
             self.priority as u8
         } else {
