@@ -248,6 +248,8 @@ fn a_process_that_cancels_itself() {
     for completes in [true, false] {
         let itself = Arc::new(std::sync::Mutex::new(None::<ProcessHandle>));
         let own = itself.clone();
+        // Held, since the executor may run already.
+        let mut place = itself.lock().unwrap();
         let process = executor.spawn(ProcessSpec::new("itself"), move || {
             poll_fn(move |_| {
                 own.lock().unwrap().as_ref().unwrap().cancel();
@@ -258,7 +260,8 @@ fn a_process_that_cancels_itself() {
                 }
             })
         });
-        *itself.lock().unwrap() = Some(process.clone());
+        *place = Some(process.clone());
+        drop(place);
         executor.release();
         let exit = if completes {
             Exit::Completed
