@@ -381,11 +381,9 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[cold]
     fn lend_to_server(&mut self) {
         let lists = &mut *self.lists;
+        let first = lists.senders.first();
         // SAFETY: a node in the list is live, and the lock is held.
-        let most_urgent = lists
-            .senders
-            .first()
-            .map(|node| unsafe { node.as_ref() }.priority());
+        let most_urgent = first.map(|node| unsafe { node.as_ref() }.priority());
         match (&mut lists.server, most_urgent) {
             (Some(server), Some(priority)) => {
                 // It may be ready, and queued at a lower level.

@@ -243,11 +243,9 @@ impl Shared {
 
     /// Takes permits for somebody of this priority, unless they are not there, or somebody waits who is as urgent.
     pub(super) fn take(&self, lists: &mut Lists, count: u32, priority: Priority) -> bool {
-        // SAFETY: a listed node is live.
-        let is_first = lists
-            .senders
-            .first()
-            .is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
+        let first = lists.senders.first();
+        // SAFETY: a listed node is live, and the lock is held.
+        let is_first = first.is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
         let taken = is_first
             && self.permits(lists, |permits| {
                 let left = permits.checked_sub(u64::from(count));

@@ -3,6 +3,7 @@
 mod choice;
 mod communication;
 mod execution;
+mod locks;
 mod outside;
 mod platform;
 mod safety;
@@ -52,6 +53,7 @@ fn all() -> impl Iterator<Item = &'static Test> {
         platform::TESTS,
         communication::TESTS,
         choice::TESTS,
+        locks::TESTS,
         execution::TESTS,
         time::TESTS,
         safety::TESTS,

@@ -19,6 +19,12 @@ pub(super) const TESTS: &[Test] = &[
         shows: "a panic in a process runs the emergency functions in order, and ends the system with an error",
         run: emergency,
     },
+    Test {
+        name: "budget",
+        component: "safety",
+        shows: "a process that takes longer than its budget is counted, and one that keeps it is not",
+        run: budget,
+    },
 ];
 
 fn watchdog() -> Outcome {
@@ -70,4 +76,33 @@ fn emergency() -> Outcome {
     let end = system.report().map(|report| report.end);
     same("the end", end, Some(End::Panic))?;
     Ok("2 functions".to_owned())
+}
+
+fn budget() -> Outcome {
+    let report = on_one_executor(|executor| {
+        let long = executor
+            .process("long")
+            .poll_budget(Duration::from_micros(100));
+        long.spawn(async {
+            let end = luna::now() + Duration::from_millis(1);
+            while luna::now() < end {
+                std::hint::spin_loop();
+            }
+            Ok(())
+        })?;
+        let short = executor
+            .process("short")
+            .poll_budget(Duration::from_secs(60));
+        short.spawn(async { Ok(()) })?;
+        Ok(())
+    })?;
+    let overruns = |name: &str| -> u64 {
+        let of_name = report.processes.iter().filter(|one| one.name == name);
+        of_name
+            .flat_map(|one| &one.budgets)
+            .map(|budget| budget.overruns)
+            .sum()
+    };
+    same("overruns", (overruns("long"), overruns("short")), (1, 0))?;
+    Ok("1 overrun".to_owned())
 }

@@ -28,6 +28,12 @@ pub(super) const TESTS: &[Test] = &[
         shows: "a loop keeps its slots or counts those it missed: kept + missed = elapsed",
         run: periodic,
     },
+    Test {
+        name: "phased-loops",
+        component: "time",
+        shows: "loops half a period apart keep that distance, one wakes by a guard spin and not before its slot, and a trim moves the slots",
+        run: phased,
+    },
 ];
 
 const MILLISECOND: Duration = Duration::from_millis(1);
@@ -117,4 +123,31 @@ fn periodic() -> Outcome {
     let kept = kept.map(|one| (one.cycles, one.cycles + one.missed == one.slots_elapsed));
     same("cycles kept, and the sum holds", kept, Some((CYCLES, true)))?;
     Ok(format!("{CYCLES} cycles"))
+}
+
+fn phased() -> Outcome {
+    let period = 4 * MILLISECOND;
+    on_one_executor(|executor| {
+        let (say, said) = luna::buffered(luna::Buffer::fifo(1));
+        executor.process("first").spawn(async move {
+            let mut tick = luna::periodic("first", period)?.phase(Duration::ZERO)?;
+            say.send(tick.next().await.deadline).await?;
+            Ok(())
+        })?;
+        executor.process("second").spawn(async move {
+            let mut tick = luna::periodic("second", period)?
+                .phase(period / 2)?
+                .guard_spin(period / 16)?;
+            let first = tick.next().await;
+            ensure(luna::now() >= first.deadline, "not before its slot")?;
+            let apart = (first.deadline - said.recv().await?).as_nanos() % period.as_nanos();
+            same("apart", apart, period.as_nanos() / 2)?;
+            same("moved by", tick.correct(1_000), 1_000)?;
+            let second = tick.next().await;
+            let moved = (second.deadline - first.deadline).as_nanos() % period.as_nanos();
+            same("the slots moved by", moved, 1_000)
+        })?;
+        Ok(())
+    })?;
+    Ok("2 loops".to_owned())
 }
