@@ -5,11 +5,11 @@
 //! nothing to do it sleeps until the next deadline.
 
 use crate::calls;
-use crate::inbound::Inbound;
+use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
 use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
-use crate::task::{self, with_queue};
+use crate::task;
 use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home};
@@ -22,7 +22,7 @@ use std::collections::LinkedList;
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -358,8 +358,8 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>
         shared.inbound.sleep(Instant::NEVER);
     }
     current::set_on_path(true);
-    while shared.phase() == Phase::RELEASED {
-        round(shared, timers, members, true);
+    while let Phase::RELEASED = shared.phase() {
+        turns(|| while round(shared, timers, members, true) {});
     }
     current::set_on_path(false);
     shared.close();
@@ -367,33 +367,30 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>
         record.cancel();
     }
     while task::count() > 0 {
-        round(shared, timers, members, false);
+        turns(|| while round(shared, timers, members, false) && task::count() > 0 {});
     }
 }
 
-/// Polls one process, or sleeps if none is ready.
+/// Runs rounds; ends the process that panics in one. Catching it here and not around each poll saves that.
+fn turns(rounds: impl FnOnce()) {
+    if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
+        && let Err(own) = task::interrupted(payload)
+    {
+        resume_unwind(own);
+    }
+}
+
+/// Polls one process, or sleeps if none is ready. `false` if the phase may be another.
 #[inline]
-fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>>, take_in: bool) {
+fn round(
+    shared: &Arc<Shared>,
+    timers: &TimerQueue,
+    members: &mut Vec<Arc<Record>>,
+    take_in: bool,
+) -> bool {
     let signals = shared.inbound.signals();
-    if !signals.is_empty() {
-        if signals.attention() {
-            shared.inbound.take_attention();
-            if take_in {
-                current::set_on_path(false);
-                shared.take_in(members);
-                current::set_on_path(true);
-                interference::rest();
-            }
-            if shared.phase() == Phase::STOPPING && take_in {
-                return;
-            }
-        }
-        // Only what is at least as urgent as what is ready here: the rest can wait outside.
-        if let Some(level) = signals.highest_level()
-            && with_queue(|queue| queue.highest_level()) <= Some(level)
-        {
-            task::take_in(shared, level);
-        }
+    if !signals.is_empty() && !look_outside(shared, members, take_in, signals) {
+        return false;
     }
     let deadline = timers.next_deadline();
     if deadline != Instant::NEVER {
@@ -404,14 +401,44 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record
         }
     }
     watch::glance(shared.inbound.bell());
-    match with_queue(|queue| queue.pop()) {
+    match current::next_ready() {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
-        Some(link) => unsafe { task::run(link) },
+        Some(process) => unsafe { task::run(process) },
         None => {
             sleep(shared, timers.next_deadline());
             interference::rest();
         }
     }
+    true
+}
+
+/// Takes in what others ask of the executor. `false` if the phase is another by that.
+#[cold]
+fn look_outside(
+    shared: &Arc<Shared>,
+    members: &mut Vec<Arc<Record>>,
+    take_in: bool,
+    signals: Signals,
+) -> bool {
+    if signals.attention() {
+        shared.inbound.take_attention();
+        if take_in {
+            current::set_on_path(false);
+            shared.take_in(members);
+            current::set_on_path(true);
+            interference::rest();
+            if shared.phase() != Phase::RELEASED {
+                return false;
+            }
+        }
+    }
+    // Only what is at least as urgent as what is ready here: the rest can wait outside.
+    if let Some(level) = signals.highest_level()
+        && current::ready_levels() >> level <= 1
+    {
+        task::take_in(shared, level);
+    }
+    true
 }
 
 /// Sleeps until a wake or `deadline`. Without a deadline or files only others can end it, which who looks after the system is to know.

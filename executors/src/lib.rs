@@ -24,11 +24,7 @@
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
-mod link;
-#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod presence;
-#[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
-mod run_queue;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod seats;
 

@@ -16,6 +16,7 @@ use std::fmt;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
+use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::task::{Context, Poll};
@@ -124,19 +125,28 @@ fn run_here<F: Future>(
         &parker,
         Home::new(),
         spec,
-        false,
+        None,
         |parker, deadline| sleep(id, &presence, parker, deadline),
     )
 }
 
-/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a wake. `on_path`, once all that it needs for this
-/// is there. The caller lets the thread wait for files.
+/// Says that the process of a record goes.
+struct Forget<'a>(&'a Record);
+
+impl Drop for Forget<'_> {
+    fn drop(&mut self) {
+        self.0.forget_process();
+    }
+}
+
+/// Polls until done, in between in `sleep`: until a wake or a deadline, saying whether it was a wake. The process of a `record` is on the real-time path
+/// once all that it needs for this is there. The caller lets the thread wait for files.
 fn run<F: Future>(
     mut future: Pin<&mut F>,
     parker: &Shared<Parker>,
     home: Home,
     (id, thread_priority, level): (ProcessId, u8, u8),
-    on_path: bool,
+    record: Option<&Record>,
     mut sleep: impl FnMut(&Parker, Instant) -> bool,
 ) -> F::Output {
     let timers = Arc::new(TimerQueue::new());
@@ -144,12 +154,20 @@ fn run<F: Future>(
     // Alone on its thread it needs no way around its waker.
     let waker = park::waker(parker);
     let process = current::Lone::new(id, home, thread_priority, level, waker.clone());
+    // SAFETY: it is forgotten before the process goes.
+    let _seen = record.map(|record| unsafe {
+        record.set_process(waker.clone(), NonNull::from(&*process));
+        Forget(record)
+    });
     let mut cx = Context::from_waker(&waker);
     // It may block, and nobody's first blocking call is to allocate.
     park::prepare();
     prepare_thread();
-    current::set_on_path(on_path);
+    current::set_on_path(record.is_some());
     loop {
+        if record.is_some_and(|record| !record.is_cancelled()) {
+            process.count_poll();
+        }
         // SAFETY: this thread is the home, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
@@ -346,7 +364,7 @@ impl Held {
                 &self.parker,
                 self.home,
                 spec,
-                true,
+                Some(&record),
                 |_, deadline| self.sleep(deadline),
             );
         }));
@@ -359,7 +377,7 @@ impl Held {
             }
             record.end_panicked(payload);
         }
-        record.drop_waker();
+        record.forget_process();
         reclaim::collect();
     }
 }

@@ -36,7 +36,7 @@ fn poll_as<T>(
     branch_failed: bool,
     poll: impl FnOnce() -> T,
 ) -> T {
-    current::set_ready_levels(if outranked { u32::MAX } else { 0 });
+    current::pretend_ready_levels(if outranked { u32::MAX } else { 0 });
     let branch = || current::with_branch(branch_failed, poll);
     let result = match priority {
         None => branch(),
@@ -47,7 +47,7 @@ fn poll_as<T>(
             unsafe { current::with_process(&process, branch) }
         }
     };
-    current::set_ready_levels(0);
+    current::pretend_ready_levels(0);
     result
 }
 

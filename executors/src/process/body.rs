@@ -1,9 +1,8 @@
 //! The body of a process, and what is done around each of its polls.
 
-use super::ProcessState;
 use super::record::{RawExit, Record};
-use crate::interference;
 use luna_platform::current;
+use std::any::Any;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -24,12 +23,38 @@ impl<F: Future<Output = ()>> Body<F> {
             record,
         }
     }
+
+    /// Polls the future and nothing else; `true` if that has ended it. If it panics, [`end_panicked`](Self::end_panicked) is to be called.
+    ///
+    /// # Safety
+    ///
+    /// It has not ended before.
+    #[inline]
+    pub(crate) unsafe fn poll_unended(self: Pin<&mut Self>, cx: &mut Context<'_>) -> bool {
+        // SAFETY: `future` is never moved: it is polled pinned, and dropped in place; by the contract it is there.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            let future = this.future.as_mut().unwrap_unchecked();
+            let has_ended = Pin::new_unchecked(future).poll(cx).is_ready();
+            if has_ended {
+                this.end(RawExit::Completed);
+            }
+            has_ended
+        }
+    }
+
+    /// Ends it after its poll has panicked. A body that panicked is dropped and never polled again, so nobody sees what it left half done.
+    pub(crate) fn end_panicked(self: Pin<&mut Self>, payload: Box<dyn Any + Send>) {
+        // SAFETY: as above.
+        let this = unsafe { self.get_unchecked_mut() };
+        this.end(RawExit::Panicked(payload));
+    }
 }
 
+/// As a future it looks at all that may be asked for around a poll, and catches its panic.
 impl<F: Future<Output = ()>> Future for Body<F> {
     type Output = ();
 
-    #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: `future` is never moved: it is polled pinned, and dropped in place.
         let this = unsafe { self.get_unchecked_mut() };
@@ -38,36 +63,31 @@ impl<F: Future<Output = ()>> Future for Body<F> {
             let Some(future) = this.future.as_mut() else {
                 return Poll::Ready(());
             };
-            record.set_state(ProcessState::Running);
-            record
-                .polls
-                .store(record.polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
             let began = record.timed.then(|| record.begin_poll());
             // SAFETY: see above.
             let future = unsafe { Pin::new_unchecked(future) };
-            // A body that panicked is dropped and never polled again, so nobody sees what it left half done.
             let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| future.poll(cx)));
-            interference::polled(record.id);
             if let Some(began) = began {
                 record.end_poll(began);
             }
-            match polled {
-                // A wake during the poll schedules after this store, so it has the last word.
+            let exit = match polled {
                 Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => {
-                    record.set_state(ProcessState::Waiting);
                     return Poll::Pending;
                 }
-                Ok(Poll::Pending) => {}
-                Ok(Poll::Ready(())) => return this.end(RawExit::Completed),
-                Err(payload) => return this.end(RawExit::Panicked(payload)),
-            }
+                Ok(Poll::Pending) => RawExit::Cancelled,
+                Ok(Poll::Ready(())) => RawExit::Completed,
+                Err(payload) => RawExit::Panicked(payload),
+            };
+            this.end(exit);
+        } else {
+            this.end(RawExit::Cancelled);
         }
-        this.end(RawExit::Cancelled)
+        Poll::Ready(())
     }
 }
 
 impl<F> Body<F> {
-    fn end(&mut self, exit: RawExit) -> Poll<()> {
+    fn end(&mut self, exit: RawExit) {
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
         let abandoned = !matches!(exit, RawExit::Completed);
@@ -93,6 +113,5 @@ impl<F> Body<F> {
             (exit, Ok(())) => exit,
         };
         self.record.finish(exit);
-        Poll::Ready(())
     }
 }

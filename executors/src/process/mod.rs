@@ -12,7 +12,7 @@ pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
 pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
-pub(crate) use record::Record;
+pub(crate) use record::{Notice, Record};
 
 use luna_platform::current::{self, ProcessId};
 use std::any::Any;
@@ -121,17 +121,6 @@ pub enum ProcessState {
     Ended,
 }
 
-impl ProcessState {
-    fn from_number(number: u8) -> Self {
-        match number {
-            0 => ProcessState::Created,
-            1 => ProcessState::Ready,
-            2 => ProcessState::Running,
-            _ => ProcessState::Waiting,
-        }
-    }
-}
-
 /// How a process ended.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -196,7 +185,7 @@ impl ProcessHandle {
 
     /// How often it has been polled: how often it was given the processor.
     pub fn polls(&self) -> u64 {
-        self.0.polls.load(Ordering::Relaxed)
+        self.0.polls()
     }
 
     /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.

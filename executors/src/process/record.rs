@@ -5,15 +5,16 @@ use super::living::Living;
 use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
 use luna_platform::clock::Instant;
-use luna_platform::current::ProcessId;
+use luna_platform::current::{Activity, Process, ProcessId};
 use luna_platform::lock::PiLock;
 use luna_platform::path;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before anybody asked: the message of a panic is made off the real-time path.
@@ -21,6 +22,42 @@ pub(super) enum RawExit {
     Completed,
     Cancelled,
     Panicked(Box<dyn Any + Send>),
+}
+
+/// Why an executor looks twice at a process before it polls it.
+pub(crate) struct Notice;
+
+impl Notice {
+    pub(crate) const CANCELLED: u8 = 1;
+    pub(crate) const TIMED: u8 = 2;
+    pub(crate) const ENDED: u8 = 4;
+}
+
+/// What the record sees of the process itself.
+///
+/// # Invariants
+///
+/// A process that is here is live: it says before it goes.
+enum Seen {
+    /// It is not there yet, or not any more, and was polled so often.
+    Nothing {
+        polls: u64,
+    },
+    Waker(Waker),
+    Process(Waker, NonNull<Process>),
+}
+
+// SAFETY: a process can be looked at from any thread.
+unsafe impl Send for Seen {}
+
+impl Seen {
+    fn process(&self) -> Option<&Process> {
+        match self {
+            // SAFETY: the type's invariant.
+            Seen::Process(_, process) => Some(unsafe { process.as_ref() }),
+            _ => None,
+        }
+    }
 }
 
 /// What outlives the body of a process.
@@ -31,8 +68,6 @@ pub(crate) struct Record {
     /// Whether its polls are timed, be it for the overseer's sake.
     pub(super) timed: bool,
     overseer: Option<Arc<dyn Overseer>>,
-    /// What it is doing, as last said: a late wake may say that it is ready when it has ended, so `ended` has the last word.
-    state: AtomicU8,
     ended: AtomicBool,
     /// Its thread has gone under with the body, which still refers to what it was made of.
     body_left: AtomicBool,
@@ -40,9 +75,8 @@ pub(crate) struct Record {
     /// It was ended by its overseer.
     poisoned: AtomicBool,
     /// Written by the process' thread alone.
-    pub(super) polls: AtomicU64,
     pub(super) longest_poll: AtomicU64,
-    waker: PiLock<Option<Waker>>,
+    seen: PiLock<Seen>,
     pub(super) end: PiLock<End>,
     living: Arc<Living>,
 }
@@ -63,14 +97,12 @@ impl Record {
             level: spec.level,
             timed: spec.timed || spec.overseer.is_some(),
             overseer: spec.overseer,
-            state: AtomicU8::new(ProcessState::Created as u8),
             ended: AtomicBool::new(false),
             body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             poisoned: AtomicBool::new(false),
-            polls: AtomicU64::new(0),
             longest_poll: AtomicU64::new(0),
-            waker: PiLock::new(None),
+            seen: PiLock::new(Seen::Nothing { polls: 0 }),
             end: PiLock::new(End {
                 exit: None,
                 joining: WaitList::new(),
@@ -88,16 +120,15 @@ impl Record {
     }
 
     #[inline]
-    pub(crate) fn set_state(&self, state: ProcessState) {
-        self.state.store(state as u8, Ordering::Relaxed);
+    pub(crate) fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Acquire)
     }
 
-    /// Says that it is able to run, unless it runs: then its end of the poll says so. On its own thread.
-    #[inline]
-    pub(crate) fn set_ready(&self) {
-        if self.state.load(Ordering::Relaxed) != ProcessState::Running as u8 {
-            self.set_state(ProcessState::Ready);
-        }
+    /// What its executor is to look at before its first poll.
+    pub(crate) fn notices(&self) -> u8 {
+        let cancelled = self.is_cancelled();
+        let timed = if self.timed { Notice::TIMED } else { 0 };
+        timed | if cancelled { Notice::CANCELLED } else { 0 }
     }
 
     /// Whether the body has ended.
@@ -107,10 +138,24 @@ impl Record {
     }
 
     pub(crate) fn state(&self) -> ProcessState {
+        let seen = self.seen.lock();
         if self.has_ended() {
             return ProcessState::Ended;
         }
-        ProcessState::from_number(self.state.load(Ordering::Relaxed))
+        match seen.process().map(Process::activity) {
+            None | Some(Activity::New) => ProcessState::Created,
+            Some(Activity::Ready) => ProcessState::Ready,
+            Some(Activity::Running) => ProcessState::Running,
+            Some(Activity::Waiting) => ProcessState::Waiting,
+        }
+    }
+
+    /// How often it was given the processor.
+    pub(super) fn polls(&self) -> u64 {
+        match &*self.seen.lock() {
+            Seen::Nothing { polls } => *polls,
+            seen => seen.process().map_or(0, Process::polls),
+        }
     }
 
     /// Begins a timed poll; gives when.
@@ -148,18 +193,46 @@ impl Record {
         self.poisoned.load(Ordering::Relaxed)
     }
 
+    /// Says how to wake it before it is there.
     pub(crate) fn set_waker(&self, waker: Waker) {
-        *self.waker.lock() = Some(waker);
+        *self.seen.lock() = Seen::Waker(waker);
     }
 
-    pub(crate) fn drop_waker(&self) {
-        let waker = self.waker.lock().take();
-        drop(waker);
+    /// Says where it is, and how to wake it. The process stays there until [`forget_process`](Self::forget_process).
+    ///
+    /// # Safety
+    ///
+    /// That.
+    pub(crate) unsafe fn set_process(&self, waker: Waker, process: NonNull<Process>) {
+        *self.seen.lock() = Seen::Process(waker, process);
+        if self.cancelled.load(Ordering::Acquire) {
+            // SAFETY: the contract.
+            unsafe { process.as_ref() }.notify(Notice::CANCELLED);
+        }
+    }
+
+    /// Says that the process goes.
+    pub(crate) fn forget_process(&self) {
+        let seen = {
+            let mut seen = self.seen.lock();
+            let polls = seen.process().map_or(0, Process::polls);
+            std::mem::replace(&mut *seen, Seen::Nothing { polls })
+        };
+        drop(seen);
     }
 
     pub(crate) fn cancel(&self) {
         self.cancelled.store(true, Ordering::Release);
-        let waker = self.waker.lock().clone();
+        let waker = {
+            let seen = self.seen.lock();
+            if let Some(process) = seen.process() {
+                process.notify(Notice::CANCELLED);
+            }
+            match &*seen {
+                Seen::Nothing { .. } => None,
+                Seen::Waker(waker) | Seen::Process(waker, _) => Some(waker.clone()),
+            }
+        };
         if let Some(waker) = waker {
             waker.wake();
         }

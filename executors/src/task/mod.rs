@@ -18,12 +18,12 @@
 mod waker;
 
 use crate::executor::Shared;
-use crate::link::Link;
-use crate::process::{Body, ProcessState, Record};
-use crate::run_queue::RunQueue;
+use crate::interference;
+use crate::process::{Body, Notice, Record};
 use crate::seats::{Seat, Seats};
-use luna_platform::current::{self, Methods, Place};
+use luna_platform::current::{self, Methods, Place, Process};
 use luna_platform::reclaim::Retired;
+use std::any::Any;
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
 use std::mem::offset_of;
@@ -34,21 +34,12 @@ use std::sync::atomic::AtomicUsize;
 use std::task::Context;
 
 thread_local! {
-    /// The run queue of the executor that this thread is, if it is one.
-    static QUEUE: RunQueue = const { RunQueue::new() };
-    /// Its tasks that are not retired.
+    /// The tasks of the executor that this thread is that are not retired.
     static SEATS: RefCell<Seats<NonNull<Task>>> = const { RefCell::new(Seats::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// This thread's run queue. It is used only while the thread is an executor's.
-#[inline]
-pub(crate) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
-    QUEUE.with(f)
-}
-
 static METHODS: Methods = Methods {
-    ready_here,
     ready_elsewhere,
     free,
 };
@@ -57,21 +48,26 @@ static METHODS: Methods = Methods {
 ///
 /// # Invariants
 ///
-/// It is the first field of a [`Whole`], in a box of its own, and all pointers to it are made of that box's. `link` is in this thread's run queue
-/// exactly while `is_queued`, at `queued_level`. These three, and the body, are touched by the home's thread alone. `references` counts the wakers;
-/// with the last one the whole goes.
+/// It is the first field of a [`Whole`], in a box of its own, and all pointers to it are made of that box's. The body is touched by the home's thread
+/// alone. `references` counts the wakers; with the last one the whole goes. The process has a waker until it is freed.
 struct Task {
-    link: Link,
-    is_queued: Cell<bool>,
-    queued_level: Cell<u8>,
+    process: Process,
     /// Polls the body; `true` if it has ended.
     poll: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
-    seat: Seat,
-    process: current::Process,
+    methods: &'static BodyMethods,
     record: Arc<Record>,
+    seat: Seat,
     shared: Arc<Shared>,
     references: AtomicUsize,
     retired: Retired,
+}
+
+/// What is seldom done with a body.
+struct BodyMethods {
+    /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
+    poll_attentively: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
+    /// Ends a body that has panicked.
+    end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
 }
 
 #[repr(C)]
@@ -80,23 +76,12 @@ struct Whole<F> {
     body: UnsafeCell<Body<F>>,
 }
 
-/// Leads from a task to its link, with a pointer that leads back.
-///
-/// # Safety
-///
-/// The task is live.
-#[inline]
-unsafe fn link_of(task: NonNull<Task>) -> NonNull<Link> {
-    // SAFETY: the contract.
-    unsafe { NonNull::new_unchecked(&raw mut (*task.as_ptr()).link) }
-}
-
 /// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
 pub(crate) fn start<F>(shared: &Arc<Shared>, record: Arc<Record>, future: F)
 where
     F: Future<Output = ()> + 'static,
 {
-    let process = current::Process::new(
+    let process = Process::new(
         record.id(),
         shared.home(),
         shared.thread_priority(),
@@ -106,13 +91,16 @@ where
     let number = seat.number();
     let whole = Box::new(Whole {
         task: Task {
-            link: Link::new(),
-            is_queued: Cell::new(false),
-            queued_level: Cell::new(0),
-            poll: poll::<F>,
-            seat,
             process,
+            poll: poll::<F>,
+            methods: const {
+                &BodyMethods {
+                    poll_attentively: poll_attentively::<F>,
+                    end_panicked: end_panicked::<F>,
+                }
+            },
             record: record.clone(),
+            seat,
             shared: shared.clone(),
             references: AtomicUsize::new(0),
             retired: Retired::new(free_retired::<F>),
@@ -122,13 +110,14 @@ where
     let task = NonNull::from(Box::leak(whole)).cast::<Task>();
     // SAFETY: nobody else knows the task yet, so nobody polls it. It stays where it is until `free` was called, and is ended once, by `retire`.
     unsafe {
-        record.set_waker(waker::new(task));
         let this = task.as_ref();
         this.process.set_waker(waker::new(task));
         this.process.set_owner(task.cast(), &METHODS);
+        this.process.notify(record.notices());
+        record.set_process(waker::new(task), NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
         TASKS.set(TASKS.get() + 1);
-        ready(task, record.level(), Place::Last);
+        this.process.ready_at(record.level(), Place::Last);
     }
 }
 
@@ -144,64 +133,52 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
             // SAFETY: who has a seat is not retired, so it is live, and this is its home's thread.
             unsafe {
                 // What it had inherited may have been given back meanwhile, or the wake was one of the seat's former owner.
-                let level = level.min(task.as_ref().process.level());
-                ready(task, level, Place::Last);
+                let process = &task.as_ref().process;
+                process.ready_at(level.min(process.level()), Place::Last);
             }
         });
     });
 }
 
-/// # Safety
-///
-/// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body.
-unsafe fn poll<F: Future<Output = ()>>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool {
-    // SAFETY: the contract; the body stays where it is until it is dropped.
-    unsafe {
-        let body = task.cast::<Whole<F>>().as_ref().body.get();
-        Pin::new_unchecked(&mut *body).poll(cx).is_ready()
-    }
-}
-
-/// Puts a task into the run queue at `level`, if it is not there at that level or a higher one. No atomics.
+/// The body behind a task.
 ///
 /// # Safety
 ///
-/// The task is live, and this is its home's thread.
+/// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body while the borrow lasts.
 #[inline]
-unsafe fn ready(task: NonNull<Task>, level: u8, place: Place) {
-    // SAFETY: the contract; by the invariant the link is queued exactly if the flag says so. A live task with an unended body is not retired.
-    unsafe {
-        let this = task.as_ref();
-        if this.record.has_ended() {
-            return;
-        }
-        let link = link_of(task);
-        if this.is_queued.replace(true) {
-            let queued = this.queued_level.get();
-            if queued >= level {
-                return;
-            }
-            // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
-            with_queue(|queue| queue.remove(queued, link));
-        } else {
-            this.record.set_ready();
-        }
-        this.queued_level.set(level);
-        with_queue(|queue| match place {
-            Place::First => queue.push_front(level, link),
-            Place::Last => queue.push_back(level, link),
-        });
-    }
+unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
+    // SAFETY: the contract; the body stays where it is until it is dropped.
+    unsafe { Pin::new_unchecked(&mut *task.cast::<Whole<F>>().as_ref().body.get()) }
 }
 
-/// As [`Methods::ready_here`] says.
-///
 /// # Safety
 ///
-/// `owner` is a task that is referred to, and this is its home's thread.
-unsafe fn ready_here(owner: NonNull<()>, level: u8, place: Place) {
+/// As for [`body`]; and the body has not ended.
+unsafe fn poll<F: Future<Output = ()>>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool {
     // SAFETY: the contract.
-    unsafe { ready(owner.cast(), level, place) };
+    unsafe { body::<F>(task).poll_unended(cx) }
+}
+
+/// # Safety
+///
+/// As for [`body`].
+unsafe fn poll_attentively<F>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool
+where
+    F: Future<Output = ()>,
+{
+    // SAFETY: the contract.
+    unsafe { body::<F>(task) }.poll(cx).is_ready()
+}
+
+/// # Safety
+///
+/// As for [`body`].
+unsafe fn end_panicked<F>(task: NonNull<Task>, payload: Box<dyn Any + Send>)
+where
+    F: Future<Output = ()>,
+{
+    // SAFETY: the contract.
+    unsafe { body::<F>(task) }.end_panicked(payload);
 }
 
 /// As [`Methods::ready_elsewhere`] says.
@@ -215,33 +192,94 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     this.shared.inbound().wake(&this.seat, level);
 }
 
-/// Polls a task whose turn it is.
+/// Polls the process whose turn it is. If that panics, [`interrupted`] is to be called.
 ///
 /// # Safety
 ///
-/// `link` is the link of a task and was just popped from this thread's run queue.
+/// `process` was just taken from this thread's run queue, where only tasks are.
 #[inline]
-pub(crate) unsafe fn run(link: NonNull<Link>) {
+pub(crate) unsafe fn run(process: NonNull<Process>) {
     // SAFETY: a task is retired only when it is not queued, so this one is live, and keeps a waker of its own during the poll. By the invariant
     // nobody else accesses its body.
     unsafe {
-        let task = link.byte_sub(offset_of!(Task, link)).cast::<Task>();
+        let Some(task) = process.as_ref().owner() else {
+            return;
+        };
+        let task = task.cast::<Task>();
         let this = task.as_ref();
-        this.is_queued.set(false);
-        if this.record.has_ended() {
-            return retire(task);
-        }
         let Some(waker) = this.process.waker() else {
             return;
         };
         let mut cx = Context::from_waker(waker);
-        let has_ended = current::with_process(&this.process, || (this.poll)(task, &mut cx));
-        match (has_ended, this.is_queued.get()) {
-            (true, false) => retire(task),
+        if this.process.notices() != 0 {
+            return run_attentively(task, &mut cx);
+        }
+        this.process.count_poll();
+        let (has_ended, is_queued) =
+            current::give_turn(&this.process, || (this.poll)(task, &mut cx));
+        interference::polled(this.process.id());
+        if has_ended {
+            end(task, is_queued);
+        }
+    }
+}
+
+/// Polls a process that was cancelled, or has an overseer, or has ended.
+///
+/// # Safety
+///
+/// As for [`run`].
+#[cold]
+unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
+    // SAFETY: the contract.
+    unsafe {
+        let this = task.as_ref();
+        if this.record.has_ended() {
+            return retire(task);
+        }
+        if !this.record.is_cancelled() {
+            this.process.count_poll();
+        }
+        let poll = this.methods.poll_attentively;
+        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task, cx));
+        interference::polled(this.process.id());
+        if has_ended {
+            end(task, is_queued);
+        }
+    }
+}
+
+/// Ends the process whose turn a panic has ended. If there is none, gives the panic back: it is the thread's own.
+pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn Any + Send>> {
+    let Some(owner) = current::process(|process| process?.owner()) else {
+        return Err(payload);
+    };
+    let task = owner.cast::<Task>();
+    // SAFETY: it is the current process, whose poll has unwound, so nobody accesses its body. Its methods are those of a task: here only tasks have turns.
+    unsafe {
+        (task.as_ref().methods.end_panicked)(task, payload);
+        interference::polled(task.as_ref().process.id());
+        if let Some((_, is_queued)) = current::take_interrupted() {
+            end(task, is_queued);
+        }
+    }
+    Ok(())
+}
+
+/// # Safety
+///
+/// The body of the task has ended in a turn just now. This is its home's thread.
+#[cold]
+unsafe fn end(task: NonNull<Task>, is_queued: bool) {
+    // SAFETY: the contract.
+    unsafe {
+        let process = &task.as_ref().process;
+        process.set_ended();
+        if is_queued {
             // It retires when its turn comes.
-            (true, true) => {}
-            (false, true) => this.record.set_state(ProcessState::Ready),
-            (false, false) => {}
+            process.notify(Notice::ENDED);
+        } else {
+            retire(task);
         }
     }
 }
@@ -255,7 +293,7 @@ unsafe fn retire(task: NonNull<Task>) {
     // SAFETY: the process is not polled again, and this is its home's thread. Wakeups and wakers keep the task alive themselves.
     unsafe {
         SEATS.with_borrow_mut(|seats| seats.leave(task.as_ref().seat.number()));
-        current::Process::end(NonNull::new_unchecked(&raw mut (*task.as_ptr()).process));
+        Process::end(task.cast());
     }
 }
 
@@ -268,7 +306,7 @@ unsafe fn free(owner: NonNull<()>) {
     // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the last that is done here.
     unsafe {
         let this = owner.cast::<Task>().as_ref();
-        this.record.drop_waker();
+        this.record.forget_process();
         let last = this.process.take_waker();
         drop(last);
     }

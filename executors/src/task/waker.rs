@@ -1,6 +1,6 @@
 //! The wakers of a task: counted pointers to it.
 
-use super::{Task, ready, ready_elsewhere};
+use super::{Task, ready_elsewhere};
 use luna_platform::current::{self, Place};
 use luna_platform::reclaim;
 use std::ptr::NonNull;
@@ -58,7 +58,7 @@ unsafe fn wake_by_ref(data: *const ()) {
         let task = task(data);
         let process = &task.as_ref().process;
         if current::home() == Some(process.home()) {
-            ready(task, process.level(), Place::Last);
+            process.ready_at(process.level(), Place::Last);
         } else {
             ready_elsewhere(task.cast(), process.level());
         }

@@ -26,7 +26,6 @@ struct Memory {
 
 /// Such a process is never readied but by its waker.
 pub(super) static METHODS: Methods = Methods {
-    ready_here: |_, _, _| {},
     ready_elsewhere: |_, _| {},
     free,
 };

@@ -12,6 +12,7 @@ mod lone;
 mod poisoning;
 mod process;
 mod references;
+mod run_queue;
 mod wakeup;
 
 pub use branches::Branches;
@@ -20,13 +21,14 @@ pub use heir::Heir;
 pub use home_thread::{RefusedBoosts, refused_boosts};
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
-pub use process::{Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
+pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
 pub use wakeup::{Ready, Wakeup};
 
 use crate::path;
 use crate::sync::Arc;
 use crate::timer_queue::TimerQueue;
 use home_thread::HomeThread;
+use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
 use std::ptr::NonNull;
 use std::task::Context;
@@ -69,7 +71,7 @@ impl Branch {
 struct Thread {
     process: Cell<Option<NonNull<Process>>>,
     home: Cell<Option<Home>>,
-    ready_levels: Cell<u32>,
+    queue: RunQueue,
     operations_left: Cell<u32>,
     branch: Cell<Branch>,
     branch_ended: Cell<bool>,
@@ -83,7 +85,7 @@ thread_local! {
         Thread {
             process: Cell::new(None),
             home: Cell::new(None),
-            ready_levels: Cell::new(0),
+            queue: RunQueue::new(),
             operations_left: Cell::new(0),
             branch: Cell::new(Branch::WHOLE),
             branch_ended: Cell::new(false),
@@ -134,7 +136,7 @@ impl Drop for HomeGuard {
         THREAD.with(|thread| {
             thread.home.set(None);
             thread.may_block.set(true);
-            thread.ready_levels.set(0);
+            thread.queue.pretend(0);
         });
         set_on_path(false);
         TIMERS.with(|slot| slot.borrow_mut().take());
@@ -194,27 +196,59 @@ pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
 /// This thread is the process' home, and the process has not ended.
 #[inline]
 pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
-    struct Restore {
+    struct Restore<'a> {
+        running: &'a Process,
         process: Option<NonNull<Process>>,
         branch: Branch,
     }
-    impl Drop for Restore {
+    impl Drop for Restore<'_> {
         #[inline]
         fn drop(&mut self) {
+            self.running.end_turn();
             THREAD.with(|thread| {
                 thread.process.set(self.process);
                 thread.branch.set(self.branch);
             });
         }
     }
+    process.begin_turn();
     let _restore = THREAD.with(|thread| {
         thread.operations_left.set(OPERATIONS_PER_POLL);
         Restore {
+            running: process,
             process: thread.process.replace(Some(NonNull::from(process))),
             branch: thread.branch.replace(Branch::WHOLE),
         }
     });
     poll()
+}
+
+/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before; says whether it is ready again. If `poll` panics, the process stays
+/// the current one: whoever catches that asks [`take_interrupted`] for it. So a turn needs nothing that catches panics.
+///
+/// # Safety
+///
+/// As for [`with_process`]; and if the panic is caught, the process lives until it was taken.
+#[inline]
+pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> (R, bool) {
+    process.begin_turn();
+    THREAD.with(|thread| {
+        thread.operations_left.set(OPERATIONS_PER_POLL);
+        thread.process.set(Some(NonNull::from(process)));
+    });
+    let polled = poll();
+    THREAD.with(|thread| thread.process.set(None));
+    (polled, process.end_turn())
+}
+
+/// The process whose turn a panic has ended, and whether it is ready again; from here on it is not the current one any more.
+pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
+    THREAD.with(|thread| {
+        thread.branch.set(Branch::WHOLE);
+        let process = thread.process.take()?;
+        // SAFETY: the contract of `give_turn`.
+        Some((process, unsafe { process.as_ref() }.end_turn()))
+    })
 }
 
 /// Calls `f` with the current process, if there is one.
@@ -248,16 +282,29 @@ fn lowered() -> u8 {
     THREAD.with(|thread| thread.branch.get().lowered())
 }
 
-/// The levels at which this thread's executor has a ready process, one bit each. Written by its run queue.
 #[inline]
-pub fn ready_levels() -> u32 {
-    THREAD.with(|thread| thread.ready_levels.get())
+fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
+    THREAD.with(|thread| f(&thread.queue))
 }
 
-/// Says at which levels this thread's executor has a ready process.
+/// The levels at which this thread's executor has a ready process, one bit each.
 #[inline]
-pub fn set_ready_levels(bits: u32) {
-    THREAD.with(|thread| thread.ready_levels.set(bits));
+pub fn ready_levels() -> u32 {
+    with_queue(RunQueue::bits)
+}
+
+/// Lets the processes of this thread, which is no executor's, believe that at these levels others are ready: for tests.
+#[doc(hidden)]
+pub fn pretend_ready_levels(bits: u32) {
+    with_queue(|queue| queue.pretend(bits));
+}
+
+/// Takes the process whose turn it is out of this thread's run queue. It was readied by [`Process::ready_at`] or a wakeup, and is live as long as its
+/// owner keeps it.
+#[inline]
+pub fn next_ready() -> Option<NonNull<Process>> {
+    // The link is a process' first field.
+    Some(with_queue(RunQueue::pop)?.cast())
 }
 
 /// Whether a process of higher level than the current one, or the current branch, is ready on its executor: then a completed
@@ -269,10 +316,10 @@ pub fn is_outranked() -> bool {
             // SAFETY: as in `process`.
             let process = unsafe { process.as_ref() };
             let level = process
-                .lowered_priority(thread.branch.get().lowered())
-                .level;
+                .level()
+                .saturating_sub(thread.branch.get().lowered());
             // Two shifts, since a shift by 32 is none.
-            (thread.ready_levels.get() >> level) >> 1 != 0
+            (thread.queue.bits() >> level) >> 1 != 0
         })
     })
 }
@@ -281,7 +328,13 @@ pub fn is_outranked() -> bool {
 /// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
 #[inline]
 pub fn ready_again(cx: &Context<'_>, place: Place) {
-    Wakeup::of(cx).wake_here(place);
+    process(|process| match process {
+        // SAFETY: this is the home's thread, and the process lives while it is polled.
+        Some(process) if process.is_owned() && process.is_polled_with(cx) => unsafe {
+            process.ready_here(lowered(), place);
+        },
+        _ => cx.waker().wake_by_ref(),
+    });
 }
 
 /// Lets those run before the current branch that outrank it: if there are any, the process is ready again already, and the caller returns
@@ -289,7 +342,17 @@ pub fn ready_again(cx: &Context<'_>, place: Place) {
 /// the process would come again before them.
 #[inline]
 pub fn give_way(cx: &Context<'_>) -> bool {
-    is_outranked() && Wakeup::of(cx).wake_at_its_level(Place::First)
+    is_outranked() && {
+        // A waker readies the process at its own level alone.
+        let has_level = lowered() == 0
+            || process(|process| {
+                process.is_some_and(|own| own.is_owned() && own.is_polled_with(cx))
+            });
+        if has_level {
+            ready_again(cx, Place::First);
+        }
+        has_level
+    }
 }
 
 /// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].

@@ -3,12 +3,13 @@
 use super::inheritance::Inheritance;
 use super::lone;
 use super::references::References;
-use std::cell::UnsafeCell;
+use super::run_queue::Link;
+use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::task::Waker;
+use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::task::{Context, Waker};
 
 /// The number of priority levels within one executor: 0 (lowest) to 31.
 pub const LEVELS: u8 = 32;
@@ -88,13 +89,46 @@ pub enum Place {
 /// What an executor does for its processes. All are given the owner that the process was made with.
 #[derive(Debug)]
 pub struct Methods {
-    /// Readies the process without its waker, on its home's thread, at this level. If it is ready at a lower one, it is moved up, also
-    /// when the place is the last. It may have ended: then this does nothing.
-    pub ready_here: unsafe fn(NonNull<()>, u8, Place),
-    /// Readies the process without its waker, at this level, on any other thread. It must not rely on another wake to go on.
+    /// Readies the process without its waker, at this level, on any other thread than its home's. It must not rely on another wake to go on.
     pub ready_elsewhere: unsafe fn(NonNull<()>, u8),
     /// Frees the owner, on any thread: the process has ended, and nobody refers to it any more.
     pub free: unsafe fn(NonNull<()>),
+}
+
+/// What a process is doing, as bits of one byte that its home's thread writes.
+pub(super) mod state {
+    /// It is in the run queue.
+    pub(in super::super) const QUEUED: u8 = 1;
+    /// It is being polled.
+    pub(in super::super) const RUNNING: u8 = 2;
+    /// It is not polled any more.
+    pub(in super::super) const ENDED: u8 = 4;
+    /// It was never polled.
+    pub(in super::super) const NEW: u8 = 8;
+}
+
+/// What a process is doing, seen from any thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activity {
+    /// It was never readied.
+    New,
+    /// It waits for its turn.
+    Ready,
+    /// It is being polled.
+    Running,
+    /// It waits for something else.
+    Waiting,
+}
+
+/// How a process is woken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// By its waker alone, and it is not referred to.
+    Bare,
+    /// By its waker alone.
+    Lone,
+    /// It shares its thread with others, and has a run queue there.
+    Owned,
 }
 
 /// What the framework knows of a process that runs or waits. It lies at one address for the process' whole life.
@@ -102,17 +136,26 @@ pub struct Methods {
 /// # Invariants
 ///
 /// `waker` is written before the process is polled for the first time and when it is freed; in between it is only read. `owner` with
-/// its methods is there for the processes of executors; it stays valid until `free` was called.
-#[repr(align(64))]
+/// its methods, and `kind`, are there for the processes of executors; the owner stays valid until `free` was called. `link`, `queued_level` and `state` are
+/// written by the home's thread alone, and the link is in its run queue exactly while the state says so, at `queued_level`.
+#[repr(C, align(64))]
 pub struct Process {
-    id: ProcessId,
-    home: Home,
+    /// First, so that it leads back to this.
+    link: Link,
+    state: AtomicU8,
+    /// What its executor is to look at before it polls: any bits that it likes.
+    notices: AtomicU8,
+    queued_level: Cell<u8>,
+    kind: Cell<Kind>,
     thread_priority: u8,
     own_level: u8,
-    waker: UnsafeCell<Option<Waker>>,
-    owner: UnsafeCell<Option<(NonNull<()>, &'static Methods)>>,
+    id: ProcessId,
+    home: Home,
     pub(super) references: References,
+    waker: UnsafeCell<Option<Waker>>,
+    polls: AtomicU64,
     inheritance: Inheritance,
+    owner: UnsafeCell<Option<(NonNull<()>, &'static Methods)>>,
 }
 
 // SAFETY: by the invariant `waker` and `owner` do not change while others can see them; `references` says itself who may do what.
@@ -124,14 +167,20 @@ impl Process {
     /// A process of `home`, whose thread has the real-time priority `thread_priority` (0: none), at `level`.
     pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
         Self {
-            id,
-            home,
+            link: Link::new(),
+            state: AtomicU8::new(state::NEW),
+            notices: AtomicU8::new(0),
+            queued_level: Cell::new(0),
+            kind: Cell::new(Kind::Bare),
             thread_priority,
             own_level: level,
-            waker: UnsafeCell::new(None),
-            owner: UnsafeCell::new(None),
+            id,
+            home,
             references: References::new(),
+            waker: UnsafeCell::new(None),
+            polls: AtomicU64::new(0),
             inheritance: Inheritance::new(level, super::home_thread_of(home)),
+            owner: UnsafeCell::new(None),
         }
     }
 
@@ -152,6 +201,9 @@ impl Process {
     /// As for [`set_waker`](Self::set_waker). The methods may be called with `owner` as [`Methods`] says, until `free` was called;
     /// until then this value stays where it is. [`end`](Self::end) is called once.
     pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
+        let is_lone = ptr::eq(methods, &lone::METHODS);
+        self.kind
+            .set(if is_lone { Kind::Lone } else { Kind::Owned });
         // SAFETY: the contract makes this the only access.
         unsafe { *self.owner.get() = Some((owner, methods)) };
     }
@@ -174,6 +226,7 @@ impl Process {
     pub unsafe fn end(this: NonNull<Process>) {
         // SAFETY: the contract: the value lives until it is freed below, if at all.
         unsafe {
+            this.as_ref().state.store(state::ENDED, Ordering::Relaxed);
             if this.as_ref().references.end() {
                 Self::free(this);
             }
@@ -199,37 +252,148 @@ impl Process {
         unsafe { (*self.waker.get()).as_ref() }
     }
 
+    /// Whether `cx` has the process' own waker: almost always the very one.
+    #[inline]
+    pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
+        self.waker()
+            .is_some_and(|waker| ptr::eq(waker, cx.waker()) || waker.will_wake(cx.waker()))
+    }
+
     /// Whether it can be readied without its waker.
     #[inline]
     pub(super) fn is_owned(&self) -> bool {
-        // SAFETY: by the type's invariant it does not change once the process is polled.
-        unsafe { *self.owner.get() }.is_some_and(|(_, methods)| !ptr::eq(methods, &lone::METHODS))
+        self.kind.get() == Kind::Owned
     }
 
     /// Whether references to it are counted, and keep its memory.
     #[inline]
     pub(super) fn is_counted(&self) -> bool {
-        // SAFETY: as above.
-        unsafe { *self.owner.get() }.is_some()
+        self.kind.get() != Kind::Bare
     }
 
     pub(super) fn inheritance(&self) -> &Inheritance {
         &self.inheritance
     }
 
-    /// Readies the process without its waker, if it can be, that many levels below its own.
+    /// Readies the process without its waker, that many levels below its own.
     ///
     /// # Safety
     ///
-    /// This is the home's thread.
+    /// This is the home's thread, the process is one of an executor's, and stays where it is until it was popped.
     #[inline]
     pub(super) unsafe fn ready_here(&self, lowered: u8, place: Place) {
-        // SAFETY: the contract, and that of `set_owner`.
-        unsafe {
-            if let Some((owner, methods)) = *self.owner.get() {
-                (methods.ready_here)(owner, self.lowered_priority(lowered).level, place);
-            }
+        // SAFETY: the contract.
+        unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
+    }
+
+    /// Puts the process into its executor's run queue at `level`, if it is not there at that level or a higher one, and has not ended. O(1), without
+    /// atomics.
+    ///
+    /// # Safety
+    ///
+    /// This is the home's thread, the process is one of an executor's, and stays where it is until it was popped. `level` is below [`LEVELS`].
+    #[inline]
+    pub unsafe fn ready_at(&self, level: u8, place: Place) {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & (state::QUEUED | state::ENDED) != 0 {
+            // SAFETY: the contract.
+            return unsafe { self.ready_more(level, place) };
         }
+        self.state
+            .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
+        self.queued_level.set(level);
+        // Made of the process, so that it leads back to it.
+        let link = NonNull::from(self).cast::<Link>();
+        // SAFETY: the contract; by the invariant it is in no queue.
+        super::with_queue(|queue| unsafe {
+            match place {
+                Place::First => queue.push_front(level, link),
+                Place::Last => queue.push_back(level, link),
+            }
+        });
+    }
+
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at).
+    #[cold]
+    unsafe fn ready_more(&self, level: u8, place: Place) {
+        let queued = self.queued_level.get();
+        let is_queued = self.state.load(Ordering::Relaxed) & state::QUEUED != 0;
+        if is_queued && queued < level {
+            // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
+            self.queued_level.set(level);
+            let link = NonNull::from(self).cast::<Link>();
+            // SAFETY: the contract, and the invariant.
+            super::with_queue(|queue| unsafe {
+                queue.remove(queued, link);
+                match place {
+                    Place::First => queue.push_front(level, link),
+                    Place::Last => queue.push_back(level, link),
+                }
+            });
+        }
+    }
+
+    /// Says that its turn has come. On the home's thread.
+    #[inline]
+    pub(super) fn begin_turn(&self) {
+        self.state.store(state::RUNNING, Ordering::Relaxed);
+    }
+
+    /// Counts a poll. On the home's thread.
+    #[inline]
+    pub fn count_poll(&self) {
+        let polls = self.polls.load(Ordering::Relaxed);
+        self.polls.store(polls + 1, Ordering::Relaxed);
+    }
+
+    /// Says that its turn has ended; whether it is queued again already. On the home's thread.
+    #[inline]
+    pub(super) fn end_turn(&self) -> bool {
+        let now = self.state.load(Ordering::Relaxed) & !state::RUNNING;
+        self.state.store(now, Ordering::Relaxed);
+        now & state::QUEUED != 0
+    }
+
+    /// Who was said to be its owner.
+    #[inline]
+    pub fn owner(&self) -> Option<NonNull<()>> {
+        // SAFETY: by the type's invariant it does not change once the process is polled.
+        unsafe { *self.owner.get() }.map(|(owner, _)| owner)
+    }
+
+    /// Says that it is not to be readied any more: its body has ended. On the home's thread.
+    pub fn set_ended(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        self.state.store(now | state::ENDED, Ordering::Relaxed);
+    }
+
+    /// What it is doing, from any thread that keeps it.
+    pub fn activity(&self) -> Activity {
+        match self.state.load(Ordering::Relaxed) {
+            now if now & state::RUNNING != 0 => Activity::Running,
+            now if now & state::QUEUED != 0 => Activity::Ready,
+            now if now & state::NEW != 0 => Activity::New,
+            _ => Activity::Waiting,
+        }
+    }
+
+    /// How many polls were counted.
+    pub fn polls(&self) -> u64 {
+        self.polls.load(Ordering::Relaxed)
+    }
+
+    /// Notes what its executor is to look at before it polls it next. From any thread that keeps it.
+    pub fn notify(&self, bits: u8) {
+        // Release: who finds the notice finds what was said before.
+        self.notices.fetch_or(bits, Ordering::Release);
+    }
+
+    /// What was noted. On the home's thread.
+    #[inline]
+    pub fn notices(&self) -> u8 {
+        self.notices.load(Ordering::Acquire)
     }
 
     /// Readies the process without its waker, if it can be, that many levels below its own.

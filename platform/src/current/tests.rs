@@ -1,15 +1,9 @@
 //! Branches below their process.
 
 use super::*;
-use std::cell::RefCell;
 use std::task::{Wake, Waker};
 
-thread_local! {
-    static READIED: RefCell<Vec<(u8, Place)>> = const { RefCell::new(Vec::new()) };
-}
-
 static METHODS: Methods = Methods {
-    ready_here: |_, level, place| READIED.with(|log| log.borrow_mut().push((level, place))),
     ready_elsewhere: |_, _| unreachable!("all is on one thread"),
     free: |_| {},
 };
@@ -21,8 +15,13 @@ impl Wake for Unused {
     fn wake(self: std::sync::Arc<Self>) {}
 }
 
-fn readied() -> Vec<(u8, Place)> {
-    READIED.with(RefCell::take)
+/// At which level the process was readied, which is in no queue afterwards.
+fn readied() -> u8 {
+    let level = 31 - ready_levels().leading_zeros();
+    assert!(next_ready().is_some(), "it is not ready");
+    // It was given no turn, so it counts as ready still.
+    process(|process| process.expect("one is current").begin_turn());
+    level as u8
 }
 
 /// Calls `f` within a process of this level.
@@ -67,11 +66,11 @@ fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
 #[test]
 fn a_branch_is_outranked_by_what_its_process_is_not() {
     within(5, |_| {
-        set_ready_levels(1 << 4);
+        pretend_ready_levels(1 << 4);
         assert!(!is_outranked());
         with_branch_below(false, 1, || assert!(!is_outranked()));
         with_branch_below(false, 2, || assert!(is_outranked()));
-        set_ready_levels(0);
+        pretend_ready_levels(0);
     });
 }
 
@@ -82,14 +81,57 @@ fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
         assert!(!own.is_of(cx), "the process itself is readied elsewhere");
         with_branch_below(false, 2, || assert!(own.is_of(cx)));
         own.take().wake();
+        assert_eq!(readied(), 3);
         with_branch_below(false, 9, || ready_again(cx, Place::First));
+        assert_eq!(readied(), 0);
         drop(other);
         ready_again(cx, Place::Last);
-        assert_eq!(
-            readied(),
-            [(3, Place::Last), (0, Place::First), (5, Place::Last)]
-        );
+        assert_eq!(readied(), 5);
     });
+}
+
+#[test]
+fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
+    within(5, |cx| {
+        for levels in [1, 4, 2] {
+            with_branch_below(false, levels, || ready_again(cx, Place::Last));
+        }
+        assert_eq!(ready_levels(), 1 << 4);
+        assert_eq!(readied(), 4);
+        with_branch_below(false, 3, || ready_again(cx, Place::Last));
+        ready_again(cx, Place::Last);
+        assert_eq!(ready_levels(), 1 << 5);
+        assert_eq!(readied(), 5);
+        assert_eq!(next_ready(), None);
+        process(|process| process.expect("one is current").set_ended());
+        ready_again(cx, Place::Last);
+        assert_eq!(next_ready(), None, "who has ended is not readied");
+    });
+}
+
+#[test]
+fn a_turn_that_panics_is_known_to_who_catches_it() {
+    let home = Home::new();
+    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
+    let process = Process::new(ProcessId::new(), home, 0, 3);
+    // SAFETY: the process lives on, and its methods ignore the owner.
+    unsafe {
+        process.set_owner(NonNull::dangling(), &METHODS);
+        process.ready_at(3, Place::Last);
+        assert_eq!(process.activity(), Activity::Ready);
+        let next = next_ready().expect("it is ready");
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            give_turn(next.as_ref(), || {
+                assert_eq!(next.as_ref().activity(), Activity::Running);
+                std::panic::resume_unwind(Box::new(()))
+            })
+        }));
+        assert!(caught.is_err());
+        assert_eq!(user(), User::Process(process.id()));
+        assert_eq!(take_interrupted(), Some((next, false)));
+        assert_eq!((user(), take_interrupted()), (User::Outside, None));
+        assert_eq!(process.activity(), Activity::Waiting);
+    }
 }
 
 #[test]
@@ -111,16 +153,19 @@ fn a_process_within_a_branch_is_whole() {
 #[test]
 fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     within(5, |cx| {
-        set_ready_levels(1 << 4);
+        pretend_ready_levels(1 << 4);
         assert!(!give_way(cx), "not outranked");
         with_branch_below(false, 2, || {
             assert!(give_way(cx));
             assert!(!give_way(&Context::from_waker(Waker::noop())));
         });
-        set_ready_levels(1 << 6);
+        assert_eq!(ready_levels(), 1 << 4 | 1 << 3);
+        pretend_ready_levels(1 << 3);
+        assert_eq!(readied(), 3);
+        pretend_ready_levels(1 << 6);
         // At the process' own level a waker readies it behind what is more urgent, too.
         assert!(give_way(&Context::from_waker(Waker::noop())));
-        set_ready_levels(0);
-        assert_eq!(readied(), [(3, Place::First)]);
+        assert_eq!(ready_levels(), 1 << 6, "such a waker queues nobody here");
+        pretend_ready_levels(0);
     });
 }

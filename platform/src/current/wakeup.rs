@@ -116,12 +116,7 @@ impl Wakeup {
     #[inline]
     pub fn of(cx: &Context<'_>) -> Wakeup {
         process(|process| match process {
-            Some(process)
-                if process.is_owned()
-                    && process
-                        .waker()
-                        .is_some_and(|waker| waker.will_wake(cx.waker())) =>
-            {
+            Some(process) if process.is_owned() && process.is_polled_with(cx) => {
                 Wakeup(Inner::Process(Reference::to_current(process)))
             }
             _ => Wakeup(Inner::Waker(cx.waker().clone())),
@@ -135,10 +130,7 @@ impl Wakeup {
             Inner::Waker(waker) => waker.will_wake(cx.waker()),
             Inner::Process(reference) => process(|process| {
                 process.is_some_and(|process| {
-                    Reference::packed(process) == reference.0
-                        && process
-                            .waker()
-                            .is_some_and(|waker| waker.will_wake(cx.waker()))
+                    Reference::packed(process) == reference.0 && process.is_polled_with(cx)
                 })
             }),
         }
@@ -170,27 +162,6 @@ impl Wakeup {
                 Ready::NOBODY
             }
         }
-    }
-
-    /// Readies at once, at `place` if it is a process of this thread.
-    #[inline]
-    pub(super) fn wake_here(&self, place: Place) {
-        match &self.0 {
-            Inner::Waker(waker) => waker.wake_by_ref(),
-            // SAFETY: made for the current process, so this is its home's thread.
-            Inner::Process(reference) => unsafe { reference.ready_here(place) },
-        }
-    }
-
-    /// Readies at once as [`wake_here`](Self::wake_here), but only if that readies the process at the level of the branch that waits;
-    /// else does nothing, and says `false`.
-    #[inline]
-    pub(super) fn wake_at_its_level(&self, place: Place) -> bool {
-        let has_level = matches!(self.0, Inner::Process(_)) || lowered() == 0;
-        if has_level {
-            self.wake_here(place);
-        }
-        has_level
     }
 }
 

@@ -1,19 +1,39 @@
 //! The processes of one executor that are ready: a queue for each level, touched by the executor's thread alone.
+//!
+//! It lies here and not with the executors, so that a partner on the same thread readies a process by a few stores, without a call that the
+//! compiler cannot see through.
 
-use crate::link::Link;
-use luna_platform::current::{self, LEVELS};
+use super::LEVELS;
 use std::cell::Cell;
 use std::ptr::NonNull;
 
-/// First come first served within a level; one bit for each level that is not empty, kept where channels can see it
-/// ([`current::ready_levels`]). Every operation is O(1) and free of atomics.
+/// The links to the neighbours in a run queue, inside the process, so that queueing allocates nothing. It is in at most one queue at a time, and
+/// touched by its executor's thread alone.
+#[derive(Debug)]
+pub(super) struct Link {
+    next: Cell<Option<NonNull<Link>>>,
+    previous: Cell<Option<NonNull<Link>>>,
+}
+
+impl Link {
+    /// A link that is in no queue.
+    pub(super) const fn new() -> Self {
+        Self {
+            next: Cell::new(None),
+            previous: Cell::new(None),
+        }
+    }
+}
+
+/// First come first served within a level; one bit for each level that is not empty. Every operation is O(1) and free of atomics.
 ///
 /// # Invariants
 ///
 /// A level's `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and its bit says whether
-/// there is one.
+/// there is one. While there is none, they are not looked at. The first one's `previous` and the last one's `next` are not looked at either.
 #[derive(Debug)]
-pub(crate) struct RunQueue {
+pub(super) struct RunQueue {
+    bits: Cell<u32>,
     levels: [Level; LEVELS as usize],
 }
 
@@ -24,8 +44,9 @@ struct Level {
 }
 
 impl RunQueue {
-    pub(crate) const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self {
+            bits: Cell::new(0),
             levels: [const {
                 Level {
                     first: Cell::new(None),
@@ -35,11 +56,20 @@ impl RunQueue {
         }
     }
 
-    /// The highest level with a ready process.
+    /// The levels with a ready process, one bit each.
     #[inline]
-    pub(crate) fn highest_level(&self) -> Option<u8> {
-        let bits = current::ready_levels();
-        (bits != 0).then(|| (31 - bits.leading_zeros()) as u8)
+    pub(super) fn bits(&self) -> u32 {
+        self.bits.get()
+    }
+
+    /// Lets others believe that these levels have a ready process.
+    pub(super) fn pretend(&self, bits: u32) {
+        self.bits.set(bits);
+    }
+
+    #[inline]
+    fn level(&self, level: u8) -> &Level {
+        &self.levels[usize::from(level % LEVELS)]
     }
 
     /// Puts a process behind the others of its level.
@@ -48,19 +78,20 @@ impl RunQueue {
     ///
     /// `node` is live until it is popped and is in no queue. `level` is below [`LEVELS`].
     #[inline]
-    pub(crate) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
-        let queue = &self.levels[usize::from(level)];
+    pub(super) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
+        let queue = self.level(level);
+        let (bits, bit) = (self.bits.get(), 1 << level);
+        let last = queue.last.replace(Some(node));
+        if bits & bit == 0 {
+            self.bits.set(bits | bit);
+            queue.first.set(Some(node));
+            return;
+        }
         // SAFETY: the new node is live by the contract, the last one by the invariant.
         unsafe {
-            node.as_ref().set_next(None);
-            let last = queue.last.replace(Some(node));
-            node.as_ref().set_previous(last);
-            match last {
-                Some(last) => last.as_ref().set_next(Some(node)),
-                None => {
-                    queue.first.set(Some(node));
-                    current::set_ready_levels(current::ready_levels() | 1 << level);
-                }
+            node.as_ref().previous.set(last);
+            if let Some(last) = last {
+                last.as_ref().next.set(Some(node));
             }
         }
     }
@@ -71,19 +102,20 @@ impl RunQueue {
     ///
     /// As for [`push_back`](Self::push_back).
     #[inline]
-    pub(crate) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
-        let queue = &self.levels[usize::from(level)];
+    pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
+        let queue = self.level(level);
+        let (bits, bit) = (self.bits.get(), 1 << level);
+        let first = queue.first.replace(Some(node));
+        if bits & bit == 0 {
+            self.bits.set(bits | bit);
+            queue.last.set(Some(node));
+            return;
+        }
         // SAFETY: the new node is live by the contract, the first one by the invariant.
         unsafe {
-            let first = queue.first.replace(Some(node));
-            node.as_ref().set_next(first);
-            node.as_ref().set_previous(None);
-            match first {
-                Some(first) => first.as_ref().set_previous(Some(node)),
-                None => {
-                    queue.last.set(Some(node));
-                    current::set_ready_levels(current::ready_levels() | 1 << level);
-                }
+            node.as_ref().next.set(first);
+            if let Some(first) = first {
+                first.as_ref().previous.set(Some(node));
             }
         }
     }
@@ -93,41 +125,42 @@ impl RunQueue {
     /// # Safety
     ///
     /// `node` is in this queue, at `level`.
-    pub(crate) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
-        let queue = &self.levels[usize::from(level)];
+    pub(super) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
+        let queue = self.level(level);
+        let is_first = queue.first.get() == Some(node);
+        let is_last = queue.last.get() == Some(node);
         // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are live.
         unsafe {
-            let (previous, next) = (node.as_ref().previous(), node.as_ref().next());
-            match previous {
-                Some(previous) => previous.as_ref().set_next(next),
-                None => queue.first.set(next),
+            let (previous, next) = (node.as_ref().previous.get(), node.as_ref().next.get());
+            match (is_first, is_last) {
+                (true, true) => self.bits.set(self.bits.get() & !(1 << level)),
+                (true, false) => queue.first.set(next),
+                (false, true) => queue.last.set(previous),
+                (false, false) => {
+                    if let (Some(previous), Some(next)) = (previous, next) {
+                        previous.as_ref().next.set(Some(next));
+                        next.as_ref().previous.set(Some(previous));
+                    }
+                }
             }
-            match next {
-                Some(next) => next.as_ref().set_previous(previous),
-                None => queue.last.set(previous),
-            }
-        }
-        if queue.first.get().is_none() {
-            current::set_ready_levels(current::ready_levels() & !(1 << level));
         }
     }
 
     /// Takes the first process of the highest level.
     #[inline]
-    pub(crate) fn pop(&self) -> Option<NonNull<Link>> {
-        let level = self.highest_level()?;
-        let queue = &self.levels[usize::from(level)];
+    pub(super) fn pop(&self) -> Option<NonNull<Link>> {
+        let bits = self.bits.get();
+        if bits == 0 {
+            return None;
+        }
+        let level = (31 - bits.leading_zeros()) as u8;
+        let queue = self.level(level);
         let node = queue.first.get()?;
-        // SAFETY: a queued node is live.
-        let next = unsafe { node.as_ref() }.next();
-        queue.first.set(next);
-        match next {
-            // SAFETY: as above.
-            Some(next) => unsafe { next.as_ref() }.set_previous(None),
-            None => {
-                queue.last.set(None);
-                current::set_ready_levels(current::ready_levels() & !(1 << level));
-            }
+        if queue.last.get() == Some(node) {
+            self.bits.set(bits & !(1 << level));
+        } else {
+            // SAFETY: a queued node is live.
+            queue.first.set(unsafe { node.as_ref() }.next.get());
         }
         Some(node)
     }
@@ -145,7 +178,7 @@ mod tests {
             // SAFETY: the links outlive the queue and are pushed once.
             unsafe { queue.push_back(level, NonNull::from(&links[index])) };
         }
-        assert_eq!(queue.highest_level(), Some(31));
+        assert_eq!(queue.bits(), 1 << 31 | 1 << 5 | 1);
         let order: Vec<usize> = std::iter::from_fn(|| queue.pop())
             .map(|node| {
                 links
@@ -155,7 +188,7 @@ mod tests {
             })
             .collect();
         assert_eq!(order, [1, 4, 2, 3, 0, 5]);
-        assert_eq!(current::ready_levels(), 0);
+        assert_eq!(queue.bits(), 0);
     }
 
     #[test]
@@ -186,7 +219,7 @@ mod tests {
                 queue.push_back(5, NonNull::from(&links[3]));
                 let level = if gone == 3 { 5 } else { 3 };
                 queue.remove(level, NonNull::from(&links[gone]));
-                assert_eq!(current::ready_levels() & 1 << 5 != 0, gone != 3);
+                assert_eq!(queue.bits() & 1 << 5 != 0, gone != 3);
                 // And comes again, as the last.
                 queue.push_back(3, NonNull::from(&links[gone]));
             }
@@ -201,7 +234,7 @@ mod tests {
                     .map(|n| NonNull::from(&links[n]))
                     .collect::<Vec<_>>()
             );
-            assert_eq!(current::ready_levels(), 0);
+            assert_eq!(queue.bits(), 0);
         }
     }
 }
