@@ -224,7 +224,7 @@ unsafe fn view(registered: &Registered) -> PlaceView {
     // Processes on the real-time path take this lock: nothing is allocated under it.
     let (buffered, sender, receiver, ended) = loop {
         waiting.clear();
-        let mut lists = place.lock();
+        let mut lists = place.lock_briefly();
         if copy_waiting(&mut lists, place.identity.kind, &mut waiting) {
             // SAFETY: the lock is held.
             let buffered = unsafe { (registered.stored)(registered.place) };

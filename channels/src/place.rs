@@ -2,7 +2,7 @@
 
 use crate::inspect::Identity;
 use luna_platform::current::{Heir, ProcessId, User};
-use luna_platform::lock::{PiGuard, PiLock};
+use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
 
 /// Whether more can be communicated.
@@ -26,6 +26,9 @@ pub struct Lists {
     /// Those who wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
     pub(crate) ending: Ending,
+    /// Whether it is a rendezvous channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
+    pub(crate) is_plain: bool,
+    pub(crate) is_rendezvous: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
@@ -41,6 +44,18 @@ pub struct Lists {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LastUser(u32);
 
+impl Lists {
+    /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
+    /// does.
+    pub(crate) fn find_whether_plain(&mut self) {
+        self.is_plain = self.is_rendezvous
+            && self.ending == Ending::Open
+            && !self.extends
+            && self.server.is_none()
+            && self.registered.is_empty();
+    }
+}
+
 impl LastUser {
     pub(crate) const NOBODY: LastUser = LastUser(u32::MAX);
 
@@ -50,6 +65,11 @@ impl LastUser {
             User::Outside => 0,
             User::Process(process) => process.get(),
         })
+    }
+
+    #[inline]
+    pub(crate) fn process(process: ProcessId) -> Self {
+        LastUser(process.get())
     }
 
     pub(crate) fn get(self) -> Option<User> {
@@ -63,20 +83,22 @@ impl LastUser {
 /// Where processes meet.
 #[derive(Debug)]
 pub struct Place {
-    lock: PiLock<Lists>,
+    lock: HomeLock<Lists>,
     pub(crate) identity: Identity,
 }
 
 impl Place {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
-            lock: PiLock::new(Lists {
+            lock: HomeLock::new(Lists {
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
                 held: WaitList::new(),
                 registered: WaitList::new(),
                 watching: WaitList::new(),
                 ending: Ending::Open,
+                is_plain: false,
+                is_rendezvous: false,
                 extends: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,
@@ -88,7 +110,28 @@ impl Place {
     }
 
     #[inline]
-    pub(crate) fn lock(&self) -> PiGuard<'_, Lists> {
+    pub(crate) fn lock(&self) -> HomeGuard<'_, Lists> {
         self.lock.lock()
+    }
+
+    /// Locks for the favoured home: see [`HomeLock::lock_if_favoured`].
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number.
+    #[inline(always)]
+    pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, Lists>> {
+        // SAFETY: the contract.
+        unsafe { self.lock.lock_if_favoured(home) }
+    }
+
+    /// What the lock guards, of a place that nobody else knows yet.
+    pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut Lists)) {
+        self.lock.with_mut(f);
+    }
+
+    /// Locks for a look now and then: see [`HomeLock::lock_briefly`].
+    pub(crate) fn lock_briefly(&self) -> HomeGuard<'_, Lists> {
+        self.lock.lock_briefly()
     }
 }

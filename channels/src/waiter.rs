@@ -47,6 +47,14 @@ pub(crate) struct Link<T> {
     make: Option<Make<T>>,
 }
 
+impl<T> Link<T> {
+    /// Whether a sender makes its value when it is taken.
+    #[inline]
+    pub(crate) fn makes(&self) -> bool {
+        self.make.is_some()
+    }
+}
+
 /// The node of a waiting operation, inside its future.
 ///
 /// Most operations never wait, so the link is written only when one begins to ([`begin`](Waiter::begin)): a node that is made and not listed is

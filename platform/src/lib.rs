@@ -34,6 +34,7 @@ pub mod current;
 pub mod facts;
 #[cfg(all(unix, not(loom)))]
 pub mod file;
+pub mod home_lock;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]

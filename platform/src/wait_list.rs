@@ -119,6 +119,32 @@ impl WaitList {
         unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
     }
 
+    /// As [`insert`](Self::insert), for `user`, into an empty list. O(1).
+    ///
+    /// # Safety
+    ///
+    /// As for `insert`; and nobody is in the list.
+    #[inline(always)]
+    pub unsafe fn insert_alone(
+        &mut self,
+        node: NonNull<WaitNode>,
+        user: User,
+        priority: Priority,
+        wakeup: Wakeup,
+    ) {
+        // SAFETY: by the contract the node is live and ours.
+        unsafe {
+            let fields = &mut *node.as_ptr();
+            fields.before = None;
+            fields.after = None;
+            fields.priority = priority;
+            fields.user = user;
+            fields.wakeup = Some(wakeup);
+        }
+        self.first = Some(node);
+        self.last = Some(node);
+    }
+
     /// Puts `node`, which was in another list of the same lock, behind all of its priority or higher: it waits for something else now, and is
     /// still who it was. Cost as for [`insert`](Self::insert).
     ///

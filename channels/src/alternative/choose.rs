@@ -11,12 +11,12 @@ use crate::selection::Selection;
 use arrayvec::ArrayVec;
 use luna_platform::clock::Instant;
 use luna_platform::current::{Ready, Wakeup};
-use luna_platform::lock::PiGuard;
+use luna_platform::home_lock::HomeGuard;
 use std::ptr::NonNull;
 use std::task::Context;
 
 /// The locks of an alternative's places.
-pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, PiGuard<'a, Lists>), MOST_GUARDS>);
+pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, HomeGuard<'a, Lists>), MOST_GUARDS>);
 
 impl Locks<'_> {
     /// Locks all places of `open`, each once. O(n) locks.

@@ -15,8 +15,10 @@
 //! A partner that finds an alternative's node claims its [`Selection`](crate::selection::Selection) first. One whose alternative has chosen
 //! another guard is taken off the list and passed over: each such node costs one step, once.
 
+mod at_home;
 mod section;
 
+pub(crate) use at_home::{ReceivedAtHome, SentAtHome};
 pub(crate) use section::{Locked, Received, Section, Sent};
 
 use crate::alternative::Entry;
@@ -61,13 +63,18 @@ pub(crate) struct Channel<T> {
 impl<T> Channel<T> {
     /// A new channel on the heap, with one end of each kind.
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
+        let mut place = Place::new(identity);
+        place.with_mut(|lists| {
+            lists.is_rendezvous = buffer.capacity == 0;
+            lists.find_whether_plain();
+        });
         let channel = Box::new(Channel {
             retired: Retired::new(Self::free),
             senders: AtomicUsize::new(1),
             receivers: AtomicUsize::new(1),
             kinds: AtomicUsize::new(2),
             buffer,
-            place: Place::new(identity),
+            place,
             rings: AtomicBool::new(false),
             store: UnsafeCell::new(VecDeque::with_capacity(
                 buffer.reserved().saturating_add(SPARE),
@@ -250,6 +257,7 @@ impl<T> Channel<T> {
                 .registered
                 .insert(entry.cast(), priority, None);
         }
+        section.lists.find_whether_plain();
         let is_ready = section.is_ready();
         // SAFETY: the lock is held that guards it from here on.
         unsafe { (*entry.as_ptr()).is_queued = is_ready };
@@ -265,6 +273,7 @@ impl<T> Channel<T> {
         let mut section = self.lock();
         // SAFETY: the contract.
         unsafe { section.lists.registered.remove(entry.cast()) };
+        section.lists.find_whether_plain();
     }
 
     /// Readies the registered alternatives that were told of something, without the lock. O(those).
@@ -364,6 +373,7 @@ impl<T> Channel<T> {
         section.lists.ending = ending;
         // Nobody waits for it any more; it may still answer what it has accepted.
         let server = section.lists.server.take();
+        section.lists.find_whether_plain();
         section.announce();
         drop(section);
         drop(server);

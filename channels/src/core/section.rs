@@ -8,7 +8,7 @@ use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Heir, Priority, Ready, Wakeup};
-use luna_platform::lock::PiGuard;
+use luna_platform::home_lock::HomeGuard;
 use luna_platform::sync::atomic::Ordering;
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::collections::VecDeque;
@@ -66,7 +66,7 @@ pub(crate) struct Section<'a, T, L> {
 }
 
 /// A section that holds the lock itself.
-pub(crate) type Locked<'a, T> = Section<'a, T, PiGuard<'a, Lists>>;
+pub(crate) type Locked<'a, T> = Section<'a, T, HomeGuard<'a, Lists>>;
 
 impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
@@ -365,6 +365,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         let is_known = self.lists.server.as_ref().is_some_and(Heir::is_current);
         if !is_known && self.lists.ending == Ending::Open {
             self.lists.server = Heir::current();
+            self.lists.find_whether_plain();
             self.lend_while_they_wait();
         }
     }
@@ -412,7 +413,10 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe {
-            self.lists.extends |= (*Waiter::link(node)).extended;
+            if (*Waiter::link(node)).extended && !self.lists.extends {
+                self.lists.extends = true;
+                self.lists.find_whether_plain();
+            }
             self.lists.receivers.insert(node.cast(), priority, wakeup);
         }
     }

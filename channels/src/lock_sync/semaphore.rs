@@ -274,7 +274,7 @@ impl Shared {
     }
 
     /// Serves the first who waits, if there are enough permits.
-    fn serve_first(&self, mut lists: luna_platform::lock::PiGuard<'_, Lists>) -> bool {
+    fn serve_first(&self, mut lists: luna_platform::home_lock::HomeGuard<'_, Lists>) -> bool {
         /// The rest, if somebody's waker panics in the middle of it.
         struct Rest<'a>(&'a Shared);
         impl Drop for Rest<'_> {

@@ -1,12 +1,12 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{Ending, Received, Taken};
+use crate::core::{Ending, Received, ReceivedAtHome, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Wakeup};
+use luna_platform::current::{self, Ready, Wakeup};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -192,15 +192,41 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         }
         Poll::Ready(self.settled(outcome))
     }
-}
 
-impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
-    type Output = Result<M::Received<'a, T>, RecvError>;
+    /// Readies the sender of a value, and hands the value on.
+    #[inline(always)]
+    fn received(
+        &mut self,
+        value: T,
+        ready: Ready,
+        ticket: u32,
+        cx: &Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        let value = if ready.calls_a_waker() {
+            let taken = Taken::new(self.receiver.channel(), value, ticket);
+            ready.wake();
+            taken.keep()
+        } else {
+            ready.wake();
+            value
+        };
+        if crate::gives_way(cx) {
+            self.keep(value, ticket);
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        self.phase = Phase::Over;
+        let note = std::mem::take(self.note());
+        Poll::Ready(Ok(M::received(self.receiver, value, ticket, note)))
+    }
 
-    #[inline]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed node stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+    /// Polls wherever the process is, and whatever is asked of the channel.
+    #[inline(never)]
+    fn poll_generally(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        let this = self;
         match this.phase {
             Phase::New => {}
             Phase::Listed => return this.poll_listed(cx),
@@ -224,18 +250,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                     section.lend_while_they_wait();
                 }
                 drop(section);
-                let ticket = holding.ticket;
-                let taken = Taken::new(this.receiver.channel(), value, ticket);
-                ready.wake();
-                let value = taken.keep();
-                if crate::gives_way(cx) {
-                    this.keep(value, ticket);
-                    this.phase = Phase::GaveWay;
-                    return Poll::Pending;
-                }
-                this.phase = Phase::Over;
-                let note = std::mem::take(this.note());
-                Poll::Ready(Ok(M::received(this.receiver, value, ticket, note)))
+                this.received(value, ready, holding.ticket, cx)
             }
             Received::Empty => {
                 // SAFETY: the future is pinned, and its drop withdraws the node.
@@ -262,6 +277,33 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 Poll::Ready(Err(RecvError::Poisoned))
             }
         }
+    }
+}
+
+impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
+    type Output = Result<M::Received<'a, T>, RecvError>;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
+            let channel = this.receiver.channel();
+            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            match unsafe { channel.recv_at_home(this.node(), cx) } {
+                Some(ReceivedAtHome::Waits) => {
+                    this.phase = Phase::Listed;
+                    return Poll::Pending;
+                }
+                Some(ReceivedAtHome::Done(value, ready)) => {
+                    return this.received(value, ready, 0, cx);
+                }
+                None => {}
+            }
+        } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            return Poll::Ready(this.settled(Outcome::Done));
+        }
+        this.poll_generally(cx)
     }
 }
 

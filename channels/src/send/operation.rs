@@ -1,7 +1,7 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{Ending, Sent};
+use crate::core::{Ending, Sent, SentAtHome};
 use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
@@ -205,15 +205,11 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
         Poll::Ready(self.settled(outcome))
     }
-}
 
-impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
-    type Output = Result<(), SendError<S::Unsent>>;
-
-    #[inline]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed node stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
+    /// Polls wherever the process is, and whatever is asked of the channel.
+    #[inline(never)]
+    fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        let this = self;
         match this.phase {
             Phase::New => {}
             Phase::Listed => return this.poll_listed(cx),
@@ -279,6 +275,41 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 this.broken()
             }
         }
+    }
+}
+
+impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
+    type Output = Result<(), SendError<S::Unsent>>;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed node stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.phase == Phase::New && this.offered().source.is_open() {
+            let channel = this.sender.channel();
+            // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            match unsafe { channel.send_at_home(this.place_of_offer(), cx) } {
+                Some(SentAtHome::Waits) => {
+                    this.phase = Phase::Listed;
+                    return Poll::Pending;
+                }
+                Some(SentAtHome::Done(ready)) => {
+                    // Before a waker can panic: the value is gone.
+                    this.phase = Phase::Over;
+                    ready.wake();
+                    if crate::gives_way(cx) {
+                        this.phase = Phase::GaveWay;
+                        return Poll::Pending;
+                    }
+                    return Poll::Ready(Ok(()));
+                }
+                None => {}
+            }
+        } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            this.phase = Phase::Over;
+            return Poll::Ready(Ok(()));
+        }
+        this.poll_generally(cx)
     }
 }
 

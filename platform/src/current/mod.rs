@@ -49,6 +49,11 @@ impl Branch {
     const FAILED: u8 = 1 << 7;
 
     #[inline]
+    fn is_whole(self) -> bool {
+        self.0 == 0
+    }
+
+    #[inline]
     fn has_failed(self) -> bool {
         self.0 & Self::FAILED != 0
     }
@@ -107,6 +112,7 @@ thread_local! {
 /// Ask [`home`] first where the outside decides.
 pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
     assert!(self::home().is_none(), "this thread runs processes already");
+    crate::backend::fence::prepare();
     THREAD.with(|thread| {
         thread.home.set(Some(home));
         thread.may_block.set(may_block);
@@ -152,6 +158,12 @@ impl Drop for HomeGuard {
 #[inline]
 pub fn home() -> Option<Home> {
     THREAD.with(|thread| thread.home.get())
+}
+
+/// The number of the home that this thread is; 0 if it runs no processes.
+#[inline(always)]
+pub(crate) fn home_number() -> u64 {
+    THREAD.with(|thread| thread.home.get().map_or(0, Home::number))
 }
 
 /// What is known of the thread of `home`, if this is it.
@@ -249,6 +261,20 @@ pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
         // SAFETY: the contract of `give_turn`.
         Some((process, unsafe { process.as_ref() }.end_turn()))
     })
+}
+
+/// Calls `f` with the current process if its turn is a plain one: it is an executor's, `cx` has its own waker and no combinator's, and no branch of it is
+/// being polled that failed or runs at another level. Nearly all polls are.
+#[inline(always)]
+pub fn in_plain_turn<R>(cx: &Context<'_>, f: impl FnOnce(&Process) -> Option<R>) -> Option<R> {
+    let (current, branch) = THREAD.with(|thread| (thread.process.get(), thread.branch.get()));
+    // SAFETY: as in `process`.
+    let process = unsafe { current?.as_ref() };
+    if branch.is_whole() && process.is_owned() && process.is_polled_by(cx) {
+        f(process)
+    } else {
+        None
+    }
 }
 
 /// Calls `f` with the current process, if there is one.

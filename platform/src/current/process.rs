@@ -66,6 +66,11 @@ impl Home {
         // 64 bits do not wrap, and homes must differ: what is counted without atomics relies on it.
         Self(NonZeroU64::new(number).unwrap_or(NonZeroU64::MIN))
     }
+
+    #[inline]
+    pub(crate) fn number(self) -> u64 {
+        self.0.get()
+    }
 }
 
 /// How urgent a process is: the priority of its OS thread first, then its level on the executor. Greater is more urgent.
@@ -252,11 +257,32 @@ impl Process {
         unsafe { (*self.waker.get()).as_ref() }
     }
 
+    /// Whether `cx` has the very waker of the process: what an executor polls with.
+    #[inline(always)]
+    pub(super) fn is_polled_by(&self, cx: &Context<'_>) -> bool {
+        ptr::eq(self.waker.get().cast_const().cast::<Waker>(), cx.waker())
+    }
+
+    /// The number of its home, which is none of a thread without one.
+    #[inline]
+    pub fn home_number(&self) -> u64 {
+        self.home.number()
+    }
+
+    /// Whether a process of higher level is ready. On the home's thread, in a turn of it as a whole.
+    #[inline]
+    pub fn is_outranked(&self) -> bool {
+        // Two shifts, since a shift by 32 is none.
+        (super::ready_levels() >> self.level()) >> 1 != 0
+    }
+
     /// Whether `cx` has the process' own waker: almost always the very one.
     #[inline]
     pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
-        self.waker()
-            .is_some_and(|waker| ptr::eq(waker, cx.waker()) || waker.will_wake(cx.waker()))
+        self.is_polled_by(cx)
+            || self
+                .waker()
+                .is_some_and(|waker| waker.will_wake(cx.waker()))
     }
 
     /// Whether it can be readied without its waker.

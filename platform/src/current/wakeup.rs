@@ -123,6 +123,13 @@ impl Wakeup {
         })
     }
 
+    /// How to wake the current process, in a [plain turn](super::in_plain_turn).
+    #[inline(always)]
+    pub fn of_plain_turn(process: &Process) -> Wakeup {
+        process.references.add();
+        Wakeup(Inner::Process(Reference(NonNull::from(process))))
+    }
+
     /// Whether it wakes the same as `cx` would.
     #[inline]
     pub fn is_of(&self, cx: &Context<'_>) -> bool {
@@ -189,6 +196,12 @@ impl fmt::Debug for Readying {
 impl Ready {
     /// Nobody to wake.
     pub const NOBODY: Ready = Ready(Readying::Nobody);
+
+    /// Whether it calls a waker, which may do anything.
+    #[inline]
+    pub fn calls_a_waker(&self) -> bool {
+        matches!(self.0, Readying::Waker(_))
+    }
 
     /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
     #[inline]

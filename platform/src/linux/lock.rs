@@ -121,22 +121,27 @@ impl<T> PiLock<T> {
             }
             spin_loop();
         }
-        loop {
-            match path::expected(Call::Lock, || futex_pi(&self.word, lock_operation())) {
-                Ok(()) => return,
-                // A signal came, or the owner is just ending: ask again.
-                Err(Errno::EINTR | Errno::EAGAIN) => {}
-                Err(Errno::ENOSYS) if lock_operation() == libc::FUTEX_LOCK_PI2 => {
-                    HAS_LOCK_PI2.store(false, Ordering::Relaxed);
-                }
-                Err(Errno::EDEADLK) => {
-                    panic!("a thread locked a priority-inheriting lock that it holds already")
-                }
-                Err(Errno::ESRCH) => {
-                    panic!("the owner of a priority-inheriting lock has died with it")
-                }
-                Err(error) => panic!("the kernel refused a priority-inheriting lock: {error}"),
+        lock_pi(&self.word);
+    }
+}
+
+/// Takes `word` in the kernel, which lends its owner this thread's priority until then.
+pub(super) fn lock_pi(word: &AtomicU32) {
+    loop {
+        match path::expected(Call::Lock, || futex_pi(word, lock_operation())) {
+            Ok(()) => return,
+            // A signal came, or the owner is just ending: ask again.
+            Err(Errno::EINTR | Errno::EAGAIN) => {}
+            Err(Errno::ENOSYS) if lock_operation() == libc::FUTEX_LOCK_PI2 => {
+                HAS_LOCK_PI2.store(false, Ordering::Relaxed);
             }
+            Err(Errno::EDEADLK) => {
+                panic!("a thread locked a priority-inheriting lock that it holds already")
+            }
+            Err(Errno::ESRCH) => {
+                panic!("the owner of a priority-inheriting lock has died with it")
+            }
+            Err(error) => panic!("the kernel refused a priority-inheriting lock: {error}"),
         }
     }
 }
@@ -152,7 +157,7 @@ fn lock_operation() -> i32 {
     }
 }
 
-fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
+pub(super) fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
     // SAFETY: the word outlives the call; the two operations used take no other pointer but a null deadline.
     let outcome = unsafe {
         libc::syscall(
@@ -168,7 +173,7 @@ fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
 
 /// The kernel's id of this thread, asked for once. A process that was forked without exec must not use locks of its parent.
 #[inline]
-fn thread_id() -> u32 {
+pub(super) fn thread_id() -> u32 {
     thread_local! {
         static THREAD_ID: Cell<u32> = const { Cell::new(0) };
     }
@@ -183,14 +188,18 @@ fn thread_id() -> u32 {
 impl<T> Drop for PiGuard<'_, T> {
     #[inline]
     fn drop(&mut self) {
-        if self
-            .lock
-            .word
-            .compare_exchange(thread_id(), 0, Ordering::Release, Ordering::Relaxed)
-            .is_err()
-        {
-            unlock_contended(&self.lock.word);
-        }
+        unlock_pi(&self.lock.word);
+    }
+}
+
+/// Gives `word` up, which this thread owns.
+#[inline]
+pub(super) fn unlock_pi(word: &AtomicU32) {
+    if word
+        .compare_exchange(thread_id(), 0, Ordering::Release, Ordering::Relaxed)
+        .is_err()
+    {
+        unlock_contended(word);
     }
 }
 

@@ -120,3 +120,55 @@ pub mod lock {
         }
     }
 }
+
+pub(crate) mod fence {
+    //! Full fences on both sides: what the kernel makes of the pair.
+
+    use loom::sync::atomic::{Ordering, fence};
+
+    pub(crate) fn prepare() {}
+
+    pub(crate) fn is_available() -> bool {
+        true
+    }
+
+    pub(crate) fn light() {
+        fence(Ordering::SeqCst);
+    }
+
+    pub(crate) fn heavy() {
+        fence(Ordering::SeqCst);
+    }
+}
+
+pub(crate) mod inside {
+    //! The word without the kernel: who waits looks again and again.
+
+    use loom::sync::atomic::{AtomicBool, Ordering};
+
+    #[derive(Debug)]
+    pub(crate) struct Inside(AtomicBool);
+
+    impl Inside {
+        pub(crate) fn new() -> Self {
+            Self(AtomicBool::new(false))
+        }
+
+        pub(crate) fn enter(&self) {
+            assert!(!self.0.load(Ordering::Relaxed), "entered twice");
+            self.0.store(true, Ordering::Relaxed);
+        }
+
+        pub(crate) fn leave(&self) {
+            self.0.store(false, Ordering::Release);
+        }
+
+        pub(crate) fn leave_revoked(&self) {}
+
+        pub(crate) fn wait_until_left(&self) {
+            while self.0.load(Ordering::Acquire) {
+                loom::thread::yield_now();
+            }
+        }
+    }
+}

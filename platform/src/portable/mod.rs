@@ -3,9 +3,11 @@
 pub(crate) mod boost;
 pub(crate) mod clock;
 pub(crate) mod facts;
+pub(crate) mod fence;
 #[cfg(unix)]
 pub(crate) mod file;
 pub mod futex;
+pub(crate) mod inside;
 pub(crate) mod latency;
 pub mod lock;
 pub(crate) mod memory;

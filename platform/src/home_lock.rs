@@ -1,0 +1,369 @@
+//! A lock that costs the thread which alone uses it no atomic read-modify-write: what channels are guarded by.
+//!
+//! Most channels connect processes of one executor. Their lock is taken by one thread for ever, and two compare-and-swaps an operation would be
+//! most of what a communication costs. So a lock that one home has taken many times in a row comes to *favour* it: from then on that home's
+//! thread says by plain stores that it is inside, and anybody else has to end the favour first, once in the lock's life.
+//!
+//! ```text
+//!   shared --one home alone, 16 times--> favours it --anybody else--> shared, for good
+//!                                             ^  \
+//!                                             '---' who only looks (`lock_briefly`) gives the favour back
+//! ```
+//!
+//! # Why it excludes
+//!
+//! ```text
+//!   home, each time                      another thread, once
+//!   inside = 1                           (holds `shared`)
+//!   -- light fence --                    favoured = nobody
+//!   favoured is me? in : out             -- heavy fence --
+//!   ...                                  waits while inside = 1
+//!   inside = 0
+//!   -- light fence --
+//!   favoured is me? done : repair
+//! ```
+//!
+//! It is Dekker's pattern: between the two stores and the two loads at least one side sees the other's store, if both have a full fence. The light
+//! fence keeps only the compiler from reordering; the heavy one, `membarrier(2)`, makes every running thread of the program execute a full fence, so
+//! the home's is there whenever it matters (asymmetric fences: P1202, and biased locks: D. Dice, H. Huang, M. Yang, *Asymmetric Dekker
+//! Synchronization*, 2001). What they order they do not exclude: who finds the home inside has to wait. It does so with priority inheritance: `inside` is the word
+//! of a priority-inheriting futex, and the home writes its thread's number there, so the kernel knows whom to lend the priority of who waits.
+//! Its plain store on leaving may erase the kernel's note that somebody waits, hence the second look at `favoured`, and the
+//! [repair](Inside::leave_revoked).
+//!
+//! The models of loom check this with full fences on both sides: what the kernel makes of the pair.
+
+use crate::backend::fence;
+use crate::backend::inside::Inside;
+use crate::current;
+use crate::lock::{PiGuard, PiLock};
+use crate::sync::UnsafeCell;
+use crate::sync::atomic::{AtomicU64, Ordering};
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut};
+
+/// How often one home takes the lock in a row until it is favoured.
+const ALONE: u8 = 16;
+
+/// Favours nobody; no home has this number.
+const NOBODY: u64 = u64::MAX;
+
+/// A lock that costs its favoured home no read-modify-write, and everybody else what a [`PiLock`] costs.
+///
+/// Real-time path: yes. For the favoured home O(1), a few loads and stores; shared, as for `PiLock`. The first use by another thread while a home is
+/// favoured makes one system call (`membarrier(2)`, some microseconds; it interrupts the processors that run threads of this program), and waits for a section of the
+/// home that is under way, with priority inheritance. After that nobody is favoured again.
+///
+/// # Panics
+///
+/// `lock` panics if the thread that calls it holds the lock already.
+///
+/// ```
+/// use luna_platform::home_lock::HomeLock;
+///
+/// let count = HomeLock::new(0);
+/// *count.lock() += 1;
+/// assert_eq!(*count.lock(), 1);
+/// ```
+///
+/// # Invariants
+///
+/// `favoured` is changed by who holds `shared` alone: from `NOBODY` to a home by that home's thread, and back by anybody. `value` is accessed by who holds
+/// `shared` while nobody is favoured and `inside` is free after the heavy fence, or by the favoured home's thread while it holds `inside`.
+pub struct HomeLock<T> {
+    favoured: AtomicU64,
+    inside: Inside,
+    shared: PiLock<Uses>,
+    value: UnsafeCell<T>,
+}
+
+// SAFETY: the lock hands out access to one thread at a time, so sharing it needs no more than that the value may change threads.
+unsafe impl<T: Send> Sync for HomeLock<T> {}
+// SAFETY: a lock that is moved is not borrowed, so nobody holds it; it is as `Send` as its value.
+unsafe impl<T: Send> Send for HomeLock<T> {}
+
+/// Who has used the lock in shared mode lately.
+#[derive(Debug)]
+struct Uses {
+    home: u64,
+    in_a_row: u8,
+    /// A favour was ended by somebody else: there will be no other.
+    is_shared_for_good: bool,
+}
+
+impl Uses {
+    #[inline]
+    fn count(&mut self, home: u64) {
+        if self.home != home {
+            self.home = home;
+            self.in_a_row = 0;
+        }
+        self.in_a_row = self.in_a_row.saturating_add(1);
+    }
+
+    #[inline]
+    fn earn_favour(&self) -> bool {
+        self.in_a_row >= ALONE && self.home != 0 && !self.is_shared_for_good
+    }
+}
+
+/// Unlocks when dropped. Stays on the thread that locked.
+#[must_use = "the lock is released when the guard is dropped"]
+pub struct HomeGuard<'a, T> {
+    lock: &'a HomeLock<T>,
+    held: Held<'a>,
+    stays_on_its_thread: PhantomData<*const ()>,
+}
+
+enum Held<'a> {
+    /// By the favoured home, whose number this is.
+    Inside(u64),
+    Shared(PiGuard<'a, Uses>),
+    /// By somebody who only looks; the home of this number is favoured again afterwards.
+    Borrowed {
+        _uses: PiGuard<'a, Uses>,
+        home: u64,
+    },
+}
+
+impl<T> HomeLock<T> {
+    /// An unlocked lock around `value`, which favours nobody yet.
+    pub fn new(value: T) -> Self {
+        Self {
+            favoured: AtomicU64::new(NOBODY),
+            inside: Inside::new(),
+            shared: PiLock::new(Uses {
+                home: NOBODY,
+                in_a_row: 0,
+                is_shared_for_good: false,
+            }),
+            value: UnsafeCell::new(value),
+        }
+    }
+
+    /// Locks, waiting as long as another thread holds it.
+    #[inline]
+    pub fn lock(&self) -> HomeGuard<'_, T> {
+        self.lock_as(current::home_number())
+    }
+
+    /// Locks if this thread is the home of that number and the lock favours it: then without any atomic read-modify-write.
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number.
+    #[inline(always)]
+    pub unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, T>> {
+        // Acquire, here and below: who borrowed the value gave the favour back after it.
+        if self.favoured.load(Ordering::Acquire) != home {
+            return None;
+        }
+        self.inside.enter();
+        fence::light();
+        if self.favoured.load(Ordering::Acquire) == home {
+            return Some(InsideGuard {
+                lock: self,
+                home,
+                stays_on_its_thread: PhantomData,
+            });
+        }
+        self.inside.leave();
+        self.inside.leave_revoked();
+        None
+    }
+
+    /// Locks as [`lock`](Self::lock) does, for a look now and then: who is favoured stays it. Not for what uses the value regularly.
+    pub fn lock_briefly(&self) -> HomeGuard<'_, T> {
+        let me = current::home_number();
+        if self.favoured.load(Ordering::Relaxed) == me {
+            return self.lock_as(me);
+        }
+        let uses = self.shared.lock();
+        let favoured = self.favoured.load(Ordering::Relaxed);
+        if favoured == NOBODY {
+            return self.guard(Held::Shared(uses));
+        }
+        self.exclude_home();
+        self.guard(Held::Borrowed {
+            _uses: uses,
+            home: favoured,
+        })
+    }
+
+    /// Whether a home is favoured.
+    pub fn is_favouring(&self) -> bool {
+        self.favoured.load(Ordering::Relaxed) != NOBODY
+    }
+
+    /// The value, without locking: the exclusive borrow shows that nobody holds it.
+    pub fn with_mut<R>(&mut self, f: impl FnOnce(&mut T) -> R) -> R {
+        // SAFETY: the exclusive borrow.
+        self.value.with_mut(|value| f(unsafe { &mut *value }))
+    }
+
+    /// Locks on the thread of home `me`, 0 if it is none.
+    #[inline(always)]
+    fn lock_as(&self, me: u64) -> HomeGuard<'_, T> {
+        match self.enter(me) {
+            Some(guard) => guard,
+            None => self.lock_shared(me),
+        }
+    }
+
+    /// Locks if home `me` is favoured.
+    #[inline(always)]
+    fn enter(&self, me: u64) -> Option<HomeGuard<'_, T>> {
+        // SAFETY: the callers are on the thread of home `me`, or of none.
+        let inside = unsafe { self.lock_if_favoured(me) }?;
+        std::mem::forget(inside);
+        Some(self.guard(Held::Inside(me)))
+    }
+
+    #[inline]
+    fn guard<'a>(&'a self, held: Held<'a>) -> HomeGuard<'a, T> {
+        HomeGuard {
+            lock: self,
+            held,
+            stays_on_its_thread: PhantomData,
+        }
+    }
+
+    #[inline(never)]
+    fn lock_shared(&self, me: u64) -> HomeGuard<'_, T> {
+        loop {
+            let mut uses = self.shared.lock();
+            let favoured = self.favoured.load(Ordering::Relaxed);
+            if favoured == me {
+                // The favour was lent meanwhile, and given back.
+                drop(uses);
+                if let Some(guard) = self.enter(me) {
+                    return guard;
+                }
+                continue;
+            }
+            if favoured == NOBODY {
+                uses.count(me);
+            } else {
+                self.exclude_home();
+                uses.is_shared_for_good = true;
+            }
+            return self.guard(Held::Shared(uses));
+        }
+    }
+
+    /// The home of that number leaves.
+    #[inline(always)]
+    fn leave(&self, home: u64) {
+        self.inside.leave();
+        fence::light();
+        if self.favoured.load(Ordering::Relaxed) != home {
+            self.inside.leave_revoked();
+        }
+    }
+
+    /// Favours the home that has used the lock alone for long, if that can be. The caller holds `shared`, and its section is over: its thread is the home,
+    /// so nobody is inside at the same time.
+    #[cold]
+    fn favour(&self, uses: &mut Uses) {
+        if fence::is_available() {
+            uses.in_a_row = 0;
+            self.favoured.store(uses.home, Ordering::Release);
+        } else {
+            uses.is_shared_for_good = true;
+        }
+    }
+
+    /// Ends the favour, and waits until the home is outside. The caller holds `shared`.
+    #[cold]
+    fn exclude_home(&self) {
+        self.favoured.store(NOBODY, Ordering::SeqCst);
+        fence::heavy();
+        self.inside.wait_until_left();
+    }
+}
+
+impl<T> Drop for HomeGuard<'_, T> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        // What becomes of the favour is said before `shared` is released.
+        match &mut self.held {
+            Held::Inside(home) => self.lock.leave(*home),
+            Held::Shared(uses) if uses.earn_favour() => self.lock.favour(uses),
+            Held::Shared(_) => {}
+            Held::Borrowed { home, .. } => self.lock.favoured.store(*home, Ordering::Release),
+        }
+    }
+}
+
+/// The guard of the favoured home: see [`HomeLock::lock_if_favoured`].
+#[must_use = "the lock is released when the guard is dropped"]
+pub struct InsideGuard<'a, T> {
+    lock: &'a HomeLock<T>,
+    home: u64,
+    stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl<T> Drop for InsideGuard<'_, T> {
+    #[inline(always)]
+    fn drop(&mut self) {
+        self.lock.leave(self.home);
+    }
+}
+
+impl<T> Deref for InsideGuard<'_, T> {
+    type Target = T;
+    #[inline(always)]
+    fn deref(&self) -> &T {
+        // SAFETY: this guard exists, so by the lock's invariant this thread has access.
+        self.lock.value.with(|value| unsafe { &*value })
+    }
+}
+
+impl<T> DerefMut for InsideGuard<'_, T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut T {
+        // SAFETY: as above, and the guard is borrowed exclusively.
+        self.lock.value.with_mut(|value| unsafe { &mut *value })
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for InsideGuard<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+impl<T> Deref for HomeGuard<'_, T> {
+    type Target = T;
+    #[inline]
+    fn deref(&self) -> &T {
+        // SAFETY: this guard exists, so by the lock's invariant this thread has access.
+        self.lock.value.with(|value| unsafe { &*value })
+    }
+}
+
+impl<T> DerefMut for HomeGuard<'_, T> {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut T {
+        // SAFETY: as above, and the guard is borrowed exclusively.
+        self.lock.value.with_mut(|value| unsafe { &mut *value })
+    }
+}
+
+impl<T> fmt::Debug for HomeLock<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("HomeLock")
+            .field("is_favouring", &self.is_favouring())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for HomeGuard<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests;
