@@ -1,7 +1,7 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::selection::Selection;
-use luna_platform::current::{Ready, Wakeup};
+use luna_platform::current::{Process, Ready, User, Wakeup};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use luna_platform::wait_list::WaitNode;
@@ -45,14 +45,6 @@ pub(crate) struct Link<T> {
     pub(crate) selection: Option<(NonNull<Selection>, u32)>,
     /// A sender's, if its value is not in the node.
     make: Option<Make<T>>,
-}
-
-impl<T> Link<T> {
-    /// Whether a sender makes its value when it is taken.
-    #[inline]
-    pub(crate) fn makes(&self) -> bool {
-        self.make.is_some()
-    }
 }
 
 /// The node of a waiting operation, inside its future.
@@ -121,6 +113,68 @@ impl<T> Waiter<T> {
                 selection,
                 make,
             });
+        }
+    }
+
+    /// Prepares a plain operation's node for being listed where nobody else is, for the process whose plain turn this is.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin).
+    #[inline(always)]
+    pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
+        let user = User::Process(process.id());
+        let wakeup = Wakeup::of_plain_turn(process);
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                wait: WaitNode::waiting(user, process.priority(), wakeup),
+                outcome: AtomicU8::new(Outcome::Waiting as u8),
+                extended: false,
+                inherits: false,
+                ticket: 0,
+                selection: None,
+                make: None,
+            });
+        }
+    }
+
+    /// Takes the wakeup of a plain operation that waits for a partner of home `home`: if it belongs there too, neither is an alternative's nor makes its value.
+    /// The node is then to be unlisted and settled. Else nothing has changed.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, and the lock is held that guards it.
+    #[inline(always)]
+    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>, home: u64) -> Option<Wakeup> {
+        // SAFETY: the contract.
+        unsafe {
+            let link = &mut *Self::link(node);
+            let is_plain = link.selection.is_none() && link.make.is_none();
+            let at_home = link
+                .wait
+                .wakeup()
+                .is_some_and(|wakeup| wakeup.is_of_home(home));
+            if is_plain && at_home {
+                link.wait.wakeup_mut().take()
+            } else {
+                None
+            }
+        }
+    }
+
+    /// Settles a waiting operation as done, whose wakeup was taken. The node is not to be touched after this.
+    ///
+    /// # Safety
+    ///
+    /// As for [`settle`](Self::settle).
+    #[inline(always)]
+    pub(crate) unsafe fn settle_plain(node: NonNull<Waiter<T>>) {
+        // SAFETY: as there.
+        unsafe {
+            (*Self::link(node))
+                .outcome
+                .store(Outcome::Done as u8, Ordering::Release);
         }
     }
 

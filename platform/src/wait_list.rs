@@ -31,6 +31,24 @@ impl WaitNode {
         }
     }
 
+    /// A node for `user`, to be listed where nobody else is.
+    #[inline(always)]
+    pub fn waiting(user: User, priority: Priority, wakeup: Wakeup) -> Self {
+        Self {
+            before: None,
+            after: None,
+            priority,
+            user,
+            wakeup: Some(wakeup),
+        }
+    }
+
+    /// Whom to wake.
+    #[inline]
+    pub fn wakeup(&self) -> Option<&Wakeup> {
+        self.wakeup.as_ref()
+    }
+
     /// How urgent it was when it was put into its list.
     #[inline]
     pub fn priority(&self) -> Priority {
@@ -119,30 +137,32 @@ impl WaitList {
         unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
     }
 
-    /// As [`insert`](Self::insert), for `user`, into an empty list. O(1).
+    /// Lists a [node](WaitNode::waiting) that was made with all that it says, where nobody is listed. O(1).
     ///
     /// # Safety
     ///
     /// As for `insert`; and nobody is in the list.
     #[inline(always)]
-    pub unsafe fn insert_alone(
-        &mut self,
-        node: NonNull<WaitNode>,
-        user: User,
-        priority: Priority,
-        wakeup: Wakeup,
-    ) {
-        // SAFETY: by the contract the node is live and ours.
-        unsafe {
-            let fields = &mut *node.as_ptr();
-            fields.before = None;
-            fields.after = None;
-            fields.priority = priority;
-            fields.user = user;
-            fields.wakeup = Some(wakeup);
-        }
+    pub unsafe fn insert_alone(&mut self, node: NonNull<WaitNode>) {
         self.first = Some(node);
         self.last = Some(node);
+    }
+
+    /// Takes out who is served next. O(1).
+    ///
+    /// # Safety
+    ///
+    /// `node` is the first of this list.
+    #[inline(always)]
+    pub unsafe fn remove_first(&mut self, node: NonNull<WaitNode>) {
+        // SAFETY: by the contract the node is in this list, so by the invariant it and its neighbour are live.
+        unsafe {
+            self.first = node.as_ref().after;
+            match self.first {
+                Some(first) => (*first.as_ptr()).before = None,
+                None => self.last = None,
+            }
+        }
     }
 
     /// Puts `node`, which was in another list of the same lock, behind all of its priority or higher: it waits for something else now, and is

@@ -7,130 +7,121 @@
 use super::Channel;
 use crate::place::LastUser;
 use crate::source::{Offered, Source};
-use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Process, Ready, User, Wakeup};
-use luna_platform::wait_list::WaitList;
+use crate::waiter::Waiter;
+use luna_platform::current;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// A send at home came to this.
-pub(crate) enum SentAtHome {
-    /// A receiver has it. Ready the receiver.
-    Done(Ready),
-    /// The sender waits: its node is listed.
+/// What an operation at home came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum AtHome {
+    /// The general way is to be gone: nothing has changed.
+    No,
+    /// The node is listed.
     Waits,
-}
-
-/// A receive at home came to this.
-pub(crate) enum ReceivedAtHome<T> {
-    /// A value. Ready the sender.
-    Done(T, Ready),
-    /// The receiver waits: its node is listed.
-    Waits,
+    /// It is done, and the partner readied.
+    Done,
+    /// It is done, and the process is ready again: it lets others run first.
+    GaveWay,
 }
 
 impl<T> Channel<T> {
-    /// Sends, or lists the sender. `None`: the general way is to be gone, and nothing has changed. O(1), without atomic read-modify-writes.
+    /// Sends, or lists the sender. O(1), without atomic read-modify-writes.
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds its value. It stays where it is until it is settled or withdrawn.
-    #[inline(always)]
+    /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
+    #[inline]
     pub(crate) unsafe fn send_at_home<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
-    ) -> Option<SentAtHome> {
+    ) -> AtHome {
         if S::MAKE.is_some() {
-            return None;
+            return AtHome::No;
         }
-        // SAFETY: the contract; the current process' home is this thread. Under the lock a listed node may be changed, and is one of this channel's.
-        current::in_plain_turn(cx, |process| unsafe {
-            let mut lists = self.place.lock_if_favoured(process.home_number())?;
+        let Some(process) = current::plain_turn(cx) else {
+            return AtHome::No;
+        };
+        let home = process.home_number();
+        // SAFETY: this is the thread of the process' home. Under the lock a listed node may be changed, and is one of this channel's.
+        unsafe {
+            let Some(mut lists) = self.place.lock_if_favoured(home) else {
+                return AtHome::No;
+            };
             if !lists.is_plain {
-                return None;
+                return AtHome::No;
             }
             let Some(first) = lists.receivers.first() else {
                 if !lists.senders.is_empty() {
-                    return None;
+                    return AtHome::No;
                 }
                 lists.sender = LastUser::process(process.id());
                 let node = offered.cast::<Waiter<T>>();
-                Waiter::begin(node, false, None, None);
-                list(&mut lists.senders, node, process);
-                return Some(SentAtHome::Waits);
+                Waiter::begin_plain(node, process);
+                lists.senders.insert_alone(node.cast());
+                return AtHome::Waits;
             };
             let receiver = first.cast::<Waiter<T>>();
-            if (*Waiter::link(receiver)).selection.is_some() {
-                return None;
-            }
+            let Some(wakeup) = Waiter::take_plain_wakeup(receiver, home) else {
+                return AtHome::No;
+            };
             lists.sender = LastUser::process(process.id());
-            lists.receivers.remove(first);
-            let value = offered.as_ref().waiter.take_value();
-            receiver.as_ref().put_value(value);
-            Some(SentAtHome::Done(Waiter::settle(receiver, Outcome::Done)))
-        })
+            lists.receivers.remove_first(first);
+            Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
+            Waiter::settle_plain(receiver);
+            drop(lists);
+            wakeup.wake_at_home();
+        }
+        match current::gives_way(process) {
+            true => AtHome::GaveWay,
+            false => AtHome::Done,
+        }
     }
 
-    /// Receives, or lists the receiver. `None`: the general way is to be gone, and nothing has changed. O(1), without atomic read-modify-writes.
+    /// Receives into the node, or lists the receiver. O(1), without atomic read-modify-writes.
     ///
     /// # Safety
     ///
     /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
-    #[inline(always)]
-    pub(crate) unsafe fn recv_at_home(
-        &self,
-        node: NonNull<Waiter<T>>,
-        cx: &Context<'_>,
-    ) -> Option<ReceivedAtHome<T>> {
+    #[inline]
+    pub(crate) unsafe fn recv_at_home(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
+        let Some(process) = current::plain_turn(cx) else {
+            return AtHome::No;
+        };
+        let home = process.home_number();
         // SAFETY: as above.
-        current::in_plain_turn(cx, |process| unsafe {
-            let mut lists = self.place.lock_if_favoured(process.home_number())?;
-            if !lists.is_plain {
-                return None;
+        unsafe {
+            let Some(mut lists) = self.place.lock_if_favoured(home) else {
+                return AtHome::No;
+            };
+            // What came back from futures that were dropped goes first.
+            if !lists.is_plain || self.store.with(|store| !(*store).is_empty()) {
+                return AtHome::No;
             }
             let Some(first) = lists.senders.first() else {
                 if !lists.receivers.is_empty() {
-                    return None;
-                }
-                // Those that came back from futures that were dropped go first.
-                if self.store.with(|store| !(*store).is_empty()) {
-                    return None;
+                    return AtHome::No;
                 }
                 lists.receiver = LastUser::process(process.id());
-                Waiter::begin(node, false, None, None);
-                list(&mut lists.receivers, node, process);
-                return Some(ReceivedAtHome::Waits);
+                Waiter::begin_plain(node, process);
+                lists.receivers.insert_alone(node.cast());
+                return AtHome::Waits;
             };
             let sender = first.cast::<Waiter<T>>();
-            let link = Waiter::link(sender);
-            if (*link).selection.is_some() || (*link).makes() {
-                return None;
-            }
-            if self.store.with(|store| !(*store).is_empty()) {
-                return None;
-            }
+            let Some(wakeup) = Waiter::take_plain_wakeup(sender, home) else {
+                return AtHome::No;
+            };
             lists.receiver = LastUser::process(process.id());
-            lists.senders.remove(first);
-            let value = sender.as_ref().take_value();
-            Some(ReceivedAtHome::Done(
-                value,
-                Waiter::settle(sender, Outcome::Done),
-            ))
-        })
+            lists.senders.remove_first(first);
+            Waiter::put_value_of(node, Waiter::take_value_of(sender));
+            Waiter::settle_plain(sender);
+            drop(lists);
+            wakeup.wake_at_home();
+        }
+        match current::gives_way(process) {
+            true => AtHome::GaveWay,
+            false => AtHome::Done,
+        }
     }
-}
-
-/// Lists the node of the current process.
-///
-/// # Safety
-///
-/// The list is empty, and guarded by the lock that is held; the node was begun, and stays where it is until it is settled or withdrawn. This is a plain turn of the
-/// process.
-#[inline(always)]
-unsafe fn list<T>(list: &mut WaitList, node: NonNull<Waiter<T>>, process: &Process) {
-    let user = User::Process(process.id());
-    let wakeup = Wakeup::of_plain_turn(process);
-    // SAFETY: the contract; the wait node is the first field.
-    unsafe { list.insert_alone(node.cast(), user, process.priority(), wakeup) };
 }

@@ -18,7 +18,7 @@
 mod at_home;
 mod section;
 
-pub(crate) use at_home::{ReceivedAtHome, SentAtHome};
+pub(crate) use at_home::AtHome;
 pub(crate) use section::{Locked, Received, Section, Sent};
 
 use crate::alternative::Entry;

@@ -1,12 +1,12 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{Ending, Received, ReceivedAtHome, Taken};
+use crate::core::{AtHome, Ending, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::current::{self, Wakeup};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -193,33 +193,6 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         Poll::Ready(self.settled(outcome))
     }
 
-    /// Readies the sender of a value, and hands the value on.
-    #[inline(always)]
-    fn received(
-        &mut self,
-        value: T,
-        ready: Ready,
-        ticket: u32,
-        cx: &Context<'_>,
-    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        let value = if ready.calls_a_waker() {
-            let taken = Taken::new(self.receiver.channel(), value, ticket);
-            ready.wake();
-            taken.keep()
-        } else {
-            ready.wake();
-            value
-        };
-        if crate::gives_way(cx) {
-            self.keep(value, ticket);
-            self.phase = Phase::GaveWay;
-            return Poll::Pending;
-        }
-        self.phase = Phase::Over;
-        let note = std::mem::take(self.note());
-        Poll::Ready(Ok(M::received(self.receiver, value, ticket, note)))
-    }
-
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(
@@ -250,7 +223,18 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                     section.lend_while_they_wait();
                 }
                 drop(section);
-                this.received(value, ready, holding.ticket, cx)
+                let ticket = holding.ticket;
+                let taken = Taken::new(this.receiver.channel(), value, ticket);
+                ready.wake();
+                let value = taken.keep();
+                if crate::gives_way(cx) {
+                    this.keep(value, ticket);
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
+                this.phase = Phase::Over;
+                let note = std::mem::take(this.note());
+                Poll::Ready(Ok(M::received(this.receiver, value, ticket, note)))
             }
             Received::Empty => {
                 // SAFETY: the future is pinned, and its drop withdraws the node.
@@ -291,14 +275,19 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
             let channel = this.receiver.channel();
             // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
             match unsafe { channel.recv_at_home(this.node(), cx) } {
-                Some(ReceivedAtHome::Waits) => {
+                AtHome::No => {}
+                AtHome::Waits => {
                     this.phase = Phase::Listed;
                     return Poll::Pending;
                 }
-                Some(ReceivedAtHome::Done(value, ready)) => {
-                    return this.received(value, ready, 0, cx);
+                AtHome::Done => {
+                    this.phase = Phase::Settled(Outcome::Done);
+                    return Poll::Ready(this.settled(Outcome::Done));
                 }
-                None => {}
+                AtHome::GaveWay => {
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             return Poll::Ready(this.settled(Outcome::Done));

@@ -1,7 +1,7 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{Ending, Sent, SentAtHome};
+use crate::core::{AtHome, Ending, Sent};
 use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
@@ -289,21 +289,19 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
             let channel = this.sender.channel();
             // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
             match unsafe { channel.send_at_home(this.place_of_offer(), cx) } {
-                Some(SentAtHome::Waits) => {
+                AtHome::No => {}
+                AtHome::Waits => {
                     this.phase = Phase::Listed;
                     return Poll::Pending;
                 }
-                Some(SentAtHome::Done(ready)) => {
-                    // Before a waker can panic: the value is gone.
+                AtHome::Done => {
                     this.phase = Phase::Over;
-                    ready.wake();
-                    if crate::gives_way(cx) {
-                        this.phase = Phase::GaveWay;
-                        return Poll::Pending;
-                    }
                     return Poll::Ready(Ok(()));
                 }
-                None => {}
+                AtHome::GaveWay => {
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.phase = Phase::Over;

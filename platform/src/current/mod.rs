@@ -263,18 +263,15 @@ pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
     })
 }
 
-/// Calls `f` with the current process if its turn is a plain one: it is an executor's, `cx` has its own waker and no combinator's, and no branch of it is
+/// The current process, if its turn is a plain one: it is an executor's, `cx` has its own waker and no combinator's, and no branch of it is
 /// being polled that failed or runs at another level. Nearly all polls are.
 #[inline(always)]
-pub fn in_plain_turn<R>(cx: &Context<'_>, f: impl FnOnce(&Process) -> Option<R>) -> Option<R> {
+pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     let (current, branch) = THREAD.with(|thread| (thread.process.get(), thread.branch.get()));
-    // SAFETY: as in `process`.
-    let process = unsafe { current?.as_ref() };
-    if branch.is_whole() && process.is_owned() && process.is_polled_by(cx) {
-        f(process)
-    } else {
-        None
-    }
+    // SAFETY: the pointer is that of a process which is being polled, so it is live now. It is live for longer if its waker is what `cx`
+    // borrows, since the waker lies in it.
+    let process = unsafe { &*current?.as_ptr() };
+    (process.is_polled_by(cx) && branch.is_whole() && process.is_owned()).then_some(process)
 }
 
 /// Calls `f` with the current process, if there is one.
@@ -394,6 +391,29 @@ pub fn count_operation() -> bool {
         thread.operations_left.set(left.saturating_sub(1));
         left != 0
     })
+}
+
+/// Lets others run after an operation of `process`, which has a [plain turn](plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
+/// this one: then it is ready again already, and the caller returns `Pending`.
+#[inline(always)]
+pub fn gives_way(process: &Process) -> bool {
+    let gives_way = THREAD.with(|thread| {
+        if process.is_outranked(thread.queue.bits()) {
+            return Some(Place::First);
+        }
+        let left = thread.operations_left.get();
+        if left == 0 {
+            return Some(Place::Last);
+        }
+        thread.operations_left.set(left - 1);
+        None
+    });
+    let Some(place) = gives_way else {
+        return false;
+    };
+    // SAFETY: it is the current process, of an executor, so this is its home's thread and it lives.
+    unsafe { process.ready_here(0, place) };
+    true
 }
 
 /// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.

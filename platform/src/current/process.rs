@@ -269,11 +269,11 @@ impl Process {
         self.home.number()
     }
 
-    /// Whether a process of higher level is ready. On the home's thread, in a turn of it as a whole.
+    /// Whether one of the `ready` levels is above its own.
     #[inline]
-    pub fn is_outranked(&self) -> bool {
+    pub(super) fn is_outranked(&self, ready: u32) -> bool {
         // Two shifts, since a shift by 32 is none.
-        (super::ready_levels() >> self.level()) >> 1 != 0
+        (ready >> self.level()) >> 1 != 0
     }
 
     /// Whether `cx` has the process' own waker: almost always the very one.

@@ -57,6 +57,16 @@ impl References {
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
+    /// Counts one less before the process' end, on the home's thread. `false`: it has ended, and [`remove`](Self::remove) is to be called.
+    #[inline(always)]
+    pub(super) fn remove_here(&self) -> bool {
+        let is_before_end = !self.has_ended.get();
+        if is_before_end {
+            self.here.set(self.here.get() - 1);
+        }
+        is_before_end
+    }
+
     /// Ends the process, on the home's thread, once; `true` if nobody refers to it.
     #[must_use = "if nobody refers to it, the process is to be freed"]
     pub(super) fn end(&self) -> bool {

@@ -130,6 +130,30 @@ impl Wakeup {
         Wakeup(Inner::Process(Reference(NonNull::from(process))))
     }
 
+    /// Whether it readies a process of the home of that number without its waker.
+    #[inline(always)]
+    pub fn is_of_home(&self, home: u64) -> bool {
+        matches!(&self.0, Inner::Process(reference) if reference.process().home_number() == home)
+    }
+
+    /// Readies the process behind the others of its level, without a look at where it is.
+    ///
+    /// # Safety
+    ///
+    /// It readies a process of the home on whose thread this is: see [`is_of_home`](Self::is_of_home).
+    #[inline(always)]
+    pub unsafe fn wake_at_home(self) {
+        if let Inner::Process(reference) = &self.0 {
+            let process = reference.process();
+            // SAFETY: the contract; the reference keeps the process' memory.
+            unsafe { process.ready_here(reference.lowered(), Place::Last) };
+            if process.references.remove_here() {
+                // It is not the last one, and is counted off.
+                std::mem::forget(self);
+            }
+        }
+    }
+
     /// Whether it wakes the same as `cx` would.
     #[inline]
     pub fn is_of(&self, cx: &Context<'_>) -> bool {
@@ -196,12 +220,6 @@ impl fmt::Debug for Readying {
 impl Ready {
     /// Nobody to wake.
     pub const NOBODY: Ready = Ready(Readying::Nobody);
-
-    /// Whether it calls a waker, which may do anything.
-    #[inline]
-    pub fn calls_a_waker(&self) -> bool {
-        matches!(self.0, Readying::Waker(_))
-    }
 
     /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
     #[inline]
