@@ -1,0 +1,115 @@
+//! Holds what was counted against what is recorded.
+
+use crate::recorded::Figures;
+
+/// How much an operation's instructions may differ from the recorded ones, as a share of these.
+const TOLERANCE: f64 = 0.03;
+
+/// Half of the last digit that is recorded of atomic instructions, and rounding.
+const ROUNDING: f64 = 0.006;
+
+/// What is said of an operation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// As recorded.
+    Same,
+    /// Fewer atomic instructions than recorded: nothing fails, but it should be recorded, so that they do not come back.
+    FewerAtomics,
+    /// It is not recorded.
+    New,
+    /// More instructions than recorded, by more than may be.
+    Slower,
+    /// Fewer instructions than recorded, by more than may be: a gain that is not recorded can be lost again unseen.
+    Faster,
+    /// More atomic instructions than recorded.
+    MoreAtomics,
+}
+
+impl Verdict {
+    /// Judges.
+    pub(crate) fn of(recorded: Option<Figures>, now: Figures) -> Verdict {
+        let Some(old) = recorded else {
+            return Verdict::New;
+        };
+        let change = change(old, now);
+        if now.atomics > old.atomics + ROUNDING {
+            Verdict::MoreAtomics
+        } else if change > TOLERANCE {
+            Verdict::Slower
+        } else if change < -TOLERANCE {
+            Verdict::Faster
+        } else if now.atomics < old.atomics - ROUNDING {
+            Verdict::FewerAtomics
+        } else {
+            Verdict::Same
+        }
+    }
+
+    /// Whether the change has to be made deliberately, by recording it.
+    pub(crate) fn is_failure(self) -> bool {
+        !matches!(self, Verdict::Same | Verdict::FewerAtomics)
+    }
+
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Verdict::Same => "",
+            Verdict::FewerAtomics => "fewer atomics: record it",
+            Verdict::New => "not recorded",
+            Verdict::Slower => "MORE INSTRUCTIONS",
+            Verdict::Faster => "fewer instructions: record it",
+            Verdict::MoreAtomics => "MORE ATOMICS",
+        }
+    }
+}
+
+/// The change of instructions, as a share of the recorded ones.
+pub(crate) fn change(old: Figures, now: Figures) -> f64 {
+    now.instructions / old.instructions - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(instructions: f64, atomics: f64) -> Verdict {
+        let old = Figures {
+            instructions: 1000.0,
+            atomics: 2.0,
+        };
+        Verdict::of(
+            Some(old),
+            Figures {
+                instructions,
+                atomics,
+            },
+        )
+    }
+
+    #[test]
+    fn a_change_beyond_the_tolerance_fails_in_either_direction() {
+        assert_eq!(verdict(1029.0, 2.0), Verdict::Same);
+        assert_eq!(verdict(971.0, 2.0), Verdict::Same);
+        assert_eq!(verdict(1031.0, 2.0), Verdict::Slower);
+        assert_eq!(verdict(969.0, 2.0), Verdict::Faster);
+        assert!(Verdict::Slower.is_failure() && Verdict::Faster.is_failure());
+    }
+
+    #[test]
+    fn atomics_may_fall_and_not_rise() {
+        assert_eq!(verdict(1000.0, 2.004), Verdict::Same);
+        assert_eq!(verdict(1000.0, 2.01), Verdict::MoreAtomics);
+        assert_eq!(verdict(900.0, 3.0), Verdict::MoreAtomics);
+        assert_eq!(verdict(1000.0, 1.0), Verdict::FewerAtomics);
+        assert!(Verdict::MoreAtomics.is_failure());
+        assert!(!Verdict::FewerAtomics.is_failure());
+    }
+
+    #[test]
+    fn what_is_not_recorded_fails() {
+        let now = Figures {
+            instructions: 1.0,
+            atomics: 0.0,
+        };
+        assert!(Verdict::of(None, now).is_failure());
+    }
+}

@@ -1,0 +1,52 @@
+//! One channel.
+
+use super::on_one_executor;
+use crate::laps::{laps, laps_here};
+use luna::prelude::*;
+
+pub(super) fn rendezvous(steps: u64) -> luna::Result<()> {
+    on_one_executor("rendezvous", |executor| {
+        let (output, input) = luna::channel();
+        executor.process("producer").spawn(async move {
+            let mut number = 0;
+            while output.send(number).await.is_ok() {
+                number += 1;
+            }
+            Ok(())
+        })?;
+        executor.process("consumer").spawn(move || async move {
+            laps(steps, async |expected| {
+                assert_eq!(input.recv().await, Ok(expected));
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+/// By one process, so that nobody waits.
+pub(super) fn buffered(steps: u64) -> luna::Result<()> {
+    on_one_executor("buffered", |executor| {
+        let (output, input) = luna::buffered(Buffer::fifo(1));
+        executor.process("both ends").spawn(move || async move {
+            laps(steps, async |number| {
+                assert_eq!(output.send(number).await, Ok(()));
+                assert_eq!(input.recv().await, Ok(number));
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+/// On the main thread: there is no executor.
+pub(super) fn plain_thread(steps: u64) -> luna::Result<()> {
+    let (output, input) = luna::buffered(Buffer::fifo(1));
+    laps_here(steps, |number| {
+        assert_eq!(output.try_send(number), Ok(()));
+        assert_eq!(input.try_recv(), Ok(number));
+    });
+    Ok(())
+}

@@ -1,0 +1,87 @@
+//! Processes and their executor.
+
+use super::on_one_executor;
+use crate::laps::laps;
+use std::future::poll_fn;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::Poll;
+use std::time::Duration;
+
+/// Two processes yield to each other: a step is a switch there and one back.
+pub(super) fn switch(steps: u64) -> luna::Result<()> {
+    on_one_executor("switch", |executor| {
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = is_over.clone();
+        executor.process("one").spawn(move || async move {
+            laps(steps, async |_| luna::yield_now().await).await;
+            over.store(true, Ordering::Relaxed);
+            Ok(())
+        })?;
+        executor.process("other").spawn(async move {
+            while !is_over.load(Ordering::Relaxed) {
+                luna::yield_now().await;
+            }
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+/// By its waker, as a future of another library does.
+pub(super) fn wake_itself(steps: u64) -> luna::Result<()> {
+    on_one_executor("wake", |executor| {
+        executor.process("sleepless").spawn(move || async move {
+            laps(steps, async |_| {
+                let mut is_woken = false;
+                poll_fn(|context| {
+                    if is_woken {
+                        return Poll::Ready(());
+                    }
+                    is_woken = true;
+                    context.waker().wake_by_ref();
+                    Poll::Pending
+                })
+                .await;
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+pub(super) fn spawn_and_join(steps: u64) -> luna::Result<()> {
+    on_one_executor("spawn", |executor| {
+        let place = executor.clone();
+        executor.process("parent").spawn(move || async move {
+            laps(steps, async |number| {
+                let child = place
+                    .process(&format!("child {number}"))
+                    .spawn(async { Ok(()) })
+                    .expect("the name is free");
+                let child = place.process_handle(child).expect("it was spawned");
+                assert_eq!(child.join().await, luna::Exit::Completed);
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
+/// Far enough ahead for the executor to be asleep by then, however slowly it runs.
+const DELAY: Duration = Duration::from_millis(4);
+
+pub(super) fn timer(steps: u64) -> luna::Result<()> {
+    on_one_executor("timer", |executor| {
+        executor.process("sleeper").spawn(move || async move {
+            laps(steps, async |_| {
+                luna::after(DELAY).await;
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}

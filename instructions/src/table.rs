@@ -1,0 +1,68 @@
+//! What is printed.
+
+use crate::Outcome;
+use crate::gate::{self, Verdict};
+use crate::recorded::Recorded;
+use std::collections::BTreeMap;
+
+/// How many frames around an atomic instruction are printed.
+const FRAMES: usize = 4;
+/// What executes less than this share of an operation's instructions is not printed.
+const LEAST: f64 = 0.005;
+
+/// A line for each operation: what is recorded, what was counted, and the difference.
+pub(crate) fn comparison(outcomes: &[Outcome], recorded: &Recorded) {
+    println!(
+        "{:36} {:>10} {:>10} {:>8}   {:>14}",
+        "instructions an operation", "recorded", "now", "%", "atomic ones"
+    );
+    for outcome in outcomes {
+        let now = outcome.figures();
+        let old = recorded.figures.get(outcome.operation.name).copied();
+        let (before, percent, atomics) = match old {
+            Some(old) => (
+                format!("{:.1}", old.instructions),
+                format!("{:+.2}", 100.0 * gate::change(old, now)),
+                format!("{:.2}", old.atomics),
+            ),
+            None => ("-".to_owned(), "-".to_owned(), "-".to_owned()),
+        };
+        let line = format!(
+            "{:36} {before:>10} {:>10.1} {percent:>8}   {atomics:>6} {:>7.2}   {}",
+            outcome.operation.name,
+            now.instructions,
+            now.atomics,
+            Verdict::of(old, now).text(),
+        );
+        println!("{}", line.trim_end());
+    }
+}
+
+/// For each operation the functions that execute most of it, and all its atomic instructions.
+pub(crate) fn details(outcomes: &[Outcome]) {
+    for outcome in outcomes {
+        let figures = outcome.figures();
+        println!(
+            "=== {}: {:.1} instructions, {:.2} of them atomic",
+            outcome.operation.name, figures.instructions, figures.atomics
+        );
+        let mut functions: BTreeMap<&str, f64> = BTreeMap::new();
+        for share in outcome.counted.places.values() {
+            *functions.entry(&share.function).or_default() += share.times;
+        }
+        let mut functions: Vec<_> = functions.into_iter().collect();
+        functions.sort_by(|a, b| b.1.total_cmp(&a.1));
+        for (name, times) in functions {
+            if times >= LEAST * figures.instructions {
+                println!("{times:10.1}  {name}");
+            }
+        }
+        for atomic in &outcome.atomics {
+            println!("{:10.2}  atomic: {}", atomic.times, atomic.mnemonic);
+            for frame in atomic.frames.iter().take(FRAMES) {
+                println!("{:10}      {frame}", "");
+            }
+        }
+        println!();
+    }
+}
