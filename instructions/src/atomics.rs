@@ -5,10 +5,12 @@
 
 use crate::callgrind::Counted;
 use crate::profile::Place;
-use addr2line::Loader;
+use addr2line::Context;
+use addr2line::gimli::{Dwarf, EndianSlice, LittleEndian, SectionId};
 use iced_x86::{Decoder, DecoderOptions, Instruction, Mnemonic, OpKind};
-use object::{Object, ObjectSegment};
+use object::{Object, ObjectSection, ObjectSegment};
 use std::collections::HashMap;
+use std::convert::Infallible;
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
@@ -35,9 +37,9 @@ pub(crate) struct Objects {
 
 struct File {
     /// What is loaded, by the addresses that it has in the file's own tables.
-    segments: Vec<(Range<u64>, Vec<u8>)>,
+    segments: Vec<(Range<u64>, &'static [u8])>,
     /// Its debug information, if there is any.
-    lines: Option<Loader>,
+    lines: Option<Context<EndianSlice<'static, LittleEndian>>>,
 }
 
 impl Objects {
@@ -79,17 +81,18 @@ impl Objects {
 
 impl File {
     fn read(path: &str) -> Result<File, String> {
-        let bytes = fs::read(path).map_err(|error| error.to_string())?;
-        let parsed = object::File::parse(&*bytes).map_err(|error| error.to_string())?;
+        // For as long as the program runs, which is not long.
+        let bytes: &'static [u8] = fs::read(path).map_err(|error| error.to_string())?.leak();
+        let parsed = object::File::parse(bytes).map_err(|error| error.to_string())?;
         let mut segments = Vec::new();
         for segment in parsed.segments() {
             let data = segment.data().map_err(|error| error.to_string())?;
             let begin = segment.address();
-            segments.push((begin..begin + data.len() as u64, data.to_vec()));
+            segments.push((begin..begin + data.len() as u64, data));
         }
         Ok(File {
             segments,
-            lines: Loader::new(path).ok(),
+            lines: lines(&parsed),
         })
     }
 
@@ -107,7 +110,7 @@ impl File {
     fn frames(&self, place: &Place, function: &str) -> Vec<String> {
         let mut said = Vec::new();
         if let Some(lines) = &self.lines
-            && let Ok(mut frames) = lines.find_frames(place.address)
+            && let Ok(mut frames) = lines.find_frames(place.address).skip_all_loads()
         {
             while let Ok(Some(frame)) = frames.next() {
                 let Some(location) = frame.location else {
@@ -133,6 +136,18 @@ impl File {
         }
         said
     }
+}
+
+fn lines(file: &object::File<'static>) -> Option<Context<EndianSlice<'static, LittleEndian>>> {
+    let section = |id: SectionId| -> Result<_, Infallible> {
+        // What is compressed is left out: so is what distributions have of their libraries.
+        let data = file
+            .section_by_name(id.name())
+            .and_then(|section| section.data().ok());
+        Ok(EndianSlice::new(data.unwrap_or_default(), LittleEndian))
+    };
+    let Ok(dwarf) = Dwarf::load(section);
+    Context::from_dwarf(dwarf).ok()
 }
 
 /// A source file's path below the workspace's folder, if it is there.

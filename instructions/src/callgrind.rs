@@ -1,6 +1,5 @@
 //! Runs an operation under callgrind.
 
-use crate::laps::{LONG_LAP, MARK, SHORT_LAP};
 use crate::operations::Operation;
 use crate::profile::{Place, Profile};
 use std::collections::BTreeMap;
@@ -8,8 +7,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// The argument that has this program do an operation instead of counting one.
-pub(crate) const DO: &str = "do";
+/// The function of the operations' program that stands before each lap and after the last.
+const MARK: &str = "luna_instructions_mark";
+
+/// The part of callgrind's output that holds the second lap. The first part is the start, the second the lap that warms up.
+const SHORT_LAP: u32 = 3;
+/// The part that holds the third lap.
+const LONG_LAP: u32 = 4;
+
+/// Has the GNU C library leave aside what some processors have and others have not. Names of before and after its version 2.33.
+const PLAIN_COPIES: &str = "glibc.cpu.hwcaps=-AVX2,-AVX_Fast_Unaligned_Load,-AVX512VL,-ERMS,-FSRM,-SSSE3,-SSE4_1,-SSE4_2,\
+-AVX2_Usable,-AVX_Usable,-Fast_Unaligned_Copy";
 
 /// What an operation executes.
 #[derive(Debug)]
@@ -42,9 +50,8 @@ pub(crate) fn is_there() -> bool {
 /// # Errors
 ///
 /// When the run fails, or leaves other files than expected.
-pub(crate) fn count(operation: &Operation) -> Result<Counted, String> {
+pub(crate) fn count(program: &Path, operation: &Operation) -> Result<Counted, String> {
     let folder = Folder::new(operation)?;
-    let program = env::current_exe().map_err(|error| format!("this program's path: {error}"))?;
     let mut command = Command::new("valgrind");
     command
         .args(["--quiet", "--tool=callgrind"])
@@ -55,10 +62,12 @@ pub(crate) fn count(operation: &Operation) -> Result<Counted, String> {
         .arg("--compress-strings=no")
         .arg(format!("--callgrind-out-file={}", folder.file().display()))
         .arg(program)
-        .args([DO, operation.name])
+        .args(["do", &operation.name])
         // What else is in the environment shifts the stack.
         .env_clear()
-        .envs(env::vars_os().filter(|(name, _)| name == "PATH" || name == "VALGRIND_LIB"));
+        .envs(env::vars_os().filter(|(name, _)| name == "PATH" || name == "VALGRIND_LIB"))
+        // The C library copies memory in the way that every processor can.
+        .env("GLIBC_TUNABLES", PLAIN_COPIES);
     let run = command
         .output()
         .map_err(|error| format!("valgrind: {error}"))?;
@@ -72,11 +81,7 @@ pub(crate) fn count(operation: &Operation) -> Result<Counted, String> {
     }
     let short = folder.part(SHORT_LAP)?;
     let long = folder.part(LONG_LAP)?;
-    Ok(difference(
-        short,
-        long,
-        (operation.steps * operation.each) as f64,
-    ))
+    Ok(difference(short, long, operation.count as f64))
 }
 
 /// What `operations` more operations executed more.

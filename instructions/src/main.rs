@@ -3,7 +3,6 @@
 mod atomics;
 mod callgrind;
 mod gate;
-mod laps;
 mod operations;
 mod profile;
 mod recorded;
@@ -12,7 +11,7 @@ mod table;
 use crate::atomics::{Atomic, Objects};
 use crate::callgrind::Counted;
 use crate::gate::Verdict;
-use crate::operations::Operation;
+use crate::operations::{Operation, Operations, hindrance};
 use crate::recorded::{Figures, Recorded};
 use std::env;
 use std::process::ExitCode;
@@ -28,18 +27,22 @@ Usage: luna-instructions [gate | show | record] [OPERATION]...
   gate     holds the counts against the recorded ones, and fails when they differ by too much (default)
   show     prints where an operation's instructions and atomic read-modify-writes are
   record   writes the counts to instructions/recorded.txt
-  list     prints the operations
 
 An OPERATION is a part of a name; without any, all are counted.";
 
 /// An operation with what was counted of it.
-struct Outcome {
-    operation: &'static Operation,
+struct Outcome<'a> {
+    operation: &'a Operation,
     counted: Counted,
     atomics: Vec<Atomic>,
 }
 
-impl Outcome {
+impl Outcome<'_> {
+    fn verdict(&self, recorded: &Recorded) -> Verdict {
+        let old = recorded.figures.get(&self.operation.name).copied();
+        Verdict::of(old, self.figures())
+    }
+
     fn figures(&self) -> Figures {
         Figures {
             instructions: self.counted.instructions,
@@ -51,22 +54,11 @@ impl Outcome {
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).collect();
-    let (command, rest) = match arguments.split_first() {
+    let (command, parts) = match arguments.split_first() {
         None => ("gate", &[][..]),
-        Some((command, rest)) => (command.as_str(), rest),
+        Some((command, parts)) => (command.as_str(), parts),
     };
-    let outcome = match command {
-        callgrind::DO => perform(rest),
-        "gate" | "show" | "record" => selected(rest).and_then(|chosen| examine(command, &chosen)),
-        "list" => {
-            for operation in operations::ALL {
-                println!("{}", operation.name);
-            }
-            Ok(true)
-        }
-        _ => Err(USAGE.to_owned()),
-    };
-    match outcome {
+    match run(command, parts) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(message) => {
@@ -76,79 +68,42 @@ fn main() -> ExitCode {
     }
 }
 
-/// Does an operation: what callgrind is to count.
-fn perform(arguments: &[String]) -> Result<bool, String> {
-    let [name] = arguments else {
-        return Err(USAGE.to_owned());
+/// Does what the arguments say. Whether what was counted may be.
+fn run(command: &str, parts: &[String]) -> Result<bool, String> {
+    let examine = match command {
+        "gate" => judge,
+        "show" => show,
+        "record" => record,
+        _ => return Err(USAGE.to_owned()),
     };
-    let operation = operations::ALL
-        .iter()
-        .find(|operation| operation.name == name)
-        .ok_or_else(|| format!("no operation `{name}`"))?;
-    (operation.run)(operation.steps).map_err(|error| error.to_string())?;
-    Ok(true)
-}
-
-/// The operations whose names contain one of `parts`.
-fn selected(parts: &[String]) -> Result<Vec<&'static Operation>, String> {
-    let is_chosen = |operation: &&Operation| {
-        parts.is_empty()
-            || parts
-                .iter()
-                .any(|part| operation.name.contains(part.as_str()))
-    };
-    let chosen: Vec<_> = operations::ALL.iter().filter(is_chosen).collect();
-    if chosen.is_empty() {
-        return Err(format!("no operation's name contains {}", parts.join(", ")));
-    }
-    Ok(chosen)
-}
-
-/// Why the counts of this program, or on this machine, would say nothing.
-fn hindrance() -> Option<&'static str> {
-    if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        Some("the figures are those of x86-64 Linux")
-    } else if cfg!(debug_assertions) {
-        Some("this is not a release build")
-    } else if !callgrind::is_there() {
-        Some("valgrind is not installed")
-    } else {
-        None
-    }
-}
-
-fn examine(command: &str, chosen: &[&'static Operation]) -> Result<bool, String> {
     if let Some(reason) = hindrance() {
         println!("skipped: instruction counts: {reason}");
         return Ok(command == "gate");
     }
-    let outcomes = count_all(chosen)?;
-    match command {
-        "show" => {
-            table::details(&outcomes);
-            Ok(true)
-        }
-        "record" => record(&outcomes),
-        _ => judge(&outcomes),
-    }
+    let operations = Operations::build()?;
+    let outcomes = count_all(&operations, &operations.select(parts)?)?;
+    examine(&operations, &outcomes)
 }
 
-/// Counts all, as many at a time as there are cores: other programs on the machine do not change a count.
-fn count_all(chosen: &[&'static Operation]) -> Result<Vec<Outcome>, String> {
+/// Counts all, as many at a time as there are cores: what else the machine does changes no count.
+fn count_all<'a>(
+    operations: &Operations,
+    chosen: &[&'a Operation],
+) -> Result<Vec<Outcome<'a>>, String> {
     let next = AtomicUsize::new(0);
     let results: Vec<Mutex<Option<Result<Counted, String>>>> =
         chosen.iter().map(|_| Mutex::new(None)).collect();
+    let count_some = || {
+        while let Some(index) = Some(next.fetch_add(1, Ordering::Relaxed))
+            && let Some(operation) = chosen.get(index)
+        {
+            let counted = callgrind::count(&operations.program, operation);
+            *results[index].lock().expect("nobody panics with it") = Some(counted);
+        }
+    };
     thread::scope(|scope| {
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(|| {
-                while let Some((operation, result)) = {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    chosen.get(index).zip(results.get(index))
-                } {
-                    let counted = callgrind::count(operation);
-                    *result.lock().expect("nobody panics with it") = Some(counted);
-                }
-            });
+            scope.spawn(count_some);
         }
     });
     let mut objects = Objects::default();
@@ -168,48 +123,48 @@ fn count_all(chosen: &[&'static Operation]) -> Result<Vec<Outcome>, String> {
     Ok(outcomes)
 }
 
-fn record(outcomes: &[Outcome]) -> Result<bool, String> {
+fn show(_: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, String> {
+    table::details(outcomes);
+    Ok(true)
+}
+
+fn record(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, String> {
     let mut recorded = Recorded::load()?;
-    let compiler = env!("LUNA_COMPILER");
-    if recorded.compiler != compiler && outcomes.len() != operations::ALL.len() {
+    if recorded.compiler != operations.compiler && outcomes.len() != operations.all.len() {
         return Err(format!(
-            "the figures are of {}, this is {compiler}: record all operations",
-            recorded.compiler
+            "the figures are of {}, this is {}: record all operations",
+            recorded.compiler, operations.compiler
         ));
     }
     table::comparison(outcomes, &recorded);
-    recorded.compiler = compiler.to_owned();
+    recorded.compiler = operations.compiler.clone();
     for outcome in outcomes {
-        let name = outcome.operation.name.to_owned();
+        let name = outcome.operation.name.clone();
         recorded.figures.insert(name, outcome.figures());
     }
-    recorded.save(operations::ALL.iter().map(|operation| operation.name))?;
+    recorded.save(operations.all.iter().map(|operation| &*operation.name))?;
     println!("\nrecorded in {}", recorded::path().display());
     Ok(true)
 }
 
-fn judge(outcomes: &[Outcome]) -> Result<bool, String> {
+fn judge(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, String> {
     let recorded = Recorded::load()?;
     table::comparison(outcomes, &recorded);
-    let failures = outcomes
-        .iter()
-        .filter(|outcome| {
-            let old = recorded.figures.get(outcome.operation.name).copied();
-            Verdict::of(old, outcome.figures()).is_failure()
-        })
-        .count();
     println!();
-    if recorded.compiler != env!("LUNA_COMPILER") {
+    if recorded.compiler != operations.compiler {
         println!(
             "not judged: the figures are recorded for {}, and this is {}",
-            recorded.compiler,
-            env!("LUNA_COMPILER")
+            recorded.compiler, operations.compiler
         );
         return Ok(true);
     }
+    let failures = outcomes
+        .iter()
+        .filter(|outcome| outcome.verdict(&recorded).is_failure())
+        .count();
     if failures > 0 {
         println!(
-            "{failures} of {} operations changed. If that is meant: cargo run --release -p luna-instructions -- record",
+            "{failures} of {} operations changed. If that is meant: cargo run -p luna-instructions -- record",
             outcomes.len()
         );
     }

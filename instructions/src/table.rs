@@ -1,9 +1,10 @@
 //! What is printed.
 
 use crate::Outcome;
-use crate::gate::{self, Verdict};
+use crate::gate;
 use crate::recorded::Recorded;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// How many frames around an atomic instruction are printed.
 const FRAMES: usize = 4;
@@ -11,14 +12,14 @@ const FRAMES: usize = 4;
 const LEAST: f64 = 0.005;
 
 /// A line for each operation: what is recorded, what was counted, and the difference.
-pub(crate) fn comparison(outcomes: &[Outcome], recorded: &Recorded) {
+pub(crate) fn comparison(outcomes: &[Outcome<'_>], recorded: &Recorded) {
     println!(
         "{:36} {:>10} {:>10} {:>8}   {:>14}",
         "instructions an operation", "recorded", "now", "%", "atomic ones"
     );
     for outcome in outcomes {
         let now = outcome.figures();
-        let old = recorded.figures.get(outcome.operation.name).copied();
+        let old = recorded.figures.get(&outcome.operation.name).copied();
         let (before, percent, atomics) = match old {
             Some(old) => (
                 format!("{:.1}", old.instructions),
@@ -32,23 +33,25 @@ pub(crate) fn comparison(outcomes: &[Outcome], recorded: &Recorded) {
             outcome.operation.name,
             now.instructions,
             now.atomics,
-            Verdict::of(old, now).text(),
+            outcome.verdict(recorded).text(),
         );
         println!("{}", line.trim_end());
     }
 }
 
 /// For each operation the functions that execute most of it, and all its atomic instructions.
-pub(crate) fn details(outcomes: &[Outcome]) {
+pub(crate) fn details(outcomes: &[Outcome<'_>]) {
     for outcome in outcomes {
         let figures = outcome.figures();
         println!(
             "=== {}: {:.1} instructions, {:.2} of them atomic",
             outcome.operation.name, figures.instructions, figures.atomics
         );
-        let mut functions: BTreeMap<&str, f64> = BTreeMap::new();
-        for share in outcome.counted.places.values() {
-            *functions.entry(&share.function).or_default() += share.times;
+        let mut functions: BTreeMap<String, f64> = BTreeMap::new();
+        for (place, share) in &outcome.counted.places {
+            let file = Path::new(&place.object).file_name().unwrap_or_default();
+            let name = format!("{} ({})", share.function, file.display());
+            *functions.entry(name).or_default() += share.times;
         }
         let mut functions: Vec<_> = functions.into_iter().collect();
         functions.sort_by(|a, b| b.1.total_cmp(&a.1));

@@ -1,7 +1,7 @@
 //! What several processes share.
 
-use super::on_one_executor;
 use crate::laps::laps;
+use crate::on_one_executor;
 use luna::prelude::*;
 use luna::sync::Mutex;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// How many come to the barrier.
 const PARTIES: usize = 8;
 
-pub(super) fn barrier(steps: u64) -> luna::Result<()> {
+pub(crate) fn barrier(steps: u64) -> luna::Result<()> {
     on_one_executor("barrier", |executor| {
         let barrier = Barrier::new(PARTIES);
         let is_over = Arc::new(AtomicBool::new(false));
@@ -42,7 +42,7 @@ pub(super) fn barrier(steps: u64) -> luna::Result<()> {
 }
 
 /// That nobody else wants.
-pub(super) fn mutex(steps: u64) -> luna::Result<()> {
+pub(crate) fn mutex(steps: u64) -> luna::Result<()> {
     on_one_executor("mutex", |executor| {
         let count = Mutex::new(0);
         executor.process("owner").spawn(move || async move {

@@ -1,7 +1,7 @@
 //! Whole networks: what a user's program does all the time.
 
-use super::on_one_executor;
 use crate::laps::laps;
+use crate::on_one_executor;
 use luna::prelude::*;
 
 /// Sends what it receives to the consumer, then to the successor.
@@ -82,18 +82,18 @@ async fn consumer(steps: u64, input: Receiver<u64>) -> luna::Result<()> {
     Ok(())
 }
 
-pub(super) fn commstime_sequential(steps: u64) -> luna::Result<()> {
+pub(crate) fn commstime_sequential(steps: u64) -> luna::Result<()> {
     commstime(steps, sequential_delta)
 }
 
-pub(super) fn commstime_parallel(steps: u64) -> luna::Result<()> {
+pub(crate) fn commstime_parallel(steps: u64) -> luna::Result<()> {
     commstime(steps, parallel_delta)
 }
 
 /// How many processes the ring has, and so how many hops a lap of the token.
-pub(super) const RING: u64 = 1000;
+pub(crate) const RING: u64 = 1000;
 
-pub(super) fn ring(steps: u64) -> luna::Result<()> {
+pub(crate) fn ring(steps: u64) -> luna::Result<()> {
     on_one_executor("ring", |executor| {
         let (first, mut pipe) = luna::channel::<u64>();
         for number in 1..RING {

@@ -1,10 +1,10 @@
 //! One channel.
 
-use super::on_one_executor;
 use crate::laps::{laps, laps_here};
+use crate::on_one_executor;
 use luna::prelude::*;
 
-pub(super) fn rendezvous(steps: u64) -> luna::Result<()> {
+pub(crate) fn rendezvous(steps: u64) -> luna::Result<()> {
     on_one_executor("rendezvous", |executor| {
         let (output, input) = luna::channel();
         executor.process("producer").spawn(async move {
@@ -26,7 +26,7 @@ pub(super) fn rendezvous(steps: u64) -> luna::Result<()> {
 }
 
 /// By one process, so that nobody waits.
-pub(super) fn buffered(steps: u64) -> luna::Result<()> {
+pub(crate) fn buffered(steps: u64) -> luna::Result<()> {
     on_one_executor("buffered", |executor| {
         let (output, input) = luna::buffered(Buffer::fifo(1));
         executor.process("both ends").spawn(move || async move {
@@ -42,7 +42,7 @@ pub(super) fn buffered(steps: u64) -> luna::Result<()> {
 }
 
 /// On the main thread: there is no executor.
-pub(super) fn plain_thread(steps: u64) -> luna::Result<()> {
+pub(crate) fn plain_thread(steps: u64) -> luna::Result<()> {
     let (output, input) = luna::buffered(Buffer::fifo(1));
     laps_here(steps, |number| {
         assert_eq!(output.try_send(number), Ok(()));

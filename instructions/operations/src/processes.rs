@@ -1,7 +1,7 @@
 //! Processes and their executor.
 
-use super::on_one_executor;
 use crate::laps::laps;
+use crate::on_one_executor;
 use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,7 @@ use std::task::Poll;
 use std::time::Duration;
 
 /// Two processes yield to each other: a step is a switch there and one back.
-pub(super) fn switch(steps: u64) -> luna::Result<()> {
+pub(crate) fn switch(steps: u64) -> luna::Result<()> {
     on_one_executor("switch", |executor| {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = is_over.clone();
@@ -29,7 +29,7 @@ pub(super) fn switch(steps: u64) -> luna::Result<()> {
 }
 
 /// By its waker, as a future of another library does.
-pub(super) fn wake_itself(steps: u64) -> luna::Result<()> {
+pub(crate) fn wake_itself(steps: u64) -> luna::Result<()> {
     on_one_executor("wake", |executor| {
         executor.process("sleepless").spawn(move || async move {
             laps(steps, async |_| {
@@ -51,7 +51,7 @@ pub(super) fn wake_itself(steps: u64) -> luna::Result<()> {
     })
 }
 
-pub(super) fn spawn_and_join(steps: u64) -> luna::Result<()> {
+pub(crate) fn spawn_and_join(steps: u64) -> luna::Result<()> {
     on_one_executor("spawn", |executor| {
         let place = executor.clone();
         executor.process("parent").spawn(move || async move {
@@ -73,11 +73,29 @@ pub(super) fn spawn_and_join(steps: u64) -> luna::Result<()> {
 /// Far enough ahead for the executor to be asleep by then, however slowly it runs.
 const DELAY: Duration = Duration::from_millis(4);
 
-pub(super) fn timer(steps: u64) -> luna::Result<()> {
+/// Takes longer than the 10 µs after which an executor remembers a turn. In Valgrind a turn takes about as long by itself, so it would
+/// be remembered now and then. The C library's own functions for it are cancellation points, which have atomic instructions of their own.
+fn be_remembered() {
+    let pause = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 30_000,
+    };
+    // SAFETY: the kernel reads the time, and writes nothing, since there is nowhere to.
+    unsafe {
+        libc::syscall(
+            libc::SYS_nanosleep,
+            &raw const pause,
+            std::ptr::null_mut::<libc::timespec>(),
+        )
+    };
+}
+
+pub(crate) fn timer(steps: u64) -> luna::Result<()> {
     on_one_executor("timer", |executor| {
         executor.process("sleeper").spawn(move || async move {
             laps(steps, async |_| {
                 luna::after(DELAY).await;
+                be_remembered();
             })
             .await;
             Ok(())

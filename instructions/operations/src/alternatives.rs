@@ -1,7 +1,7 @@
 //! A server that waits for one of many: a producer sends to it over all channels in turn.
 
-use super::on_one_executor;
 use crate::laps::laps;
+use crate::on_one_executor;
 use luna::prelude::*;
 
 /// Sends a number to each in turn, until nobody listens.
@@ -19,7 +19,7 @@ fn channels<const N: usize>() -> (Vec<Sender<u64>>, Vec<Receiver<u64>>) {
     (0..N).map(|_| luna::channel()).unzip()
 }
 
-pub(super) fn alt_2(steps: u64) -> luna::Result<()> {
+pub(crate) fn alt_2(steps: u64) -> luna::Result<()> {
     on_one_executor("alt of 2", |executor| {
         let (outputs, inputs) = channels::<2>();
         executor.process("producer").spawn(producer(outputs))?;
@@ -39,7 +39,7 @@ pub(super) fn alt_2(steps: u64) -> luna::Result<()> {
     })
 }
 
-pub(super) fn alt_8(steps: u64) -> luna::Result<()> {
+pub(crate) fn alt_8(steps: u64) -> luna::Result<()> {
     on_one_executor("alt of 8", |executor| {
         let (outputs, inputs) = channels::<8>();
         executor.process("producer").spawn(producer(outputs))?;
@@ -67,7 +67,7 @@ pub(super) fn alt_8(steps: u64) -> luna::Result<()> {
     })
 }
 
-pub(super) fn registered<const N: usize>(steps: u64) -> luna::Result<()> {
+pub(crate) fn registered<const N: usize>(steps: u64) -> luna::Result<()> {
     on_one_executor("registered", |executor| {
         let (outputs, inputs) = channels::<N>();
         executor.process("producer").spawn(producer(outputs))?;
