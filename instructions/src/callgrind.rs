@@ -1,7 +1,8 @@
 //! Runs an operation under callgrind.
 
 use crate::operations::Operation;
-use crate::profile::{Place, Profile};
+use crate::profile::{Executed, Place, Profile};
+use object::{Object, ObjectSymbol};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -26,6 +27,15 @@ pub(crate) struct Counted {
     pub(crate) instructions: f64,
     /// Which, and how often each.
     pub(crate) places: BTreeMap<Place, Share>,
+}
+
+impl Counted {
+    /// Whether all of them are the program's own, and none is a library's.
+    pub(crate) fn is_own(&self, program: &Path) -> bool {
+        self.places
+            .keys()
+            .all(|place| Path::new(&place.object) == program)
+    }
 }
 
 /// An instruction's share of an operation.
@@ -80,24 +90,47 @@ pub(crate) fn count(program: &Path, operation: &Operation) -> Result<Counted, St
         ));
     }
     let short = folder.part(SHORT_LAP)?;
+    check_addresses(program, &short)?;
     let long = folder.part(LONG_LAP)?;
     Ok(difference(short, long, operation.count as f64))
 }
 
+/// Whether callgrind tells addresses as the program's file has them, wherever it was loaded. All versions that we know do.
+fn check_addresses(program: &Path, profile: &Profile) -> Result<(), String> {
+    let bytes = fs::read(program).map_err(|error| format!("{}: {error}", program.display()))?;
+    let file = object::File::parse(&*bytes).map_err(|error| error.to_string())?;
+    let in_file = file.symbol_by_name(MARK).map(|symbol| symbol.address());
+    let mut executed = profile.executed.iter();
+    let in_profile = executed
+        .find(|(_, executed)| executed.function == MARK)
+        .map(|(place, _)| place.address);
+    if in_file.is_none() || in_file != in_profile {
+        return Err(format!(
+            "`{MARK}` is at {in_file:#x?} of the program, and at {in_profile:#x?} of callgrind's output"
+        ));
+    }
+    Ok(())
+}
+
 /// What `operations` more operations executed more.
 fn difference(short: Profile, long: Profile, operations: f64) -> Counted {
-    let instructions = (long.total() as f64 - short.total() as f64) / operations;
-    let mut places = BTreeMap::new();
-    for (sign, profile) in [(1.0, long), (-1.0, short)] {
-        for (place, executed) in profile.executed {
-            let share = places.entry(place).or_insert_with(|| Share {
-                function: executed.function,
-                times: 0.0,
-            });
-            share.times += sign * executed.times as f64 / operations;
+    let mut differences: BTreeMap<Place, (String, i64)> = BTreeMap::new();
+    for (sign, profile) in [(1, long), (-1, short)] {
+        for (place, Executed { function, times }) in profile.executed {
+            differences.entry(place).or_insert((function, 0)).1 += sign * times as i64;
         }
     }
-    places.retain(|_, share| share.times != 0.0);
+    let total: i64 = differences.values().map(|(_, times)| times).sum();
+    let shares = differences
+        .into_iter()
+        .filter(|(_, (_, times))| *times != 0);
+    let instructions = total as f64 / operations;
+    let places = shares
+        .map(|(place, (function, times))| {
+            let times = times as f64 / operations;
+            (place, Share { function, times })
+        })
+        .collect();
     Counted {
         instructions,
         places,
@@ -158,5 +191,41 @@ impl Drop for Folder {
     fn drop(&mut self) {
         // What is left lies in the system's folder for it.
         let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn profile(costs: &[(u64, u64)]) -> Profile {
+        let executed = costs.iter().map(|&(address, times)| {
+            let place = Place {
+                object: "/program".to_owned(),
+                address,
+            };
+            let function = "f".to_owned();
+            (place, Executed { function, times })
+        });
+        Profile {
+            executed: executed.collect(),
+        }
+    }
+
+    #[test]
+    fn what_both_laps_have_in_common_is_no_operations() {
+        let short = profile(&[(1, 7), (2, 100), (4, 3)]);
+        let long = profile(&[(1, 7), (2, 200), (3, 50), (4, 1)]);
+        let counted = difference(short, long, 50.0);
+        let shares: Vec<_> = counted
+            .places
+            .iter()
+            .map(|(place, share)| (place.address, share.times))
+            .collect();
+        // An instruction that the longer lap executed less often is one of something that happens now and then.
+        assert_eq!(shares, [(2, 2.0), (3, 1.0), (4, -0.04)]);
+        assert!((counted.instructions - 2.96).abs() < 1e-9);
+        assert!(counted.is_own(Path::new("/program")));
+        assert!(!counted.is_own(Path::new("/other")));
     }
 }

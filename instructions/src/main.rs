@@ -35,11 +35,17 @@ struct Outcome<'a> {
     operation: &'a Operation,
     counted: Counted,
     atomics: Vec<Atomic>,
+    /// Whether the C library has no share in it.
+    is_own: bool,
+    c_library: &'a str,
 }
 
 impl Outcome<'_> {
     fn verdict(&self, recorded: &Recorded) -> Verdict {
         let old = recorded.figures.get(&self.operation.name).copied();
+        if !self.is_own && recorded.c_library != self.c_library && old.is_some() {
+            return Verdict::OtherLibrary;
+        }
         Verdict::of(old, self.figures())
     }
 
@@ -87,7 +93,7 @@ fn run(command: &str, parts: &[String]) -> Result<bool, String> {
 
 /// Counts all, as many at a time as there are cores: what else the machine does changes no count.
 fn count_all<'a>(
-    operations: &Operations,
+    operations: &'a Operations,
     chosen: &[&'a Operation],
 ) -> Result<Vec<Outcome<'a>>, String> {
     let next = AtomicUsize::new(0);
@@ -116,8 +122,10 @@ fn count_all<'a>(
         let atomics = objects.atomics(&counted)?;
         outcomes.push(Outcome {
             operation,
+            is_own: counted.is_own(&operations.program),
             counted,
             atomics,
+            c_library: &operations.c_library,
         });
     }
     Ok(outcomes)
@@ -130,14 +138,20 @@ fn show(_: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, String> {
 
 fn record(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, String> {
     let mut recorded = Recorded::load()?;
-    if recorded.compiler != operations.compiler && outcomes.len() != operations.all.len() {
+    let is_other =
+        recorded.compiler != operations.compiler || recorded.c_library != operations.c_library;
+    if is_other && outcomes.len() != operations.all.len() {
         return Err(format!(
-            "the figures are of {}, this is {}: record all operations",
-            recorded.compiler, operations.compiler
+            "the figures are of {} and {}, this is {} and {}: record all operations",
+            recorded.compiler, recorded.c_library, operations.compiler, operations.c_library
         ));
     }
     table::comparison(outcomes, &recorded);
     recorded.compiler = operations.compiler.clone();
+    recorded.c_library = operations.c_library.clone();
+    // What is not an operation any more goes.
+    let is_one = |name: &String| operations.all.iter().any(|one| one.name == *name);
+    recorded.figures.retain(|name, _| is_one(name));
     for outcome in outcomes {
         let name = outcome.operation.name.clone();
         recorded.figures.insert(name, outcome.figures());
@@ -157,6 +171,12 @@ fn judge(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, Stri
             recorded.compiler, operations.compiler
         );
         return Ok(true);
+    }
+    if recorded.c_library != operations.c_library {
+        println!(
+            "what the C library has a share in is recorded for {}, and this is {}",
+            recorded.c_library, operations.c_library
+        );
     }
     let failures = outcomes
         .iter()

@@ -19,6 +19,8 @@ pub(crate) struct Operation {
 pub(crate) struct Operations {
     /// What built it.
     pub(crate) compiler: String,
+    /// What it is linked with.
+    pub(crate) c_library: String,
     /// Where it is.
     pub(crate) program: PathBuf,
     /// What it can do, in the order of the tables.
@@ -51,6 +53,7 @@ impl Operations {
         let mut lines = text.lines();
         Some(Operations {
             compiler: lines.next()?.to_owned(),
+            c_library: lines.next()?.to_owned(),
             program: Path::new(lines.next()?).to_owned(),
             all: lines
                 .map(|line| {
@@ -99,13 +102,13 @@ pub(crate) fn hindrance() -> Option<&'static str> {
 mod tests {
     use super::*;
 
-    const LIST: &str =
-        "rustc 1.95.0\n/target/release/program\n500 rendezvous\n3000 ring of 1000, a hop\n";
+    const LIST: &str = "rustc 1.95.0\nglibc 2.36\n/target/release/program\n500 rendezvous\n3000 ring of 1000, a hop\n";
 
     #[test]
     fn a_list_is_read_and_selected_from() {
         let operations = Operations::parse(LIST).unwrap();
         assert_eq!(operations.compiler, "rustc 1.95.0");
+        assert_eq!(operations.c_library, "glibc 2.36");
         assert_eq!(operations.program, Path::new("/target/release/program"));
         let counts: Vec<_> = operations.all.iter().map(|one| one.count).collect();
         assert_eq!(counts, [500, 3000]);
@@ -113,6 +116,6 @@ mod tests {
         assert_eq!(chosen, [&operations.all[1]]);
         assert_eq!(operations.select(&[]).unwrap().len(), 2);
         assert!(operations.select(&["barrier".to_owned()]).is_err());
-        assert!(Operations::parse("rustc\nprogram\nmany rings\n").is_none());
+        assert!(Operations::parse("rustc\nglibc\nprogram\nmany rings\n").is_none());
     }
 }

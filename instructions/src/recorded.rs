@@ -19,6 +19,8 @@ pub(crate) struct Figures {
 pub(crate) struct Recorded {
     /// The compiler that the figures hold for.
     pub(crate) compiler: String,
+    /// The C library that they hold for, where it has a share in them.
+    pub(crate) c_library: String,
     /// By the operations' names.
     pub(crate) figures: BTreeMap<String, Figures>,
 }
@@ -57,6 +59,10 @@ impl Recorded {
                 recorded.compiler = compiler.to_owned();
                 continue;
             }
+            if let Some(c_library) = line.strip_prefix("c library: ") {
+                recorded.c_library = c_library.to_owned();
+                continue;
+            }
             let (name, figures) = figures(line).ok_or_else(|| format!("not a figure: {line}"))?;
             recorded.figures.insert(name, figures);
         }
@@ -74,8 +80,10 @@ impl Recorded {
     }
 
     fn print<'a>(&self, names: impl Iterator<Item = &'a str>) -> String {
-        let mut text = format!("{HEAD}compiler: {}\n\n", self.compiler);
-        text.push_str("# instructions   atomic   operation\n");
+        let mut text = format!(
+            "{HEAD}compiler: {}\nc library: {}\n\n# instructions   atomic   operation\n",
+            self.compiler, self.c_library
+        );
         for name in names {
             if let Some(Figures {
                 instructions,
@@ -109,6 +117,7 @@ mod tests {
     fn what_is_written_is_read_again() {
         let mut recorded = Recorded {
             compiler: "rustc 1.95.0 (59807616e 2026-04-14)".to_owned(),
+            c_library: "glibc 2.36".to_owned(),
             ..Recorded::default()
         };
         for (name, instructions, atomics) in [("a switch", 276.0, 0.0), ("rendezvous", 692.5, 6.25)]

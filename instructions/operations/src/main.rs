@@ -1,7 +1,7 @@
 //! LUNA's hot operations, each a network on one executor, without a real-time policy, with one process that counts laps.
 //!
-//! `luna-instructions` runs this program in callgrind, with `do` and an operation's name. `list` tells it the compiler, this program's
-//! path, and the operations, each with the number of operations by which its last two laps differ.
+//! `luna-instructions` runs this program in callgrind, with `do` and an operation's name. `list` tells it the compiler, the C library, this
+//! program's path, and the operations, each with the number of operations by which its last two laps differ.
 
 mod alternatives;
 mod channels;
@@ -95,6 +95,7 @@ fn main() -> luna::Result<()> {
 
 fn list() {
     println!("{}", env!("LUNA_COMPILER"));
+    println!("{}", c_library());
     let path = env::current_exe().expect("the kernel knows it");
     println!("{}", path.display());
     for Operation {
@@ -103,6 +104,19 @@ fn list() {
     {
         println!("{} {name}", steps * each);
     }
+}
+
+/// What copies memory, allocates, and makes system calls.
+#[cfg(target_env = "gnu")]
+fn c_library() -> String {
+    // SAFETY: it gives a text that ends with a zero and is never changed or freed.
+    let version = unsafe { std::ffi::CStr::from_ptr(libc::gnu_get_libc_version()) };
+    format!("glibc {}", version.to_string_lossy())
+}
+
+#[cfg(not(target_env = "gnu"))]
+fn c_library() -> String {
+    "not glibc".to_owned()
 }
 
 /// Runs what `spawn` puts on a system's one executor.

@@ -75,20 +75,19 @@ const DELAY: Duration = Duration::from_millis(4);
 
 /// Takes longer than the 10 µs after which an executor remembers a turn. In Valgrind a turn takes about as long by itself, so it would
 /// be remembered now and then. The C library's own functions for it are cancellation points, which have atomic instructions of their own.
+#[cfg(target_os = "linux")]
 fn be_remembered() {
     let pause = libc::timespec {
         tv_sec: 0,
         tv_nsec: 30_000,
     };
+    let rest = std::ptr::null_mut::<libc::timespec>();
     // SAFETY: the kernel reads the time, and writes nothing, since there is nowhere to.
-    unsafe {
-        libc::syscall(
-            libc::SYS_nanosleep,
-            &raw const pause,
-            std::ptr::null_mut::<libc::timespec>(),
-        )
-    };
+    unsafe { libc::syscall(libc::SYS_nanosleep, &raw const pause, rest) };
 }
+
+#[cfg(not(target_os = "linux"))]
+fn be_remembered() {}
 
 pub(crate) fn timer(steps: u64) -> luna::Result<()> {
     on_one_executor("timer", |executor| {
