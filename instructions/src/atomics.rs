@@ -25,7 +25,7 @@ pub(crate) struct Atomic {
     pub(crate) times: f64,
     /// What it is called in assembler.
     pub(crate) mnemonic: String,
-    /// The functions that it is in, the innermost first, each with its file and line; without those of the standard library.
+    /// The functions that it is in, the innermost first, each with its file and line; without those of other crates.
     pub(crate) frames: Vec<String>,
 }
 
@@ -58,12 +58,22 @@ impl Objects {
                     share.function, place.address, place.object
                 )
             })?;
-            if is_atomic(&instruction) {
-                found.push(Atomic {
+            if !is_atomic(&instruction) {
+                continue;
+            }
+            let mnemonic = name(&instruction);
+            let frames = file.frames(place, &share.function);
+            // Code that was laid out twice comes from one place.
+            match found
+                .iter_mut()
+                .find(|known| known.mnemonic == mnemonic && known.frames == frames)
+            {
+                Some(known) => known.times += share.times,
+                None => found.push(Atomic {
                     times: share.times,
-                    mnemonic: name(&instruction),
-                    frames: file.frames(place, &share.function),
-                });
+                    mnemonic,
+                    frames,
+                }),
             }
         }
         found.sort_by(|a, b| b.times.total_cmp(&a.times));
@@ -106,7 +116,7 @@ impl File {
         (!instruction.is_invalid()).then_some(instruction)
     }
 
-    /// The functions around an instruction; `function` alone where there is no debug information.
+    /// The functions of this workspace around an instruction; `function` alone where there is none.
     fn frames(&self, place: &Place, function: &str) -> Vec<String> {
         let mut said = Vec::new();
         if let Some(lines) = &self.lines
@@ -117,17 +127,16 @@ impl File {
                     continue;
                 };
                 let file = location.file.unwrap_or("");
-                // The standard library's sources have the path of the machine that built it.
-                if file.is_empty() || file.starts_with("/rustc/") {
+                let Some(file) = in_workspace(file) else {
                     continue;
-                }
+                };
                 let name = frame
                     .function
                     .as_ref()
                     .and_then(|name| name.demangle().ok().map(|name| name.into_owned()))
                     .unwrap_or_else(|| function.to_owned());
                 let line = location.line.unwrap_or(0);
-                said.push(format!("{name} ({}:{line})", in_workspace(file)));
+                said.push(format!("{name} ({file}:{line})"));
             }
         }
         if said.is_empty() {
@@ -151,12 +160,10 @@ fn lines(file: &object::File<'static>) -> Option<Context<EndianSlice<'static, Li
 }
 
 /// A source file's path below the workspace's folder, if it is there.
-fn in_workspace(file: &str) -> &str {
+fn in_workspace(file: &str) -> Option<&str> {
     let of_this_crate = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let workspace = of_this_crate.parent().and_then(Path::to_str);
-    workspace
-        .and_then(|workspace| file.strip_prefix(workspace))
-        .map_or(file, |rest| rest.trim_start_matches('/'))
+    let workspace = of_this_crate.parent()?.to_str()?;
+    Some(file.strip_prefix(workspace)?.trim_start_matches('/'))
 }
 
 fn decode(bytes: &[u8], address: u64) -> Instruction {

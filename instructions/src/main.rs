@@ -14,6 +14,7 @@ use crate::gate::Verdict;
 use crate::operations::{Operation, Operations, hindrance};
 use crate::recorded::{Figures, Recorded};
 use std::env;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -35,15 +36,15 @@ struct Outcome<'a> {
     operation: &'a Operation,
     counted: Counted,
     atomics: Vec<Atomic>,
-    /// Whether the C library has no share in it.
-    is_own: bool,
+    program: &'a Path,
     c_library: &'a str,
 }
 
 impl Outcome<'_> {
     fn verdict(&self, recorded: &Recorded) -> Verdict {
         let old = recorded.figures.get(&self.operation.name).copied();
-        if !self.is_own && recorded.c_library != self.c_library && old.is_some() {
+        let is_own = self.counted.is_own(self.program);
+        if !is_own && recorded.c_library != self.c_library && old.is_some() {
             return Verdict::OtherLibrary;
         }
         Verdict::of(old, self.figures())
@@ -122,7 +123,7 @@ fn count_all<'a>(
         let atomics = objects.atomics(&counted)?;
         outcomes.push(Outcome {
             operation,
-            is_own: counted.is_own(&operations.program),
+            program: &operations.program,
             counted,
             atomics,
             c_library: &operations.c_library,

@@ -49,8 +49,12 @@ pub(crate) fn details(outcomes: &[Outcome<'_>]) {
         );
         let mut functions: BTreeMap<String, f64> = BTreeMap::new();
         for (place, share) in &outcome.counted.places {
-            let file = Path::new(&place.object).file_name().unwrap_or_default();
-            let name = format!("{} ({})", share.function, file.display());
+            let name = if outcome.program == Path::new(&place.object) {
+                share.function.clone()
+            } else {
+                let library = Path::new(&place.object).file_name().unwrap_or_default();
+                format!("{} ({})", share.function, library.display())
+            };
             *functions.entry(name).or_default() += share.times;
         }
         let mut functions: Vec<_> = functions.into_iter().collect();
