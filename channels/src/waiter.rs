@@ -1,7 +1,7 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::selection::Selection;
-use luna_platform::current::{Process, Ready, User, Wakeup};
+use luna_platform::current::{PlainReady, Process, Ready, User, Wakeup};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use luna_platform::wait_list::WaitNode;
@@ -35,6 +35,9 @@ pub(crate) struct Link<T> {
     /// First, so that the list's node leads back to this.
     pub(crate) wait: WaitNode,
     pub(crate) outcome: AtomicU8,
+    /// A plain operation's that was listed by the home which the lock favours, with a wakeup that readies its process without a waker. As long as
+    /// that home is favoured its partners need not look any further.
+    plain: bool,
     /// A receiver's: its sender is to be held.
     pub(crate) extended: bool,
     /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) heir.
@@ -107,6 +110,7 @@ impl<T> Waiter<T> {
             (*node.as_ptr()).link.write(Link {
                 wait: WaitNode::new(),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
+                plain: false,
                 extended,
                 inherits: false,
                 ticket: 0,
@@ -130,6 +134,7 @@ impl<T> Waiter<T> {
             (*node.as_ptr()).link.write(Link {
                 wait: WaitNode::waiting(user, process.priority(), wakeup),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
+                plain: true,
                 extended: false,
                 inherits: false,
                 ticket: 0,
@@ -139,27 +144,36 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Takes the wakeup of a plain operation that waits for a partner of home `home`: if it belongs there too, neither is an alternative's nor makes its value.
-    /// The node is then to be unlisted and settled. Else nothing has changed.
+    /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which
+    /// has not changed.
     ///
     /// # Safety
     ///
     /// `node` is listed, and the lock is held that guards it.
     #[inline(always)]
-    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>, home: u64) -> Option<Wakeup> {
+    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>) -> Option<PlainReady> {
         // SAFETY: the contract.
         unsafe {
             let link = &mut *Self::link(node);
-            let is_plain = link.selection.is_none() && link.make.is_none();
-            let at_home = link
-                .wait
-                .wakeup()
-                .is_some_and(|wakeup| wakeup.is_of_home(home));
-            if is_plain && at_home {
-                link.wait.wakeup_mut().take()
+            if link.plain {
+                Wakeup::take_plain(link.wait.wakeup_mut())
             } else {
                 None
             }
+        }
+    }
+
+    /// Whom to wake, to be changed: it may be another one than a plain operation's from here on.
+    ///
+    /// # Safety
+    ///
+    /// As for [`take_plain_wakeup`](Self::take_plain_wakeup).
+    pub(crate) unsafe fn change_wakeup<'a>(node: NonNull<Waiter<T>>) -> &'a mut Option<Wakeup> {
+        // SAFETY: the contract.
+        unsafe {
+            let link = &mut *Self::link(node);
+            link.plain = false;
+            link.wait.wakeup_mut()
         }
     }
 

@@ -381,7 +381,7 @@ fn turns(rounds: impl FnOnce()) {
 }
 
 /// Polls one process, or sleeps if none is ready. `false` if the phase may be another.
-#[inline]
+#[inline(always)]
 fn round(
     shared: &Arc<Shared>,
     timers: &TimerQueue,
@@ -394,20 +394,13 @@ fn round(
     }
     let deadline = timers.next_deadline();
     if deadline != Instant::NEVER {
-        let now = Instant::now();
-        interference::look(now);
-        if deadline <= now {
-            timers.expire(now);
-        }
+        look_at_timers(timers, deadline);
     }
     watch::glance(shared.inbound.bell());
     match current::next_ready() {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
-        Some(process) => unsafe { task::run(process) },
-        None => {
-            sleep(shared, timers.next_deadline());
-            interference::rest();
-        }
+        Some(owner) => unsafe { task::run(owner) },
+        None => rest(shared, timers),
     }
     true
 }
@@ -439,6 +432,22 @@ fn look_outside(
         task::take_in(shared, level);
     }
     true
+}
+
+#[inline(never)]
+fn look_at_timers(timers: &TimerQueue, deadline: Instant) {
+    let now = Instant::now();
+    interference::look(now);
+    if deadline <= now {
+        timers.expire(now);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn rest(shared: &Shared, timers: &TimerQueue) {
+    sleep(shared, timers.next_deadline());
+    interference::rest();
 }
 
 /// Sleeps until a wake or `deadline`. Without a deadline or files only others can end it, which who looks after the system is to know.

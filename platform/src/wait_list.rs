@@ -43,12 +43,6 @@ impl WaitNode {
         }
     }
 
-    /// Whom to wake.
-    #[inline]
-    pub fn wakeup(&self) -> Option<&Wakeup> {
-        self.wakeup.as_ref()
-    }
-
     /// How urgent it was when it was put into its list.
     #[inline]
     pub fn priority(&self) -> Priority {
@@ -62,6 +56,7 @@ impl WaitNode {
     }
 
     /// Whom to wake; to be changed only under the list's lock.
+    #[inline]
     pub fn wakeup_mut(&mut self) -> &mut Option<Wakeup> {
         &mut self.wakeup
     }

@@ -344,7 +344,7 @@ impl<F> Supervised<F> {
 impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
     type Output = ();
 
-    #[inline]
+    #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: the body is pinned with the whole, and never moved.
         let (body, frame) = unsafe {
@@ -383,7 +383,7 @@ impl Drop for Alarm<'_> {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn poll_until_failure<F: Future>(
     body: Pin<&mut F>,
     cx: &mut Context<'_>,

@@ -3,6 +3,9 @@
 //! It comes to what [`Section`](super::Section) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
 //! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, nothing is buffered. Whenever one of these
 //! does not hold, nothing has been changed, and the general way is gone.
+//!
+//! A node that was listed here says so ([`Waiter::begin_plain`]), and whoever finds it here knows that its process is of this very home: only the home
+//! that a lock favours comes here, and a lock favours no second one.
 
 use super::Channel;
 use crate::place::LastUser;
@@ -63,7 +66,7 @@ impl<T> Channel<T> {
                 return AtHome::Waits;
             };
             let receiver = first.cast::<Waiter<T>>();
-            let Some(wakeup) = Waiter::take_plain_wakeup(receiver, home) else {
+            let Some(ready) = Waiter::take_plain_wakeup(receiver) else {
                 return AtHome::No;
             };
             lists.sender = LastUser::process(process.id());
@@ -71,7 +74,7 @@ impl<T> Channel<T> {
             Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
             Waiter::settle_plain(receiver);
             drop(lists);
-            wakeup.wake_at_home();
+            ready.wake();
         }
         match current::gives_way(process) {
             true => AtHome::GaveWay,
@@ -109,7 +112,7 @@ impl<T> Channel<T> {
                 return AtHome::Waits;
             };
             let sender = first.cast::<Waiter<T>>();
-            let Some(wakeup) = Waiter::take_plain_wakeup(sender, home) else {
+            let Some(ready) = Waiter::take_plain_wakeup(sender) else {
                 return AtHome::No;
             };
             lists.receiver = LastUser::process(process.id());
@@ -117,7 +120,7 @@ impl<T> Channel<T> {
             Waiter::put_value_of(node, Waiter::take_value_of(sender));
             Waiter::settle_plain(sender);
             drop(lists);
-            wakeup.wake_at_home();
+            ready.wake();
         }
         match current::gives_way(process) {
             true => AtHome::GaveWay,

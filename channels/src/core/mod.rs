@@ -191,7 +191,7 @@ impl<T> Channel<T> {
         unsafe {
             let outcome = Waiter::outcome(node);
             if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                let wakeup = (*Waiter::link(node)).wait.wakeup_mut();
+                let wakeup = Waiter::change_wakeup(node);
                 if !wakeup.as_ref().is_some_and(|wakeup| wakeup.is_of(cx)) {
                     let unused = wakeup.replace(Wakeup::of(cx));
                     // Dropping a waker can run anything, so not under the lock.

@@ -267,7 +267,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
 impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
     type Output = Result<M::Received<'a, T>, RecvError>;
 
-    #[inline]
+    #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
@@ -297,7 +297,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
 }
 
 impl<T, M: Mode> Drop for RecvOp<'_, T, M> {
-    #[inline]
+    #[inline(always)]
     fn drop(&mut self) {
         let holds_value = match self.phase {
             Phase::New | Phase::Over => false,

@@ -281,7 +281,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
 impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
     type Output = Result<(), SendError<S::Unsent>>;
 
-    #[inline]
+    #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
@@ -312,7 +312,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
 }
 
 impl<T, S: Source<T>> Drop for SendOp<'_, T, S> {
-    #[inline]
+    #[inline(always)]
     fn drop(&mut self) {
         match self.phase {
             Phase::GaveWay | Phase::Over => return,

@@ -29,7 +29,7 @@ impl<F: Future<Output = ()>> Body<F> {
     /// # Safety
     ///
     /// It has not ended before.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn poll_unended(self: Pin<&mut Self>, cx: &mut Context<'_>) -> bool {
         // SAFETY: `future` is never moved: it is polled pinned, and dropped in place; by the contract it is there.
         unsafe {

@@ -49,8 +49,10 @@ static METHODS: Methods = Methods {
 /// # Invariants
 ///
 /// It is the first field of a [`Whole`], in a box of its own, and all pointers to it are made of that box's. The body is touched by the home's thread
-/// alone. `references` counts the wakers; with the last one the whole goes. The process has a waker until it is freed.
+/// alone. `references` counts the wakers; with the last one the whole goes. The process has an owner, the task, and until it is freed a waker.
+#[repr(C)]
 struct Task {
+    /// First, so that the task lies where its process lies.
     process: Process,
     /// Polls the body; `true` if it has ended.
     poll: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
@@ -145,7 +147,7 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
 /// # Safety
 ///
 /// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body while the borrow lasts.
-#[inline]
+#[inline(always)]
 unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
     // SAFETY: the contract; the body stays where it is until it is dropped.
     unsafe { Pin::new_unchecked(&mut *task.cast::<Whole<F>>().as_ref().body.get()) }
@@ -196,20 +198,16 @@ unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
 ///
 /// # Safety
 ///
-/// `process` was just taken from this thread's run queue, where only tasks are.
-#[inline]
-pub(crate) unsafe fn run(process: NonNull<Process>) {
+/// `owner` was just taken from this thread's run queue, where only tasks are.
+#[inline(always)]
+pub(crate) unsafe fn run(owner: NonNull<()>) {
     // SAFETY: a task is retired only when it is not queued, so this one is live, and keeps a waker of its own during the poll. By the invariant
     // nobody else accesses its body.
     unsafe {
-        let Some(task) = process.as_ref().owner() else {
-            return;
-        };
-        let task = task.cast::<Task>();
+        let task = owner.cast::<Task>();
         let this = task.as_ref();
-        let Some(waker) = this.process.waker() else {
-            return;
-        };
+        // By the invariant it has one.
+        let waker = this.process.waker().unwrap_unchecked();
         let mut cx = Context::from_waker(waker);
         if this.process.notices() != 0 {
             return run_attentively(task, &mut cx);

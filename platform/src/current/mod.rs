@@ -22,7 +22,7 @@ pub use home_thread::{RefusedBoosts, refused_boosts};
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
-pub use wakeup::{Ready, Wakeup};
+pub use wakeup::{PlainReady, Ready, Wakeup};
 
 use crate::path;
 use crate::sync::Arc;
@@ -322,11 +322,10 @@ pub fn pretend_ready_levels(bits: u32) {
     with_queue(|queue| queue.pretend(bits));
 }
 
-/// Takes the process whose turn it is out of this thread's run queue. It was readied by [`Process::ready_at`] or a wakeup, and is live as long as its
-/// owner keeps it.
-#[inline]
-pub fn next_ready() -> Option<NonNull<Process>> {
-    // The link is a process' first field.
+/// Takes the process whose turn it is out of this thread's run queue, and gives its owner. It was readied by [`Process::ready_at`] or a wakeup, and is live as
+/// long as its owner keeps it.
+#[inline(always)]
+pub fn next_ready() -> Option<NonNull<()>> {
     Some(with_queue(RunQueue::pop)?.cast())
 }
 

@@ -203,7 +203,7 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// As for [`set_waker`](Self::set_waker). The methods may be called with `owner` as [`Methods`] says, until `free` was called;
+    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first part. The methods may be called with `owner` as [`Methods`] says, until `free` was called;
     /// until then this value stays where it is. [`end`](Self::end) is called once.
     pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
         let is_lone = ptr::eq(methods, &lone::METHODS);
@@ -328,8 +328,8 @@ impl Process {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
         self.queued_level.set(level);
-        // Made of the process, so that it leads back to it.
-        let link = NonNull::from(self).cast::<Link>();
+        // SAFETY: the contract.
+        let link = unsafe { self.link() };
         // SAFETY: the contract; by the invariant it is in no queue.
         super::with_queue(|queue| unsafe {
             match place {
@@ -349,7 +349,8 @@ impl Process {
         if is_queued && queued < level {
             // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
             self.queued_level.set(level);
-            let link = NonNull::from(self).cast::<Link>();
+            // SAFETY: the contract.
+            let link = unsafe { self.link() };
             // SAFETY: the contract, and the invariant.
             super::with_queue(|queue| unsafe {
                 queue.remove(queued, link);
@@ -382,8 +383,19 @@ impl Process {
         now & state::QUEUED != 0
     }
 
+    /// The link, by a pointer that leads back to the owner.
+    ///
+    /// # Safety
+    ///
+    /// The process is one of an executor's.
+    #[inline(always)]
+    unsafe fn link(&self) -> NonNull<Link> {
+        // SAFETY: the contract, so it has an owner, which lies where it lies itself.
+        unsafe { self.owner().unwrap_unchecked().cast() }
+    }
+
     /// Who was said to be its owner.
-    #[inline]
+    #[inline(always)]
     pub fn owner(&self) -> Option<NonNull<()>> {
         // SAFETY: by the type's invariant it does not change once the process is polled.
         unsafe { *self.owner.get() }.map(|(owner, _)| owner)

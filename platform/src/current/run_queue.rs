@@ -27,12 +27,17 @@ impl Link {
 
 /// First come first served within a level; one bit for each level that is not empty. Every operation is O(1) and free of atomics.
 ///
+/// Most often a process is readied while nobody else is: it then goes into a *slot*, and comes out of it without a look at the levels.
+///
 /// # Invariants
 ///
-/// A level's `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and its bit says whether
-/// there is one. While there is none, they are not looked at. The first one's `previous` and the last one's `next` are not looked at either.
+/// Who is in the slot comes before all others: at its level as the first, and nobody is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
+/// slot is empty. In the levels, `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and the level's bit in `bits` says
+/// whether there is one. While there is none, they are not looked at. The first one's `previous` and the last one's `next` are not looked at either.
 #[derive(Debug)]
 pub(super) struct RunQueue {
+    slot: Cell<Option<NonNull<Link>>>,
+    slot_bit: Cell<u32>,
     bits: Cell<u32>,
     levels: [Level; LEVELS as usize],
 }
@@ -46,6 +51,8 @@ struct Level {
 impl RunQueue {
     pub(super) const fn new() -> Self {
         Self {
+            slot: Cell::new(None),
+            slot_bit: Cell::new(0),
             bits: Cell::new(0),
             levels: [const {
                 Level {
@@ -57,13 +64,15 @@ impl RunQueue {
     }
 
     /// The levels with a ready process, one bit each.
-    #[inline]
+    #[inline(always)]
     pub(super) fn bits(&self) -> u32 {
-        self.bits.get()
+        self.bits.get() | self.slot_bit.get()
     }
 
     /// Lets others believe that these levels have a ready process.
     pub(super) fn pretend(&self, bits: u32) {
+        self.slot.set(None);
+        self.slot_bit.set(0);
         self.bits.set(bits);
     }
 
@@ -77,8 +86,72 @@ impl RunQueue {
     /// # Safety
     ///
     /// `node` is live until it is popped and is in no queue. `level` is below [`LEVELS`].
-    #[inline]
+    #[inline(always)]
     pub(super) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
+        if self.bits() == 0 {
+            self.slot.set(Some(node));
+            self.slot_bit.set(1 << level);
+        } else {
+            // SAFETY: the contract.
+            unsafe { self.push_back_of_many(level, node) };
+        }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`push_back`](Self::push_back).
+    #[inline(never)]
+    unsafe fn push_back_of_many(&self, level: u8, node: NonNull<Link>) {
+        let bit = 1 << level;
+        // SAFETY: the contract.
+        unsafe {
+            if bit > self.bits() {
+                self.empty_slot();
+                self.slot.set(Some(node));
+                self.slot_bit.set(bit);
+            } else {
+                self.link_last(level, node);
+            }
+        }
+    }
+
+    /// Puts a process before the others of its level.
+    ///
+    /// # Safety
+    ///
+    /// As for [`push_back`](Self::push_back).
+    #[inline(never)]
+    pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
+        let bit = 1 << level;
+        // SAFETY: the contract.
+        unsafe {
+            if bit >= highest(self.bits()) {
+                self.empty_slot();
+                self.slot.set(Some(node));
+                self.slot_bit.set(bit);
+            } else {
+                self.link_first(level, node);
+            }
+        }
+    }
+
+    /// Queues who is in the slot as the first of its level.
+    ///
+    /// # Safety
+    ///
+    /// The slot is filled again, or nobody is readied before that.
+    unsafe fn empty_slot(&self) {
+        if let Some(node) = self.slot.take() {
+            let level = self.slot_bit.replace(0).trailing_zeros() as u8;
+            // SAFETY: who was in the slot is live, and in no level.
+            unsafe { self.link_first(level, node) };
+        }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`push_back`](Self::push_back).
+    unsafe fn link_last(&self, level: u8, node: NonNull<Link>) {
         let queue = self.level(level);
         let (bits, bit) = (self.bits.get(), 1 << level);
         let last = queue.last.replace(Some(node));
@@ -96,13 +169,10 @@ impl RunQueue {
         }
     }
 
-    /// Puts a process before the others of its level.
-    ///
     /// # Safety
     ///
     /// As for [`push_back`](Self::push_back).
-    #[inline]
-    pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
+    unsafe fn link_first(&self, level: u8, node: NonNull<Link>) {
         let queue = self.level(level);
         let (bits, bit) = (self.bits.get(), 1 << level);
         let first = queue.first.replace(Some(node));
@@ -126,6 +196,11 @@ impl RunQueue {
     ///
     /// `node` is in this queue, at `level`.
     pub(super) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
+        if self.slot.get() == Some(node) {
+            self.slot.set(None);
+            self.slot_bit.set(0);
+            return;
+        }
         let queue = self.level(level);
         let is_first = queue.first.get() == Some(node);
         let is_last = queue.last.get() == Some(node);
@@ -147,8 +222,14 @@ impl RunQueue {
     }
 
     /// Takes the first process of the highest level.
-    #[inline]
+    #[inline(always)]
     pub(super) fn pop(&self) -> Option<NonNull<Link>> {
+        let node = self.slot.get();
+        if node.is_some() {
+            self.slot.set(None);
+            self.slot_bit.set(0);
+            return node;
+        }
         let bits = self.bits.get();
         if bits == 0 {
             return None;
@@ -164,6 +245,13 @@ impl RunQueue {
         }
         Some(node)
     }
+}
+
+/// The highest bit of all alone.
+fn highest(bits: u32) -> u32 {
+    1_u32
+        .checked_shl(31 - bits.leading_zeros().min(31))
+        .map_or(0, |bit| bit & bits)
 }
 
 #[cfg(all(test, not(loom)))]
@@ -235,6 +323,56 @@ mod tests {
                     .collect::<Vec<_>>()
             );
             assert_eq!(queue.bits(), 0);
+        }
+    }
+
+    /// Against lists that anybody can check, with a generator whose seed is fixed.
+    #[test]
+    fn it_does_what_plain_lists_do() {
+        let links: Vec<Link> = (0..12).map(|_| Link::new()).collect();
+        let queue = RunQueue::new();
+        let mut lists: Vec<Vec<usize>> = vec![Vec::new(); 5];
+        let mut random = 7_u64;
+        let mut next = |below: usize| {
+            random = random
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (random >> 33) as usize % below
+        };
+        for _ in 0..200_000 {
+            let index = next(links.len());
+            let place = lists.iter().position(|list| list.contains(&index));
+            match (next(4), place) {
+                // SAFETY: the links outlive the queue; one is pushed while it is not queued, and taken out while it is.
+                (0 | 1, None) => unsafe {
+                    let (level, link) = (next(5), NonNull::from(&links[index]));
+                    if next(3) == 0 {
+                        queue.push_front(level as u8, link);
+                        lists[level].insert(0, index);
+                    } else {
+                        queue.push_back(level as u8, link);
+                        lists[level].push(index);
+                    }
+                },
+                (0, Some(level)) => {
+                    // SAFETY: as above.
+                    unsafe { queue.remove(level as u8, NonNull::from(&links[index])) };
+                    lists[level].retain(|&other| other != index);
+                }
+                (1, Some(_)) => {}
+                _ => {
+                    let expected = lists.iter_mut().rev().find(|list| !list.is_empty());
+                    let expected = expected.map(|list| list.remove(0));
+                    let popped = queue.pop().map(|node| {
+                        let place = links.iter().position(|link| NonNull::from(link) == node);
+                        place.expect("it is one of them")
+                    });
+                    assert_eq!(popped, expected);
+                }
+            }
+            let levels = lists.iter().enumerate();
+            let bits = levels.map(|(level, list)| u32::from(!list.is_empty()) << level);
+            assert_eq!(queue.bits(), bits.sum::<u32>());
         }
     }
 }

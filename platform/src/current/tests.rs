@@ -32,7 +32,7 @@ fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
     // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods ignore the owner.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
-        process.set_owner(NonNull::dangling(), &METHODS);
+        process.set_owner(NonNull::from(&process).cast(), &METHODS);
         let waker = process.waker().expect("it was set above").clone();
         with_process(&process, || f(&Context::from_waker(&waker)));
     }
@@ -116,10 +116,10 @@ fn a_turn_that_panics_is_known_to_who_catches_it() {
     let process = Process::new(ProcessId::new(), home, 0, 3);
     // SAFETY: the process lives on, and its methods ignore the owner.
     unsafe {
-        process.set_owner(NonNull::dangling(), &METHODS);
+        process.set_owner(NonNull::from(&process).cast(), &METHODS);
         process.ready_at(3, Place::Last);
         assert_eq!(process.activity(), Activity::Ready);
-        let next = next_ready().expect("it is ready");
+        let next = next_ready().expect("it is ready").cast::<Process>();
         let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             give_turn(next.as_ref(), || {
                 assert_eq!(next.as_ref().activity(), Activity::Running);

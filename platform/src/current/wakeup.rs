@@ -4,7 +4,7 @@ use super::process::{Place, Process};
 use super::{LEVELS, home, lowered, process};
 use std::fmt;
 use std::num::NonZeroUsize;
-use std::ptr::NonNull;
+use std::ptr::{self, NonNull};
 use std::task::{Context, Waker};
 
 /// A counted reference to a process of an executor, and how many levels below its own the process is to be readied: those of the
@@ -101,10 +101,16 @@ enum Inner {
     Waker(Waker),
 }
 
+impl fmt::Debug for Reference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.process().fmt(f)
+    }
+}
+
 impl fmt::Debug for Inner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Inner::Process(reference) => reference.process().fmt(f),
+            Inner::Process(reference) => reference.fmt(f),
             Inner::Waker(waker) => waker.fmt(f),
         }
     }
@@ -130,27 +136,17 @@ impl Wakeup {
         Wakeup(Inner::Process(Reference(NonNull::from(process))))
     }
 
-    /// Whether it readies a process of the home of that number without its waker.
+    /// Takes out what was made [of a plain turn](Self::of_plain_turn); `None` for another one, which stays. One word is moved.
     #[inline(always)]
-    pub fn is_of_home(&self, home: u64) -> bool {
-        matches!(&self.0, Inner::Process(reference) if reference.process().home_number() == home)
-    }
-
-    /// Readies the process behind the others of its level, without a look at where it is.
-    ///
-    /// # Safety
-    ///
-    /// It readies a process of the home on whose thread this is: see [`is_of_home`](Self::is_of_home).
-    #[inline(always)]
-    pub unsafe fn wake_at_home(self) {
-        if let Inner::Process(reference) = &self.0 {
-            let process = reference.process();
-            // SAFETY: the contract; the reference keeps the process' memory.
-            unsafe { process.ready_here(reference.lowered(), Place::Last) };
-            if process.references.remove_here() {
-                // It is not the last one, and is counted off.
-                std::mem::forget(self);
-            }
+    pub fn take_plain(from: &mut Option<Wakeup>) -> Option<PlainReady> {
+        let Some(Wakeup(Inner::Process(reference))) = from else {
+            return None;
+        };
+        // SAFETY: the reference is moved: what it lay in is overwritten, not dropped.
+        unsafe {
+            let reference = ptr::read(reference);
+            ptr::write(from, None);
+            Some(PlainReady(reference))
         }
     }
 
@@ -196,6 +192,29 @@ impl Wakeup {
     }
 }
 
+/// A wake of a process of this thread's home that is due: see [`Wakeup::take_plain`].
+#[derive(Debug)]
+#[must_use = "the process stays asleep until `wake` is called"]
+pub struct PlainReady(Reference);
+
+impl PlainReady {
+    /// Readies the process behind the others of its level. O(1), without atomics.
+    ///
+    /// # Safety
+    ///
+    /// Its wakeup was made [of a plain turn](Wakeup::of_plain_turn) on this thread.
+    #[inline(always)]
+    pub unsafe fn wake(self) {
+        let process = self.0.process();
+        // SAFETY: the contract; the reference keeps the process' memory.
+        unsafe { process.ready_here(0, Place::Last) };
+        if process.references.remove_here() {
+            // It is not the last one, and is counted off.
+            std::mem::forget(self);
+        }
+    }
+}
+
 /// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
@@ -210,7 +229,7 @@ enum Readying {
 impl fmt::Debug for Readying {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Readying::Process(reference) => reference.process().fmt(f),
+            Readying::Process(reference) => reference.fmt(f),
             Readying::Waker(waker) => waker.fmt(f),
             Readying::Nobody => f.write_str("Nobody"),
         }
