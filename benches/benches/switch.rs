@@ -1,20 +1,24 @@
-//! `switch`: two processes on one core yield to each other, and do nothing else.
+//! `switch`: two processes on one core yield to each other, and do nothing else. And one alone that wakes itself, and runs.
 
 use std::{
-    future::Future,
+    future::{Future, poll_fn},
     sync::{
         Arc,
         atomic::{AtomicU64, AtomicUsize, Ordering},
     },
+    task::Poll,
     thread,
     time::{Duration, Instant},
 };
 
 use luna_benches::{
+    cores::{on_core, one_core},
     executors::{Executor, Smol, Tokio},
-    harness::{Case, on_core, one_core, run},
+    external,
+    harness::{Case, Goal, run},
     ours::Luna,
-    processes::yielding,
+    primitives,
+    processes::{warm_up, yielding},
 };
 
 fn switch<E: Executor, Y: Future + Send + 'static>(
@@ -63,21 +67,73 @@ fn switch_threads(switches: u64) -> Duration {
     })
 }
 
+/// A process alone that yields, in whatever way.
+fn alone<E: Executor, Y: Future + Send + 'static>(
+    again: impl Fn() -> Y + Copy + Send + Sync + 'static,
+    runs: u64,
+) -> Duration {
+    let core = one_core();
+    on_core(core, || {
+        let executor = E::new(core);
+        let process = executor.spawn(async move {
+            for _ in 0..warm_up(runs) {
+                again().await;
+            }
+            let start = Instant::now();
+            for _ in 0..runs {
+                again().await;
+            }
+            start.elapsed()
+        });
+        executor.block_on(process)
+    })
+}
+
+/// Wakes the process that it is polled in, by its waker; done when it is polled again.
+fn self_wake() -> impl Future<Output = ()> + Send {
+    let mut woken = false;
+    poll_fn(move |context| {
+        if woken {
+            return Poll::Ready(());
+        }
+        woken = true;
+        context.waker().wake_by_ref();
+        Poll::Pending
+    })
+}
+
+const SWITCH: &str = "switch";
+const SELF_WAKE: &str = "self-wake";
+
 fn case(peer: &'static str, block: impl FnMut(u64) -> Duration + 'static) -> Case {
-    Case::new("switch", peer, "ns/switch", block)
+    Case::new(SWITCH, peer, "ns/switch", block)
+}
+
+fn woken(peer: &'static str, block: impl FnMut(u64) -> Duration + 'static) -> Case {
+    Case::new(SELF_WAKE, peer, "ns/run", block)
 }
 
 fn main() {
     let luna = |switches| switch::<Luna, _>(luna::yield_now, switches);
     let tokio = |switches| switch::<Tokio, _>(tokio::task::yield_now, switches);
     let smol = |switches| switch::<Smol, _>(futures_lite::future::yield_now, switches);
-    run(
-        "switch",
-        vec![
-            case("LUNA", luna),
-            case("tokio yield_now, spawn", tokio),
-            case("futures-lite yield_now, smol LocalExecutor", smol),
-            case("std::thread::yield_now, threads", switch_threads),
-        ],
-    );
+    let mut cases = vec![
+        case("LUNA", luna).goal(Goal::AtMost(10.0)),
+        case("tokio yield_now, spawn", tokio),
+        case("futures-lite yield_now, smol LocalExecutor", smol),
+        case("std::thread::yield_now, threads", switch_threads),
+    ];
+    cases.extend(external::cases(SWITCH, "ns/switch", "switch", None));
+    cases.extend([
+        woken("LUNA, its waker", |runs| alone::<Luna, _>(self_wake, runs)).goal(Goal::AtMost(8.0)),
+        woken("LUNA, yield_now", |runs| {
+            alone::<Luna, _>(luna::yield_now, runs)
+        }),
+        woken("tokio, spawn", |runs| alone::<Tokio, _>(self_wake, runs)),
+        woken("smol LocalExecutor", |runs| {
+            alone::<Smol, _>(self_wake, runs)
+        }),
+    ]);
+    cases.extend(primitives::one_core_cases());
+    run("switch", cases);
 }

@@ -7,12 +7,20 @@ use std::future::{Future, ready};
 /// A kind of channel for numbers.
 pub trait Channel: 'static {
     /// The end that is written to.
-    type Sender: Sending + Send + 'static;
+    type Sender: Sending + Clone + Send + 'static;
     /// The end that is read from.
     type Receiver: Receiving + Send + 'static;
 
-    /// Makes a channel.
+    /// Makes a channel with the smallest buffer that there is: none if it can be.
     fn new_pair() -> (Self::Sender, Self::Receiver);
+
+    /// Makes a channel with room for `capacity` values.
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver);
+
+    /// Tells a channel that its ends go to different executors, each of which would think that it waits for nobody.
+    fn between_executors(ends: (Self::Sender, Self::Receiver)) -> (Self::Sender, Self::Receiver) {
+        ends
+    }
 }
 
 /// The end of a channel that is written to.
@@ -56,6 +64,10 @@ impl Channel for TokioMpsc {
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         tokio::sync::mpsc::channel(1)
     }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        tokio::sync::mpsc::channel(capacity)
+    }
 }
 
 impl Sending for tokio::sync::mpsc::Sender<u64> {
@@ -80,6 +92,10 @@ impl Channel for AsyncChannel {
 
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         async_channel::bounded(1)
+    }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        async_channel::bounded(capacity)
     }
 }
 
@@ -106,6 +122,10 @@ impl Channel for Flume {
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         flume::bounded(0)
     }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        flume::bounded(capacity)
+    }
 }
 
 impl Sending for flume::Sender<u64> {
@@ -130,6 +150,10 @@ impl Channel for Kanal {
 
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         kanal::bounded_async(0)
+    }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        kanal::bounded_async(capacity)
     }
 }
 
@@ -159,6 +183,10 @@ impl Channel for KanalBlocking {
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         kanal::bounded(0)
     }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        kanal::bounded(capacity)
+    }
 }
 
 impl Sending for kanal::Sender<u64> {
@@ -184,6 +212,10 @@ impl Channel for Crossbeam {
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         crossbeam_channel::bounded(0)
     }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        crossbeam_channel::bounded(capacity)
+    }
 }
 
 impl Sending for crossbeam_channel::Sender<u64> {
@@ -208,6 +240,10 @@ impl Channel for SyncChannel {
 
     fn new_pair() -> (Self::Sender, Self::Receiver) {
         std::sync::mpsc::sync_channel(0)
+    }
+
+    fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver) {
+        std::sync::mpsc::sync_channel(capacity)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The peers' executors behind one name. Each keeps its processes on the thread, or at least on the core, of its caller.
 
-use std::{future::Future, thread};
+use std::{cell::RefCell, future::Future, thread};
 
 use core_affinity::CoreId;
 use futures_lite::future;
@@ -19,6 +19,14 @@ pub trait Executor: 'static {
         &self,
         process: impl Future<Output = T> + Send + 'static,
     ) -> impl Future<Output = T>;
+
+    /// Starts a process whose end nobody waits for. It ends by itself, or with the executor.
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static);
+
+    /// Lets the others run.
+    fn yield_now() -> impl Future<Output = ()> + Send + 'static {
+        future::yield_now()
+    }
 
     /// Runs the processes until `future` ends.
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T;
@@ -52,6 +60,14 @@ impl Executor for Tokio {
         async { task.await.expect(ENDED_WELL) }
     }
 
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        self.runtime.spawn(process);
+    }
+
+    fn yield_now() -> impl Future<Output = ()> + Send + 'static {
+        task::yield_now()
+    }
+
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
         self.runtime.block_on(future)
     }
@@ -80,6 +96,10 @@ impl Executor for TokioLocal {
         async { task.await.expect(ENDED_WELL) }
     }
 
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        self.local.spawn_local(process);
+    }
+
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
         self.local.block_on(&self.runtime, future)
     }
@@ -104,18 +124,24 @@ impl Executor for Smol {
         self.executor.spawn(process)
     }
 
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        self.executor.spawn(process).detach();
+    }
+
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
         future::block_on(self.executor.run(future))
     }
 }
 
 /// An operating-system thread for each process; on Linux it inherits the core of the thread that spawns.
-#[derive(Debug)]
-pub struct Threads;
+#[derive(Debug, Default)]
+pub struct Threads {
+    started: RefCell<Vec<thread::JoinHandle<()>>>,
+}
 
 impl Executor for Threads {
     fn new(_: CoreId) -> Self {
-        Threads
+        Threads::default()
     }
 
     fn spawn<T: Send + 'static>(
@@ -127,7 +153,23 @@ impl Executor for Threads {
         async { thread.join().expect(ENDED_WELL) }
     }
 
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        let builder = thread::Builder::new().stack_size(1 << 16);
+        let thread = builder.spawn(|| future::block_on(process));
+        let thread = thread.expect("the system has room for one more");
+        self.started.borrow_mut().push(thread);
+    }
+
+    fn yield_now() -> impl Future<Output = ()> + Send + 'static {
+        thread::yield_now();
+        std::future::ready(())
+    }
+
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
-        future::block_on(future)
+        let result = future::block_on(future);
+        for thread in self.started.take() {
+            thread.join().expect(ENDED_WELL);
+        }
+        result
     }
 }

@@ -8,11 +8,18 @@
 //! [channel](channels::Channel), and an [executor](executors::Executor) runs them. A row of a table is then one
 //! combination, such as `commstime::<Smol, AsyncChannel>`.
 //!
+//! Each bench also measures [primitives] of the machine, and peers in [other languages](external) where they are installed. Some cases have
+//! [goals](harness::Goal). `all-benches` runs every bench, and makes a [page] of what they found.
+//!
 //! Like all benchmarks, these are flawed: they show what a communication costs when nothing else happens.
 
 pub mod channels;
+pub mod cores;
 pub mod executors;
+pub mod external;
 pub mod harness;
 pub mod machine;
 pub mod ours;
+pub mod page;
+pub mod primitives;
 pub mod processes;

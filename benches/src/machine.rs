@@ -3,27 +3,33 @@
 use std::{fs, path::Path, process::Command, time::Duration};
 
 /// The peers, as `Cargo.lock` names them.
-const PEERS: [&str; 6] = [
+const PEERS: [&str; 7] = [
     "async-channel",
     "async-executor",
     "crossbeam-channel",
     "flume",
+    "futures-util",
     "kanal",
     "tokio",
 ];
 
-/// The lines above a table: machine, kernel, scheduling policy, compiler, commit, peers' versions.
+/// The lines above a table: machine, kernel, scheduling policy, compiler, commit, peers' versions, and which other languages are there.
 pub fn head() -> String {
-    let lines = [
+    let lines = facts().map(|(key, value)| format!("{key:<9} {value}"));
+    lines.join("\n")
+}
+
+/// What [`head`] tells, by keys.
+pub fn facts() -> [(&'static str, String); 7] {
+    [
         ("machine", machine()),
         ("kernel", kernel()),
         ("policy", policy()),
         ("compiler", env!("LUNA_BENCHES_COMPILER").to_owned()),
         ("commit", commit()),
         ("peers", peers(include_str!("../../Cargo.lock"))),
-    ];
-    let lines = lines.map(|(key, value)| format!("{key:<9} {value}"));
-    lines.join("\n")
+        ("elsewhere", crate::external::found_and_missing()),
+    ]
 }
 
 /// CPU time that a virtual machine's host gave to others since the start of the machine.
@@ -38,7 +44,7 @@ fn stolen_in(stat: &str) -> Option<Duration> {
 }
 
 /// The folder of the workspace.
-pub(crate) fn workspace() -> &'static Path {
+pub fn workspace() -> &'static Path {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     package.parent().unwrap_or(package)
 }
@@ -56,7 +62,7 @@ fn machine() -> String {
         value("model name"),
         value("cpu family"),
         value("model\t"),
-        crate::harness::cores().len(),
+        crate::cores::cores().len(),
         if virtual_machine { ", virtual" } else { "" }
     )
 }

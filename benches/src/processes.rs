@@ -7,15 +7,17 @@ use std::{
     future::Future,
     sync::{
         Arc,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
 
+use futures_lite::future;
+
 use crate::channels::{Received, Receiving, Sending};
 
 /// Operations before the clock starts: caches and branch predictors are the network's by then.
-fn warm_up(operations: u64) -> u64 {
+pub fn warm_up(operations: u64) -> u64 {
     operations / 16 + 1
 }
 
@@ -64,6 +66,21 @@ pub async fn prefix(mut input: impl Receiving, mut output: impl Sending) {
 pub async fn delta(mut input: impl Receiving, mut first: impl Sending, mut second: impl Sending) {
     while let Some(number) = input.recv().await.value() {
         if first.send(number).await.is_err() || second.send(number).await.is_err() {
+            break;
+        }
+    }
+}
+
+/// Sends what it receives to both outputs at once.
+pub async fn parallel_delta(
+    mut input: impl Receiving,
+    mut first: impl Sending,
+    mut second: impl Sending,
+) {
+    while let Some(number) = input.recv().await.value() {
+        let first = async { first.send(number).await.is_ok() };
+        let second = async { second.send(number).await.is_ok() };
+        if future::zip(first, second).await != (true, true) {
             break;
         }
     }
@@ -146,4 +163,76 @@ pub async fn yielding<Y: Future>(
         "{others} turns of the other beside {turns}"
     );
     elapsed
+}
+
+/// Lets others run until it is told to end: an executor with such a process never sleeps.
+pub async fn busy<Y: Future>(yield_now: impl Fn() -> Y, over: Arc<AtomicBool>) {
+    while !over.load(Ordering::Relaxed) {
+        yield_now().await;
+    }
+}
+
+/// Receives so many numbers, whichever they are; says how long the last `operations` of them took, since `warm_up(operations)` were there.
+///
+/// # Panics
+///
+/// When nobody sends any more.
+pub async fn counter(mut input: impl Receiving, operations: u64) -> Duration {
+    for _ in 0..warm_up(operations) {
+        assert!(input.recv().await.value().is_some(), "too few came");
+    }
+    let start = Instant::now();
+    for _ in 0..operations {
+        assert!(input.recv().await.value().is_some(), "too few came");
+    }
+    start.elapsed()
+}
+
+/// Takes what comes until nobody sends.
+pub async fn sink(mut input: impl Receiving) {
+    while input.recv().await.value().is_some() {}
+}
+
+/// Sends so many numbers; says how long the last `operations` of them took.
+///
+/// # Panics
+///
+/// When nobody receives any more.
+pub async fn source(mut output: impl Sending, operations: u64) -> Duration {
+    for number in 0..warm_up(operations) {
+        assert!(output.send(number).await.is_ok(), "nobody listens");
+    }
+    let start = Instant::now();
+    for number in 0..operations {
+        assert!(output.send(number).await.is_ok(), "nobody listens");
+    }
+    start.elapsed()
+}
+
+/// The process that a ring begins and ends with: sends a number round `laps` times, after one lap to warm up, and says how long that took.
+///
+/// The others are [`successor`]s, `others` of them.
+///
+/// # Panics
+///
+/// When a number was not counted up by all the others.
+pub async fn ring_head(
+    mut output: impl Sending,
+    mut input: impl Receiving,
+    others: u64,
+    laps: u64,
+) -> Duration {
+    let mut start = Instant::now();
+    for lap in 0..=laps {
+        assert!(output.send(lap).await.is_ok(), "the ring is open");
+        assert_eq!(
+            input.recv().await.value(),
+            Some(lap + others),
+            "somebody was left out"
+        );
+        if lap == 0 {
+            start = Instant::now();
+        }
+    }
+    start.elapsed()
 }

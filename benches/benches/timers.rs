@@ -1,0 +1,244 @@
+//! `timers`: what it takes to set a timer and to take it back while others wait, and to wake many processes whose time has come at once; on one core.
+
+use std::{
+    future::Future,
+    ops::Sub,
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use futures_lite::future::poll_once;
+use luna_benches::{
+    cores::{on_core, one_core},
+    executors::Executor,
+    harness::{Case, is_quick, run},
+    ours::Luna,
+    primitives,
+    processes::warm_up,
+};
+use tokio::runtime;
+
+const SET: &str = "timer, set and taken back, beside others";
+const EXPIRED: &str = "timers, expired at once";
+
+/// How many wait beside.
+fn waiting() -> &'static [u64] {
+    if is_quick() {
+        &[0, 100]
+    } else {
+        &[0, 100, 10_000]
+    }
+}
+
+/// How many expire.
+fn expiring() -> &'static [u64] {
+    if is_quick() {
+        &[10, 100]
+    } else {
+        &[10, 100, 1_000, 10_000]
+    }
+}
+
+/// tokio's current-thread runtime with its timers, which the other benches do without.
+#[derive(Debug)]
+struct TokioTimed(runtime::Runtime);
+
+impl Executor for TokioTimed {
+    fn new(_: core_affinity::CoreId) -> Self {
+        let runtime = runtime::Builder::new_current_thread().enable_time().build();
+        TokioTimed(runtime.expect("a runtime with timers asks nothing of the system"))
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        let task = self.0.spawn(process);
+        async {
+            task.await
+                .expect("a process of a bench panics when its check fails")
+        }
+    }
+
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        self.0.spawn(process);
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        self.0.block_on(future)
+    }
+}
+
+/// A peer's timers.
+trait Timers: Executor {
+    /// A point of its time.
+    type Moment: Copy + PartialOrd + Sub<Output = Duration> + Send + Sync + 'static;
+
+    fn from_now(delay: Duration) -> Self::Moment;
+    fn sleep_until(deadline: Self::Moment) -> impl Future<Output = ()> + Send + 'static;
+}
+
+impl Timers for Luna {
+    type Moment = luna::Instant;
+
+    fn from_now(delay: Duration) -> luna::Instant {
+        luna::now() + delay
+    }
+
+    fn sleep_until(deadline: luna::Instant) -> impl Future<Output = ()> + Send + 'static {
+        luna::at(deadline)
+    }
+}
+
+impl Timers for TokioTimed {
+    type Moment = tokio::time::Instant;
+
+    fn from_now(delay: Duration) -> tokio::time::Instant {
+        tokio::time::Instant::now() + delay
+    }
+
+    fn sleep_until(deadline: tokio::time::Instant) -> impl Future<Output = ()> + Send + 'static {
+        tokio::time::sleep_until(deadline)
+    }
+}
+
+/// Longer than any block.
+const FAR: Duration = Duration::from_secs(3_600);
+
+/// tokio lets a process act so often before it must let others run; half of that.
+const BETWEEN_YIELDS: u64 = 64;
+
+fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
+    let core = one_core();
+    on_core(core, || {
+        let executor = E::new(core);
+        let (listed, over): (Arc<AtomicBool>, Arc<AtomicBool>) = Default::default();
+        let (lists, holds) = (listed.clone(), over.clone());
+        // One process has all the others, so that it is the queue that is measured; in no order of time.
+        let holder = executor.spawn(async move {
+            let far = E::from_now(FAR);
+            let mut timers = Vec::new();
+            for other in 0..others {
+                let mut timer = Box::pin(E::sleep_until(E::from_now(FAR + spread(other))));
+                if other % BETWEEN_YIELDS == 0 {
+                    E::yield_now().await;
+                }
+                assert!(poll_once(&mut timer).await.is_none(), "not an hour");
+                timers.push(timer);
+            }
+            assert!(E::from_now(Duration::ZERO) < far, "an hour has passed");
+            lists.store(true, Ordering::Relaxed);
+            while !holds.load(Ordering::Relaxed) {
+                E::yield_now().await;
+            }
+        });
+        let timed = executor.spawn(async move {
+            while !listed.load(Ordering::Relaxed) {
+                E::yield_now().await;
+            }
+            let far = E::from_now(FAR);
+            let mut start = Instant::now();
+            let warm_up = warm_up(operations);
+            for operation in 0..warm_up + operations {
+                if operation % BETWEEN_YIELDS == 0 {
+                    E::yield_now().await;
+                }
+                if operation == warm_up {
+                    start = Instant::now();
+                }
+                assert!(
+                    poll_once(E::sleep_until(far)).await.is_none(),
+                    "not an hour"
+                );
+            }
+            let elapsed = start.elapsed();
+            over.store(true, Ordering::Relaxed);
+            elapsed
+        });
+        executor.block_on(async {
+            holder.await;
+            timed.await
+        })
+    })
+}
+
+/// Up to ten seconds, without order.
+fn spread(number: u64) -> Duration {
+    Duration::from_millis(number * 7_919 % 10_007)
+}
+
+/// From when the first process runs until the last one has, divided by those between: the wake-up from sleep, which comes before, is another bench's. With the clock
+/// that each process reads, and a lock.
+fn expired<E: Timers>(size: u64) -> f64 {
+    let core = one_core();
+    on_core(core, || {
+        let executor = E::new(core);
+        let deadline: Arc<OnceLock<E::Moment>> = Arc::default();
+        let woken: Arc<Mutex<Woken<E::Moment>>> = Arc::new(Mutex::new(Woken {
+            first: None,
+            last: None,
+        }));
+        let (running, ended) = async_channel::bounded::<()>(1);
+        for _ in 0..size {
+            let (deadline, woken, running) = (deadline.clone(), woken.clone(), running.clone());
+            executor.start(async move {
+                let _running = running;
+                // Long enough for all to have begun.
+                let delay = Duration::from_micros(5_000 + 10 * size);
+                let deadline = *deadline.get_or_init(|| E::from_now(delay));
+                assert!(E::from_now(Duration::ZERO) < deadline, "began too late");
+                E::sleep_until(deadline).await;
+                let now = E::from_now(Duration::ZERO);
+                assert!(now >= deadline, "woken too early");
+                let mut woken = woken.lock().unwrap_or_else(PoisonError::into_inner);
+                woken.first.get_or_insert(now);
+                woken.last = Some(now);
+            });
+        }
+        drop(running);
+        // Ends when the last process has dropped its sender.
+        let end = executor.spawn(async move { ended.recv().await.is_err() });
+        executor.block_on(end);
+        let woken = woken.lock().unwrap_or_else(PoisonError::into_inner);
+        let elapsed = woken
+            .first
+            .zip(woken.last)
+            .map(|(first, last)| last - first);
+        elapsed.expect("some were woken").as_secs_f64() * 1e9 / (size - 1) as f64
+    })
+}
+
+/// Who has been woken.
+#[derive(Debug)]
+struct Woken<M> {
+    first: Option<M>,
+    last: Option<M>,
+}
+
+const TOKIO: &str = "tokio, spawn";
+
+fn main() {
+    let mut cases = Vec::new();
+    for &size in waiting() {
+        let case = |peer, block: fn(u64, u64) -> Duration| {
+            Case::new(SET, peer, "ns/timer", move |operations| {
+                block(size, operations)
+            })
+            .size(size)
+        };
+        cases.push(case("LUNA", set_and_taken_back::<Luna>));
+        cases.push(case(TOKIO, set_and_taken_back::<TokioTimed>));
+    }
+    for &size in expiring() {
+        let case = |peer, block: fn(u64) -> f64| {
+            Case::once(EXPIRED, peer, "ns/process", move || block(size)).size(size)
+        };
+        cases.push(case("LUNA", expired::<Luna>));
+        cases.push(case(TOKIO, expired::<TokioTimed>));
+    }
+    cases.extend(primitives::one_core_cases());
+    run("timers", cases);
+}

@@ -1,0 +1,130 @@
+//! What is measured.
+
+use std::{fmt, time::Duration};
+
+use super::goal::Goal;
+
+/// One scenario with one peer.
+pub struct Case {
+    /// The scenario; cases of the same name stand in one table.
+    pub name: &'static str,
+    /// Who is measured, and how.
+    pub peer: &'static str,
+    /// Of one operation, such as `ns/cycle`.
+    pub unit: &'static str,
+    /// How large the scenario is, where it comes in sizes.
+    pub size: Option<u64>,
+    pub(super) goals: Vec<Goal>,
+    pub(super) block: Block,
+    /// The operations of the first block.
+    pub(super) first: u64,
+    /// Whether each block has as many.
+    pub(super) fixed: bool,
+    pub(super) apart: bool,
+    pub(super) most_blocks: usize,
+}
+
+/// What is called many times.
+pub(super) enum Block {
+    /// Performs so many operations, and says how long they took.
+    Timed(Box<dyn FnMut(u64) -> Duration>),
+    /// Gives a figure.
+    Once(Box<dyn FnMut() -> f64>),
+}
+
+impl Case {
+    /// A case that is measured by calling `block` many times.
+    ///
+    /// `block` gets a number of operations, performs at least as many, checks their result (it panics when the result
+    /// is wrong), and returns how long just that number took. What it started has ended when it returns. It is called
+    /// on a thread that is not pinned; see [`on_core`](crate::cores::on_core) and [`on_cores`](crate::cores::on_cores).
+    pub fn new(
+        name: &'static str,
+        peer: &'static str,
+        unit: &'static str,
+        block: impl FnMut(u64) -> Duration + 'static,
+    ) -> Self {
+        Self::with(name, peer, unit, Block::Timed(Box::new(block)))
+    }
+
+    /// A case whose every block gives one figure in `unit`, however it comes by it.
+    pub fn once(
+        name: &'static str,
+        peer: &'static str,
+        unit: &'static str,
+        block: impl FnMut() -> f64 + 'static,
+    ) -> Self {
+        Self::with(name, peer, unit, Block::Once(Box::new(block)))
+    }
+
+    fn with(name: &'static str, peer: &'static str, unit: &'static str, block: Block) -> Self {
+        Case {
+            name,
+            peer,
+            unit,
+            size: None,
+            goals: Vec::new(),
+            block,
+            first: 64,
+            fixed: false,
+            apart: false,
+            most_blocks: usize::MAX,
+        }
+    }
+
+    /// Of this size: cases of one name and peer with several sizes make a line in a plot.
+    pub fn size(mut self, size: u64) -> Self {
+        self.size = Some(size);
+        self
+    }
+
+    /// With a goal, which is printed with what was reached.
+    pub fn goal(mut self, goal: Goal) -> Self {
+        self.goals.push(goal);
+        self
+    }
+
+    /// With at least so many operations in a block: for a scenario that is expensive to set up.
+    pub fn at_least(mut self, operations: u64) -> Self {
+        self.first = operations;
+        self
+    }
+
+    /// With just so many operations in each block, however long they take.
+    pub fn exactly(mut self, operations: u64) -> Self {
+        self.first = operations;
+        self.fixed = true;
+        self
+    }
+
+    /// With at most so many blocks.
+    pub fn blocks(mut self, most: usize) -> Self {
+        self.most_blocks = most;
+        self
+    }
+
+    /// With a process of the operating system for each block: its memory is fresh, and a scenario that is expensive to take down can
+    /// leave that to the system by [`finish`](super::finish).
+    pub fn apart(mut self) -> Self {
+        self.apart = true;
+        self
+    }
+
+    /// The name, the peer, and the size.
+    pub(super) fn title(&self) -> String {
+        let mut title = format!("{}, {}", self.name, self.peer);
+        if let Some(size) = self.size {
+            title += &format!(", {size}");
+        }
+        title
+    }
+}
+
+impl fmt::Debug for Case {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Case")
+            .field("title", &self.title())
+            .field("unit", &self.unit)
+            .finish_non_exhaustive()
+    }
+}
