@@ -28,7 +28,7 @@ pub fn facts() -> [(&'static str, String); 7] {
         ("compiler", env!("LUNA_BENCHES_COMPILER").to_owned()),
         ("commit", commit()),
         ("peers", peers(include_str!("../../Cargo.lock"))),
-        ("elsewhere", crate::external::found_and_missing()),
+        ("others", crate::external::found_and_missing()),
     ]
 }
 

@@ -86,7 +86,7 @@ fn begin(height: f64, title: &str) -> String {
         let _ = write!(dark, ".c{number}{{fill:{on_dark};stroke:{on_dark}}}");
     }
     // A line has no inside, and a text no outline.
-    let last = "polyline{fill:none!important;stroke-width:1.8}text{stroke:none!important}";
+    let last = "polyline{fill:none!important;stroke-width:1.6}.wide{stroke-width:3}text{stroke:none!important}";
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n\
          <title>{0}</title>\n\
@@ -183,7 +183,14 @@ pub(super) fn lines(title: &str, unit: &str, lines: &[Line]) -> String {
     };
 
     let legend = BOTTOM + 64.0;
-    let rows = lines.len().div_ceil(2) as f64;
+    // Two columns, if there is room for the longest name.
+    let longest = lines.iter().map(|line| line.label.chars().count()).max();
+    let columns = if longest.unwrap_or_default() > 44 {
+        1
+    } else {
+        2
+    };
+    let rows = lines.len().div_ceil(columns) as f64;
     let mut svg = begin(legend + ROW * rows, title);
     for power in low..=high {
         let at = y(10_f64.powi(power));
@@ -208,6 +215,7 @@ pub(super) fn lines(title: &str, unit: &str, lines: &[Line]) -> String {
             others += 1;
             format!("c{}", (others - 1) % COLOURS.len())
         };
+        let wide = if series.ours { " wide" } else { "" };
         let mut path = String::new();
         for &(of, figure) in &series.points {
             let _ = write!(path, "{:.1},{:.1} ", x(of), y(figure));
@@ -220,11 +228,11 @@ pub(super) fn lines(title: &str, unit: &str, lines: &[Line]) -> String {
         }
         let _ = writeln!(
             svg,
-            "<polyline class=\"{class}\" points=\"{}\"/>",
+            "<polyline class=\"{class}{wide}\" points=\"{}\"/>",
             path.trim_end()
         );
-        let column = LEFT + (index % 2) as f64 * (RIGHT - LEFT) / 2.0;
-        let row = legend + ROW * (index / 2) as f64;
+        let column = 16.0 + (index % columns) as f64 * (WIDTH - 32.0) / 2.0;
+        let row = legend + ROW * (index / columns) as f64;
         let _ = writeln!(
             svg,
             "<rect class=\"{class}\" x=\"{column:.1}\" y=\"{:.1}\" width=\"14\" height=\"4\"/>",
