@@ -24,7 +24,8 @@ use std::fmt;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::time::Duration;
 
 /// How far a thread has come: numbers, since they only rise.
 pub(crate) struct Phase;
@@ -49,6 +50,8 @@ pub(crate) struct Shared {
     settled: Futex,
     living: Arc<Living>,
     presence: Arc<Presence>,
+    /// How long the thread looks for work before it sleeps, in nanoseconds.
+    spin: AtomicU64,
 }
 
 struct Arrivals {
@@ -184,6 +187,7 @@ impl Executor {
             settled: Futex::new(0),
             living,
             presence: Arc::new(Presence::new()),
+            spin: AtomicU64::new(0),
         });
         let own = shared.clone();
         let thread = thread::spawn(
@@ -191,6 +195,10 @@ impl Executor {
             move |obtained: &Obtained| {
                 own.thread_priority
                     .store(obtained.policy.priority(), Ordering::Relaxed);
+                own.spin.store(
+                    obtained.spin_before_sleep.as_nanos() as u64,
+                    Ordering::Relaxed,
+                );
                 let enrolled = own.living.enroll(own.home, own.clone());
                 Ok((own, enrolled))
             },
@@ -277,6 +285,12 @@ impl Drop for Executor {
 }
 
 impl ExecutorHandle {
+    /// From now on the thread sleeps as soon as it has nothing to do, whatever [`Attributes::spin_before_sleep`] said: for when another thread comes to
+    /// its core. Says whether that changes anything. Real-time path: yes; one atomic operation.
+    pub fn end_spin(&self) -> bool {
+        self.shared.spin.swap(0, Ordering::Relaxed) > 0
+    }
+
     /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`.
     ///
     /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it allocates, here and on the
@@ -450,8 +464,19 @@ fn rest(shared: &Shared, timers: &TimerQueue) {
     interference::rest();
 }
 
-/// Sleeps until a wake or `deadline`. Without a deadline or files only others can end it, which who looks after the system is to know.
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a deadline or files only others can end it, which who looks after the system is to know.
 fn sleep(shared: &Shared, deadline: Instant) {
+    let spin = shared.spin.load(Ordering::Relaxed);
+    if spin > 0 {
+        let found = || {
+            watch::glance(shared.inbound.bell());
+            with_queue(|queue| queue.highest_level()).is_some()
+        };
+        let time = Duration::from_nanos(spin);
+        if shared.inbound.spin(time, deadline, found) {
+            return;
+        }
+    }
     if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {

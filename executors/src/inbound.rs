@@ -17,10 +17,12 @@
 //! protocol of the [`Bell`], which says what the bell is.
 
 use crate::presence::Presence;
-use crate::seats::{Seat, Seats};
+use crate::seats::{Near, Seat, Seats};
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
+use luna_platform::spin;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Set while the owner sleeps or is about to. Bits 0 to 31 are the levels.
 const ASLEEP: u64 = 1 << 32;
@@ -52,26 +54,33 @@ impl Signals {
     }
 }
 
-/// The signals and the bell.
+/// The signals, the first seats, and the bell: what a wake from another core changes, on one line of memory that holds nothing else. (A line is 64
+/// bytes; two that lie side by side are fetched together on many processors.)
 #[derive(Debug)]
+#[repr(C, align(128))]
 pub(crate) struct Inbound {
     signals: AtomicU64,
     bell: Bell,
+    near: Near,
 }
+
+#[cfg(not(loom))]
+const _: () = assert!(std::mem::offset_of!(Inbound, near) + size_of::<Near>() <= 64);
 
 impl Inbound {
     pub(crate) fn new() -> Self {
         Self {
             signals: AtomicU64::new(0),
             bell: Bell::new(),
+            near: Near::new(),
         }
     }
 
-    /// Wakes who has `seat`, a seat of this executor, at `level`, from any thread. Wait-free: three instructions; a system call only if the owner
-    /// sleeps.
+    /// Wakes who has `seat`, a seat of this executor, at `level`, from any thread. Wait-free: two or three instructions; a system call only if the
+    /// owner sleeps.
     #[inline]
     pub(crate) fn wake(&self, seat: &Seat, level: u8) {
-        seat.mark(level);
+        seat.mark(&self.near, level);
         self.signal(1 << level);
     }
 
@@ -80,6 +89,13 @@ impl Inbound {
         self.signal(ATTENTION);
     }
 
+    /// As a waker that marks no more than so many steps, and does not signal.
+    #[cfg(loom)]
+    pub(crate) fn mark_partly(&self, seat: &Seat, level: u8, steps: usize) {
+        seat.mark_partly(&self.near, level, steps);
+    }
+
+    #[inline]
     fn signal(&self, bit: u64) {
         if self.signals.fetch_or(bit, Ordering::AcqRel) & ASLEEP != 0 {
             self.bell.ring();
@@ -107,13 +123,25 @@ impl Inbound {
     pub(crate) fn take<T: Copy>(&self, level: u8, seats: &Seats<T>, woken: impl FnMut(T)) {
         // The signal goes first: who marks after the look signals again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
-        seats.take(level, woken);
+        seats.take(&self.near, level, woken);
     }
 
     /// Whether somebody was woken or something asked for that the owner has not taken. From any thread.
     pub(crate) fn is_signalled(&self) -> bool {
         // Acquire: who sees that the owner has taken it sees what the owner did before.
         self.signals.load(Ordering::Acquire) & !ASLEEP != 0
+    }
+
+    /// Looks for `time` whether somebody signals, `deadline` comes, or `also` has something; says whether one of them did. Owner only, who sleeps
+    /// otherwise: to the others it is awake until then.
+    #[inline]
+    pub(crate) fn spin(
+        &self,
+        time: Duration,
+        deadline: Instant,
+        mut also: impl FnMut() -> bool,
+    ) -> bool {
+        spin::until(|| !self.signals().is_empty() || also(), time, deadline)
     }
 
     /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.

@@ -11,6 +11,7 @@ use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use loom::thread;
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
+use std::time::Duration;
 
 /// The executor's part that its wakers see, and a process' part: its seat, and what its wakers bring.
 struct Process {
@@ -43,12 +44,14 @@ fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, Seats<usize
     (Arc::new(processes), seats)
 }
 
-/// The owner's loop, as in `executor::round`: runs processes until all has been seen that `expected` wakes bring. Gives who ran.
+/// The owner's loop, as in `executor::round`: runs processes until all has been seen that `expected` wakes bring. Gives who ran. With `spins`, it looks
+/// before it sleeps.
 fn run_until<const N: usize>(
     inbound: &Inbound,
     seats: &Seats<usize>,
     processes: &[Process; N],
     expected: usize,
+    spins: bool,
 ) -> Vec<usize> {
     let mut runs = Vec::new();
     let mut seen = [0; N];
@@ -59,6 +62,7 @@ fn run_until<const N: usize>(
                 runs.push(member);
                 seen[member] = processes[member].brought.load(Ordering::Relaxed);
             }),
+            None if spins && inbound.spin(Duration::ZERO, Instant::NEVER, || false) => {}
             None => inbound.sleep(Instant::NEVER),
         }
     }
@@ -74,6 +78,14 @@ fn model(f: impl Fn() + Sync + Send + 'static) {
 
 /// Wakers of these members, all at once, and the owner, who must see all that they bring.
 fn all_are_seen<const N: usize, const W: usize>(levels: [u8; N], wakers: [usize; W]) {
+    all_are_seen_by(levels, wakers, false);
+}
+
+fn all_are_seen_by<const N: usize, const W: usize>(
+    levels: [u8; N],
+    wakers: [usize; W],
+    spins: bool,
+) {
     model(move || {
         let inbound = Arc::new(Inbound::new());
         let (processes, seats) = processes(levels);
@@ -81,7 +93,7 @@ fn all_are_seen<const N: usize, const W: usize>(levels: [u8; N], wakers: [usize;
             let (inbound, processes) = (inbound.clone(), processes.clone());
             thread::spawn(move || processes[member].wake(&inbound))
         });
-        let runs = run_until(&inbound, &seats, &processes, W);
+        let runs = run_until(&inbound, &seats, &processes, W, spins);
         for waker in wakers {
             waker.join().unwrap();
         }
@@ -97,6 +109,27 @@ fn all_are_seen<const N: usize, const W: usize>(levels: [u8; N], wakers: [usize;
 #[test]
 fn a_wake_is_never_slept_through() {
     all_are_seen([3], [0]);
+}
+
+#[test]
+fn a_wake_is_seen_by_an_owner_who_looks_before_it_sleeps() {
+    all_are_seen_by([3], [0], true);
+}
+
+#[test]
+fn two_wakers_of_an_owner_who_looks_before_it_sleeps() {
+    all_are_seen_by([3, 7], [0, 1], true);
+}
+
+/// The second process' seat is not among those beside the signals.
+#[test]
+fn a_wake_from_a_seat_further_off_is_never_slept_through() {
+    all_are_seen([3, 3], [1]);
+}
+
+#[test]
+fn two_wakers_of_one_process_further_off() {
+    all_are_seen([7, 7], [1, 1]);
 }
 
 #[test]
@@ -117,16 +150,16 @@ fn two_wakers_of_one_process() {
 /// One waker stands still for ever after any of its steps: the wake of another is seen all the same.
 #[test]
 fn a_waker_that_goes_no_further_holds_up_nobody() {
-    for steps in 0..3 {
+    for (member, steps) in [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2)] {
         model(move || {
             let inbound = Arc::new(Inbound::new());
-            let (processes, seats) = processes([7]);
-            processes[0].seat.mark_partly(7, steps);
+            let (processes, seats) = processes([7, 7]);
+            inbound.mark_partly(&processes[member].seat, 7, steps);
             let waker = {
                 let (inbound, processes) = (inbound.clone(), processes.clone());
-                thread::spawn(move || processes[0].wake(&inbound))
+                thread::spawn(move || processes[member].wake(&inbound))
             };
-            assert!(!run_until(&inbound, &seats, &processes, 1).is_empty());
+            assert!(!run_until(&inbound, &seats, &processes, 1, false).is_empty());
             waker.join().unwrap();
         });
     }

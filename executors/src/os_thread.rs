@@ -18,7 +18,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
 use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -215,6 +215,8 @@ struct Held {
     home: Home,
     presence: Arc<Presence>,
     living: Arc<Living>,
+    /// How long the thread looks for a wake before it sleeps, in nanoseconds.
+    spin: AtomicU64,
 }
 
 impl Sleeper for Held {
@@ -267,6 +269,7 @@ impl OsThread {
             home: Home::new(),
             presence: Arc::new(Presence::new()),
             living: living.clone(),
+            spin: AtomicU64::new(0),
         });
         let record = Record::new(spec, living);
         record.set_waker(park::waker(&shared.parker));
@@ -277,6 +280,10 @@ impl OsThread {
             move |obtained: &Obtained| {
                 own.thread_priority
                     .store(obtained.policy.rank(), Ordering::Relaxed);
+                own.spin.store(
+                    obtained.spin_before_sleep.as_nanos() as u64,
+                    Ordering::Relaxed,
+                );
                 // Before the body is built, which may prepare to wait for files.
                 let files = watch::enter(own.parker.bell());
                 let enrolled = own.living.enroll(own.home, own.clone());
@@ -311,6 +318,11 @@ impl OsThread {
     /// What the thread got of the attributes that were asked for.
     pub fn obtained(&self) -> Option<&Obtained> {
         self.thread.as_ref().map(Thread::obtained)
+    }
+
+    /// As [`ExecutorHandle::end_spin`](crate::ExecutorHandle::end_spin).
+    pub fn end_spin(&self) -> bool {
+        self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }
 
     /// Lets the process run.
@@ -385,6 +397,14 @@ impl Held {
 impl Held {
     /// Sleeps until a wake or `deadline`; says whether it was a wake. Where only others can end it, who looks after the system is to know.
     fn sleep(&self, deadline: Instant) -> bool {
+        let spin = self.spin.load(Ordering::Relaxed);
+        if spin > 0 {
+            let glance = || watch::glance(self.parker.bell());
+            let time = Duration::from_nanos(spin);
+            if let Some(woken) = self.parker.spin(time, deadline, glance) {
+                return woken;
+            }
+        }
         if !only_others_can_wake(&self.parker, deadline) {
             return self.parker.park(deadline);
         }

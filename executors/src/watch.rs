@@ -6,7 +6,7 @@
 
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
-use luna_platform::bell::{Bell, Watch};
+use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Wakeup};
 use luna_platform::futex::Waited;
@@ -42,7 +42,7 @@ pub fn prepare_files() -> Result<(), FileError> {
 }
 
 thread_local! {
-    /// The bell of this thread and its files, while it runs processes.
+    /// Where this thread hangs up its files, and these, while it runs processes.
     static HERE: RefCell<Option<Here>> = const { RefCell::new(None) };
     /// Whether this thread has files to look at: what a round asks, in one load. Its address stands for the thread.
     static HAS_FILES: Cell<bool> = const { Cell::new(false) };
@@ -72,14 +72,14 @@ pub(crate) fn is_waiting(_: &Bell) -> bool {
 }
 
 struct Here {
-    bell: Bell,
+    hook: Hook,
     files: Option<Arc<ThreadFiles>>,
 }
 
 /// Lets the processes of this thread, which sleeps by `bell`, wait for files until the guard is dropped.
 pub(crate) fn enter(bell: &Bell) -> FilesGuard {
     let here = Here {
-        bell: bell.clone(),
+        hook: bell.hook().clone(),
         files: None,
     };
     HAS_FILES.set(false);
@@ -132,7 +132,7 @@ impl ThreadFiles {
                 rounds: AtomicU32::new(0),
             });
             // The thread is awake, since it polls: this is the moment when a watch may be hung.
-            here.bell.hang(files.clone());
+            here.hook.hang(files.clone());
             HAS_FILES.set(true);
             here.files = Some(files.clone());
             Ok(files)

@@ -19,7 +19,7 @@ pub trait Watch: Send + Sync + fmt::Debug {
     fn glance(&self);
 }
 
-/// Wakes one thread from its sleep: through a futex, or through a [`Watch`] from the moment when it has one. Clones are the same bell.
+/// Wakes one thread from its sleep: through a futex, or through a [`Watch`] from the moment when it has one.
 ///
 /// The bell alone loses rings: it is the second half of a protocol whose first half is a word of the thread's own, to which others
 /// add what they want of it.
@@ -36,14 +36,17 @@ pub trait Watch: Send + Sync + fmt::Debug {
 /// wrote, and then sees all that the thread did before it: the ring comes after the quieting, and goes to the watch if there is one,
 /// because the thread hangs one up only while awake. A ring from an earlier sleep can come at any time, to the futex
 /// or to the watch: it ends at worst one sleep early, so whoever waits looks again.
-#[derive(Debug, Clone)]
-pub struct Bell(Arc<Inner>);
-
+///
+/// It lies in its owner, best beside the word: who changes the one then has the other in its cache.
 #[derive(Debug)]
-struct Inner {
+pub struct Bell {
     rung: Futex,
-    watch: OnceLock<Arc<dyn Watch>>,
+    hook: Hook,
 }
+
+/// Where the owner of a [`Bell`] hangs up its [`Watch`]. Clones are the same hook.
+#[derive(Debug, Clone)]
+pub struct Hook(Arc<OnceLock<Arc<dyn Watch>>>);
 
 impl Bell {
     /// A bell that nobody has rung, without a watch.
@@ -52,32 +55,37 @@ impl Bell {
         reason = "belongs to one thread: made on purpose, not by default"
     )]
     pub fn new() -> Self {
-        Self(Arc::new(Inner {
+        Self {
             rung: Futex::new(0),
-            watch: OnceLock::new(),
-        }))
+            hook: Hook(Arc::new(OnceLock::new())),
+        }
+    }
+
+    /// Where a watch is hung up.
+    pub fn hook(&self) -> &Hook {
+        &self.hook
     }
 
     /// Forgets earlier rings: step 1. Owner only.
     #[inline]
     pub fn quiet(&self) {
-        self.0.rung.word().store(0, Ordering::Relaxed);
+        self.rung.word().store(0, Ordering::Relaxed);
     }
 
     /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
-        match self.0.watch.get() {
-            None => path::expected(Call::Sleep, || self.0.rung.wait(0, deadline)),
+        match self.hook.0.get() {
+            None => path::expected(Call::Sleep, || self.rung.wait(0, deadline)),
             Some(watch) => watch.sleep(deadline),
         }
     }
 
     /// Ends the wait: step b. From any thread; lock-free, one system call.
     pub fn ring(&self) {
-        match self.0.watch.get() {
+        match self.hook.0.get() {
             None => {
-                self.0.rung.word().store(1, Ordering::Release);
-                path::expected(Call::Wake, || self.0.rung.wake_one());
+                self.rung.word().store(1, Ordering::Release);
+                path::expected(Call::Wake, || self.rung.wake_one());
             }
             Some(watch) => watch.ring(),
         }
@@ -86,14 +94,16 @@ impl Bell {
     /// Passes by what is watched, if anything is. Owner only; without a watch one load and one branch.
     #[inline]
     pub fn glance(&self) {
-        if let Some(watch) = self.0.watch.get() {
+        if let Some(watch) = self.hook.0.get() {
             watch.glance();
         }
     }
+}
 
+impl Hook {
     /// From now on the thread sleeps in `watch`. Owner only, awake. There is one for good: a second is dropped.
     pub fn hang(&self, watch: Arc<dyn Watch>) {
         // Only the owner sets it, so nobody ever waits here for another.
-        let _ = self.0.watch.set(watch);
+        let _ = self.0.set(watch);
     }
 }

@@ -6,9 +6,11 @@ use crate::clock::Instant;
 use crate::current;
 use crate::futex::Waited;
 use crate::reclaim::Shared;
+use crate::spin;
 use crate::sync::atomic::{AtomicU32, Ordering};
 use std::mem::ManuallyDrop;
 use std::task::{RawWaker, RawWakerVTable, Waker};
+use std::time::Duration;
 #[cfg(not(loom))]
 use std::{
     cell::Cell,
@@ -55,7 +57,7 @@ impl Parker {
         }
     }
 
-    /// What the thread sleeps in: to hang a watch beside it.
+    /// What the thread sleeps in.
     pub fn bell(&self) -> &Bell {
         &self.bell
     }
@@ -106,6 +108,31 @@ impl Parker {
                 return false;
             }
         }
+    }
+
+    /// As [`park`](Self::park), but looks for a wake for `time` before it would sleep ([`spin`](crate::spin)), and does not sleep: `None` if the time is
+    /// up. `also` is called at each look, for what the thread does besides.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// use luna_platform::park::Parker;
+    /// use std::time::Duration;
+    ///
+    /// let (parker, time) = (Parker::new(), Duration::from_micros(1));
+    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), None);
+    /// assert_eq!(parker.spin(time, Instant::now(), || ()), Some(false));
+    /// parker.unpark();
+    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), Some(true));
+    /// ```
+    #[inline]
+    pub fn spin(&self, time: Duration, deadline: Instant, mut also: impl FnMut()) -> Option<bool> {
+        let look = || {
+            also();
+            self.state.load(Ordering::Relaxed) & NOTIFIED != 0
+        };
+        // Awake, so nobody has rung, and the word holds nothing else. Acquire and Release: as in `park_between`.
+        spin::until(look, time, deadline)
+            .then(|| self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0)
     }
 
     /// Whether there is a wake that the thread has not taken. From any thread; one load.
@@ -304,6 +331,28 @@ mod loom_tests {
             // SAFETY: the park has seen the unpark, which came after the write.
             assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
             waker.join().unwrap();
+        });
+    }
+
+    #[test]
+    fn a_wake_is_seen_while_the_thread_looks_for_it_or_ends_its_sleep() {
+        loom::model(|| {
+            let shared = Arc::new(Exchange {
+                parker: Parker::new(),
+                value: UnsafeCell::new(0),
+            });
+            let other = shared.clone();
+            let waker = thread::spawn(move || {
+                // SAFETY: the other thread reads it after it has seen the wake alone.
+                other.value.with_mut(|value| unsafe { *value = 7 });
+                other.parker.unpark();
+            });
+            let spun = shared.parker.spin(Duration::ZERO, Instant::NEVER, || ());
+            assert!(spun.unwrap_or_else(|| shared.parker.park(Instant::NEVER)));
+            // SAFETY: the wake was seen, which came after the write.
+            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
+            waker.join().unwrap();
+            assert_eq!(shared.parker.state.load(Ordering::Relaxed), EMPTY);
         });
     }
 

@@ -4,6 +4,7 @@
 
 use crate::thread::Policy;
 use std::fmt;
+use std::time::Duration;
 
 /// Something that was asked for and not given.
 ///
@@ -39,6 +40,13 @@ pub enum Shortfall {
         asked: u8,
         /// Why it was refused.
         why: PolicyRefusal,
+    },
+    /// To look for work before each sleep; the thread sleeps at once.
+    Spin {
+        /// The time asked for.
+        asked: Duration,
+        /// Why it was refused.
+        why: SpinRefusal,
     },
     /// Locked memory; a page may have to be fetched when it is used.
     MemoryLock(MemoryRefusal),
@@ -125,6 +133,24 @@ pub enum CoreRefusal {
     Unsupported,
 }
 
+/// Why a thread sleeps at once: looking for work, it could keep from running who has some for it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SpinRefusal {
+    /// The thread is not pinned to a core.
+    NotPinned,
+    /// Another thread of the system is pinned to the same core.
+    SharedCore {
+        /// That one's name.
+        with: String,
+    },
+    /// Another thread of the system is not pinned, so it may run on the same core.
+    UnpinnedNeighbour {
+        /// That one's name.
+        name: String,
+    },
+}
+
 /// Why memory was not locked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
@@ -168,6 +194,9 @@ impl Shortfall {
             Shortfall::Policy { asked, .. } => format!("policy {asked}"),
             Shortfall::Core { asked, .. } => format!("core {asked}"),
             Shortfall::Inheritance { asked, .. } => format!("inherited priority {asked}"),
+            Shortfall::Spin { asked, .. } => {
+                format!("{asked:?} of looking for work before a sleep")
+            }
             Shortfall::MemoryLock(_) => "locked memory".to_owned(),
             Shortfall::DmaLatency(_) => "short wake-ups (/dev/cpu_dma_latency at 0)".to_owned(),
         }
@@ -179,6 +208,7 @@ impl Shortfall {
             Shortfall::Policy { asked, why } => why.text(*asked),
             Shortfall::Core { why, .. } => why.text(),
             Shortfall::Inheritance { asked, why } => why.text(Policy::fifo(*asked)),
+            Shortfall::Spin { why, .. } => why.text(),
             Shortfall::MemoryLock(why) => why.text(),
             Shortfall::DmaLatency(why) => why.text(),
         }
@@ -190,6 +220,7 @@ impl Shortfall {
             Shortfall::Policy { asked, why } => why.remedy(*asked),
             Shortfall::Core { why, .. } => why.remedy(),
             Shortfall::Inheritance { asked, why } => why.remedy(Policy::fifo(*asked)),
+            Shortfall::Spin { why, .. } => why.remedy(),
             Shortfall::MemoryLock(why) => why.remedy(),
             Shortfall::DmaLatency(why) => why.remedy(),
         }
@@ -316,6 +347,26 @@ impl CoreRefusal {
             Self::NotKept => "see which other program changes the affinity of threads".to_owned(),
             Self::Kernel { .. } => "see sched_setaffinity(2)".to_owned(),
             Self::Unsupported => RUN_ON_LINUX.to_owned(),
+        }
+    }
+}
+
+impl SpinRefusal {
+    fn text(&self) -> String {
+        match self {
+            Self::NotPinned => "the thread has no core of its own".to_owned(),
+            Self::SharedCore { with } => format!("it shares its core with `{with}`"),
+            Self::UnpinnedNeighbour { name } => {
+                format!("`{name}` is not pinned, so it may run on the same core")
+            }
+        }
+    }
+
+    fn remedy(&self) -> String {
+        match self {
+            Self::NotPinned => "pin it to a core where nothing else runs".to_owned(),
+            Self::SharedCore { .. } => "pin one of them to another core".to_owned(),
+            Self::UnpinnedNeighbour { .. } => "pin that one to another core".to_owned(),
         }
     }
 }

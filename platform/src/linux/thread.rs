@@ -14,6 +14,7 @@ use nix::unistd::{Pid, getpid, gettid};
 use std::ffi::CString;
 use std::fs;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 /// The calling thread, for calls that take a thread id.
 const MYSELF: Pid = Pid::from_raw(0);
@@ -88,6 +89,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
         policy: Policy::Other,
         core: None,
         stack_size: attributes.stack_size,
+        spin_before_sleep: Duration::ZERO,
         shortfalls: Vec::new(),
     };
     match attributes.core.map(|core| (core, pin(core))) {
@@ -115,6 +117,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
         let _ = set_policy(Policy::Other);
     }
     obtained.policy = current_policy();
+    attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
 }
 

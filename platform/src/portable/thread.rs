@@ -2,6 +2,7 @@
 
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
+use std::time::Duration;
 
 /// Nothing here can be inherited.
 pub(crate) fn remember_process() {}
@@ -15,6 +16,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
         policy: Policy::Other,
         core: None,
         stack_size: attributes.stack_size,
+        spin_before_sleep: Duration::ZERO,
         shortfalls: Vec::new(),
     };
     if let Some(core) = attributes.core {
@@ -36,6 +38,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
             },
         )?;
     }
+    attributes.settle_spin(&mut obtained)?;
     Ok(obtained)
 }
 

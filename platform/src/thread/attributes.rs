@@ -1,8 +1,10 @@
 //! What a thread is to be, and what it became.
 
 use super::policy::{Policy, PolicyError};
-use crate::shortfall::Shortfall;
+use crate::shortfall::{Shortfall, SpinRefusal};
+use crate::spin;
 use std::fmt;
+use std::time::Duration;
 
 /// What happens when the system does not give what was asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -47,6 +49,8 @@ pub struct Attributes {
     pub(crate) stack_size: usize,
     pub(crate) mode: Mode,
     framework: bool,
+    spin: Duration,
+    spin_refused: Option<SpinRefusal>,
 }
 
 impl Attributes {
@@ -61,6 +65,8 @@ impl Attributes {
             stack_size: DEFAULT_STACK_SIZE,
             mode: Mode::default(),
             framework: false,
+            spin: Duration::ZERO,
+            spin_refused: None,
         }
     }
 
@@ -109,11 +115,51 @@ impl Attributes {
         self
     }
 
+    /// Looks for work for `time` before each sleep, at most [`spin::LONGEST`]; not at all if not stated.
+    ///
+    /// A wake across cores then takes some hundred nanoseconds instead of microseconds, and the thread burns its core meanwhile: it needs one to itself.
+    /// Whether it has one, who makes the thread must know ([`refuse_spin`](Self::refuse_spin)); one that is not pinned has none. It is for threads
+    /// that run processes, and does nothing on others.
+    pub fn spin_before_sleep(mut self, time: Duration) -> Self {
+        self.spin = time;
+        self
+    }
+
+    /// The time to look for work before each sleep that was asked for.
+    pub fn asked_spin(&self) -> Duration {
+        self.spin
+    }
+
+    /// Not to look for work before a sleep, although it was asked for: `why` becomes a shortfall. Does nothing if it was not.
+    pub fn refuse_spin(mut self, why: SpinRefusal) -> Self {
+        self.spin_refused = Some(why);
+        self
+    }
+
+    /// Says whether a thread that has obtained the rest may look for work before it sleeps.
+    pub(crate) fn settle_spin(&self, obtained: &mut Obtained) -> Result<(), Shortfall> {
+        if self.spin.is_zero() {
+            return Ok(());
+        }
+        let unpinned = (obtained.core.is_none()).then_some(SpinRefusal::NotPinned);
+        match self.spin_refused.clone().or(unpinned) {
+            Some(why) => {
+                let asked = self.spin;
+                obtained.refused(self.mode, Shortfall::Spin { asked, why })
+            }
+            None => {
+                obtained.spin_before_sleep = self.spin;
+                Ok(())
+            }
+        }
+    }
+
     /// Whether the attributes make sense on any machine. Making a thread checks this too.
     ///
     /// # Errors
     ///
-    /// A priority out of range, a deadline policy beside a core, a stack too small or too large, or a name with a zero byte in it.
+    /// A priority out of range, a deadline policy beside a core, a stack too small or too large, a name with a zero byte in it, or a time to look for
+    /// work before a sleep that is too long.
     pub fn validate(&self) -> Result<(), AttributeError> {
         let checked = if self.framework {
             self.policy.validate_framework()
@@ -142,6 +188,12 @@ impl Attributes {
             return Err(AttributeError::StackTooLarge {
                 name: self.name.clone(),
                 asked: self.stack_size,
+            });
+        }
+        if self.spin > spin::LONGEST {
+            return Err(AttributeError::SpinTooLong {
+                name: self.name.clone(),
+                asked: self.spin,
             });
         }
         if self.name.contains('\0') {
@@ -205,6 +257,13 @@ pub enum AttributeError {
         /// What was asked for, in bytes.
         asked: usize,
     },
+    /// The time to look for work before a sleep is longer than [`spin::LONGEST`].
+    SpinTooLong {
+        /// The thread's name.
+        name: String,
+        /// What was asked for.
+        asked: Duration,
+    },
     /// The name holds a zero byte, which ends a name for the operating system.
     ZeroInName {
         /// The thread's name.
@@ -233,6 +292,11 @@ impl fmt::Display for AttributeError {
             AttributeError::StackTooLarge { name, asked } => write!(
                 f,
                 "thread `{name}`: a stack of {asked} bytes is too large; ask for at most {MAXIMUM_STACK_SIZE}"
+            ),
+            AttributeError::SpinTooLong { name, asked } => write!(
+                f,
+                "thread `{name}`: {asked:?} is too long to look for work before each sleep; ask for at most {:?}",
+                spin::LONGEST
             ),
             AttributeError::ZeroInName { name } => {
                 write!(
@@ -263,6 +327,8 @@ pub struct Obtained {
     pub core: Option<usize>,
     /// The bytes of its stack; where the system does not tell, those asked for.
     pub stack_size: usize,
+    /// How long it looks for work before each sleep.
+    pub spin_before_sleep: Duration,
     /// What was asked for and refused; always empty under [`Mode::Strict`].
     pub shortfalls: Vec<Shortfall>,
 }
@@ -310,6 +376,50 @@ mod tests {
         );
         let error = Attributes::new("ze\0ro").validate().unwrap_err();
         assert!(error.to_string().contains("ze\\0ro"), "{error}");
+    }
+
+    #[test]
+    fn a_thread_looks_for_work_for_a_bounded_time_and_on_a_core_of_its_own() {
+        let attributes = |time| Attributes::new("io").spin_before_sleep(time);
+        assert_eq!(attributes(spin::LONGEST).validate(), Ok(()));
+        let error = attributes(spin::LONGEST + Duration::from_nanos(1)).validate();
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("`io`") && error.contains("1.000001ms"),
+            "{error}"
+        );
+        let time = Duration::from_micros(50);
+        let settled = |attributes: &Attributes, core| {
+            let mut obtained = Obtained {
+                policy: Policy::Other,
+                core,
+                stack_size: DEFAULT_STACK_SIZE,
+                spin_before_sleep: Duration::ZERO,
+                shortfalls: Vec::new(),
+            };
+            let settled = attributes.settle_spin(&mut obtained);
+            settled.map(|()| (obtained.spin_before_sleep, obtained.shortfalls))
+        };
+        let refused = |why| Shortfall::Spin { asked: time, why };
+        assert_eq!(settled(&attributes(time), Some(1)), Ok((time, vec![])));
+        let unpinned = refused(SpinRefusal::NotPinned);
+        assert_eq!(
+            settled(&attributes(time), None),
+            Ok((Duration::ZERO, vec![unpinned.clone()]))
+        );
+        assert_eq!(
+            settled(&attributes(time).mode(Mode::Strict), None),
+            Err(unpinned)
+        );
+        let shared = SpinRefusal::SharedCore {
+            with: "main".to_owned(),
+        };
+        assert_eq!(
+            settled(&attributes(time).refuse_spin(shared.clone()), Some(1)),
+            Ok((Duration::ZERO, vec![refused(shared.clone())]))
+        );
+        let unasked = Attributes::new("io").refuse_spin(shared);
+        assert_eq!(settled(&unasked, None), Ok((Duration::ZERO, vec![])));
     }
 
     #[test]
