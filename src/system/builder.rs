@@ -51,6 +51,30 @@ macro_rules! place_methods {
             self.attributes = self.attributes.stack_size(bytes);
             self
         }
+
+        /// Looks for work for `time` before each sleep, at most 1 ms; without this the thread sleeps as soon as it has nothing to do.
+        ///
+        /// A wake from another core then takes some hundred nanoseconds instead of microseconds. The thread burns its core meanwhile, and its process or
+        /// processes run the later the more others want that core; so it needs one to itself. Where it is not pinned, or another executor or thread of
+        /// this system is pinned to the same core or to none, it sleeps at once, which is a [`Shortfall`](crate::Shortfall): said in the report, and an
+        /// error of a [`strict`](crate::System::strict) system. A thread that comes while the system runs ends the looking of those whose core it shares.
+        /// Of other programs nothing is known here: isolate the core.
+        ///
+        /// ```
+        /// use luna::prelude::*;
+        /// use std::time::Duration;
+        ///
+        /// let mut system = System::new("machine");
+        /// let main = system.executor("main").spin_before_sleep(Duration::from_micros(50)).build()?;
+        /// main.process("one").spawn(async { Ok(()) })?;
+        /// let report = system.run()?;
+        /// assert!(report.threads[0].shortfalls[0].to_string().contains("pin it to a core"));
+        /// # Ok::<(), luna::Error>(())
+        /// ```
+        pub fn spin_before_sleep(mut self, time: Duration) -> Self {
+            self.attributes = self.attributes.spin_before_sleep(time);
+            self
+        }
     };
 }
 
@@ -79,8 +103,8 @@ impl ExecutorBuilder {
     ///
     /// # Errors
     ///
-    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too small, a name that another executor or
-    /// thread has, or a system that has been run.
+    /// A [`SetupError`]: a core that the machine has not, a priority out of range, a stack too small, a time to look for work that is too long, a name
+    /// that another executor or thread has, or a system that has been run.
     ///
     /// ```
     /// use luna::{Error, Policy, SetupError, System};

@@ -1,5 +1,6 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
+use super::neighbours;
 use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running};
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{clean_up, prepare};
@@ -62,9 +63,10 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
 fn launch_described(
     plan: &Plan,
     mut settings: Settings,
-    executor_plans: Vec<ExecutorPlan>,
+    mut executor_plans: Vec<ExecutorPlan>,
     mut waiting: Vec<ProcessPlan>,
 ) -> Result<Launched> {
+    neighbours::settle(&mut executor_plans, &mut waiting);
     let mode = if settings.strict {
         Mode::Strict
     } else {
@@ -105,13 +107,13 @@ fn launch_described(
             .map_err(|error| Error::not_started(&executor.name, error))?;
         executors.push((executor.name, started));
     }
-    let places = executors
+    let places: Vec<ThreadPart> = executors
         .iter()
         .map(|(name, executor)| {
             ThreadPart::obtained(name, ThreadKind::Executor, executor.obtained())
         })
         .collect();
-    plan.members().places = places;
+    plan.members().places = Vec::clone(&places);
     let handles = executors
         .iter()
         .map(|(_, executor)| executor.handle().clone())
@@ -129,7 +131,7 @@ fn launch_described(
     loop {
         // Without the plan's lock: what runs here is the user's, and may spawn.
         if let Err(error) =
-            pre_run_all(&mut waiting).and_then(|()| held.start_all(&running, waiting))
+            pre_run_all(&mut waiting).and_then(|()| held.start_all(&running, &places, waiting))
         {
             // Their bodies end with the executors and threads.
             drop(executors);
@@ -215,9 +217,15 @@ struct Held {
 
 impl Held {
     /// Starts processes that are prepared. If one cannot be, it and those behind it are cleaned up, last first.
-    fn start_all(&mut self, running: &Running, prepared: Vec<ProcessPlan>) -> Result<()> {
+    fn start_all(
+        &mut self,
+        running: &Running,
+        places: &[ThreadPart],
+        prepared: Vec<ProcessPlan>,
+    ) -> Result<()> {
         let mut prepared = prepared.into_iter();
-        while let Some(process) = prepared.next() {
+        while let Some(mut process) = prepared.next() {
+            neighbours::join(&mut process, &running.executors, places, &self.threads);
             match running.start(process) {
                 Ok((member, thread)) => {
                     self.members.push(member);

@@ -4,6 +4,7 @@ mod builder;
 mod compose;
 pub mod deadlock;
 mod launch;
+mod neighbours;
 mod plan;
 mod quiet;
 mod stolen;

@@ -1,5 +1,6 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
+use super::neighbours;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
 use crate::csp::tree::Tree;
@@ -323,24 +324,30 @@ impl Plan {
                 }
             }
             // The thread is held until the system is known to run still.
-            Place::Thread { .. } => running.start(plan).and_then(|(member, thread)| {
-                let mut members = self.members();
-                if members.phase == Phase::Ended {
-                    drop(members);
-                    // Its body ends before it began.
-                    drop(thread);
-                    return Err(NotStarted {
-                        error: self.ended(name),
-                        resident: member.resident,
-                    });
-                }
-                members.started.push(member);
-                if let Some((_, thread)) = &thread {
-                    thread.release();
-                }
-                members.threads.extend(thread);
-                Ok(())
-            }),
+            Place::Thread { .. } => {
+                let members = self.members();
+                let places = &members.places;
+                neighbours::join(&mut plan, &running.executors, places, &members.threads);
+                drop(members);
+                running.start(plan).and_then(|(member, thread)| {
+                    let mut members = self.members();
+                    if members.phase == Phase::Ended {
+                        drop(members);
+                        // Its body ends before it began.
+                        drop(thread);
+                        return Err(NotStarted {
+                            error: self.ended(name),
+                            resident: member.resident,
+                        });
+                    }
+                    members.started.push(member);
+                    if let Some((_, thread)) = &thread {
+                        thread.release();
+                    }
+                    members.threads.extend(thread);
+                    Ok(())
+                })
+            }
         };
         started.map_err(|NotStarted { error, resident }| {
             clean_up(resident);

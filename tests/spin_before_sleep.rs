@@ -1,0 +1,279 @@
+//! Looking for work before a sleep: who may, who may not and is told so, and that it is done.
+
+mod common;
+
+use common::{COMPLETE, PLACES, Place, setup_error, skip, watchdog};
+use luna::prelude::*;
+use luna::{AttributeError, Error, Report, SetupError, Shortfall};
+use luna_platform::shortfall::SpinRefusal;
+use luna_platform::thread::available_cores;
+use std::time::Duration;
+
+const SPIN: Duration = Duration::from_micros(50);
+
+/// Spawns an idle process on a place of its own, which looks for work before it sleeps if it `spins`.
+fn add(
+    system: &mut System,
+    place: Place,
+    name: &str,
+    core: Option<usize>,
+    spins: bool,
+) -> luna::Result<()> {
+    let spin = if spins { SPIN } else { Duration::ZERO };
+    macro_rules! described {
+        ($builder:expr) => {{
+            let builder = $builder.spin_before_sleep(spin);
+            match core {
+                Some(core) => builder.core(core),
+                None => builder,
+            }
+        }};
+    }
+    let process = match place {
+        Place::Executor => described!(system.executor(name)).build()?.process(name),
+        Place::Thread => described!(system.thread(name)).process(name),
+    };
+    process.spawn(async { Ok(()) }).map(drop)
+}
+
+/// Why the thread called `name` sleeps at once, if it was told so.
+fn refusal(report: &Report, name: &str) -> Option<SpinRefusal> {
+    let thread = report.threads.iter().find(|thread| thread.name == name);
+    let shortfalls = &thread.expect("it was started").shortfalls;
+    shortfalls.iter().find_map(|one| match one {
+        Shortfall::Spin { asked, why } => {
+            assert_eq!(*asked, SPIN);
+            Some(why.clone())
+        }
+        _ => None,
+    })
+}
+
+#[test]
+fn a_time_that_is_too_long() {
+    let time = Duration::from_micros(1000) + Duration::from_nanos(1);
+    let mut system = System::new("wrong");
+    for place in PLACES {
+        let outcome = match place {
+            Place::Executor => system
+                .executor("place")
+                .spin_before_sleep(time)
+                .build()
+                .map(drop),
+            Place::Thread => system
+                .thread("place")
+                .spin_before_sleep(time)
+                .process("one")
+                .spawn(async { Ok(()) })
+                .map(drop),
+        };
+        let error = setup_error(outcome, &["`place`", "1.000001ms", "at most 1ms"]);
+        let SetupError::Attributes(AttributeError::SpinTooLong { name, asked }) = error else {
+            panic!("{error:?}")
+        };
+        assert_eq!((name.as_str(), asked), ("place", time));
+    }
+}
+
+#[test]
+fn a_thread_with_a_core_to_itself_is_refused_nothing() {
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for place in PLACES {
+        let mut system = System::new("alone");
+        add(&mut system, place, "io", Some(core), true).unwrap();
+        let report = system.strict().run().unwrap();
+        assert_eq!(refusal(&report, "io"), None);
+    }
+}
+
+#[test]
+fn a_thread_that_shares_its_core_sleeps_at_once_and_says_with_whom() {
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for (first, second) in PLACES.iter().flat_map(|one| PLACES.map(|two| (*one, two))) {
+        let mut system = System::new("shared");
+        add(&mut system, first, "io", Some(core), true).unwrap();
+        add(&mut system, second, "main", Some(core), false).unwrap();
+        let report = system.run().unwrap();
+        let with = "main".to_owned();
+        assert_eq!(
+            refusal(&report, "io"),
+            Some(SpinRefusal::SharedCore { with })
+        );
+        assert_eq!(refusal(&report, "main"), None, "it asked for nothing");
+    }
+}
+
+#[test]
+fn threads_on_cores_of_their_own_do_not_share() {
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let mut system = System::new("apart");
+    add(&mut system, Place::Executor, "one", Some(first), true).unwrap();
+    add(&mut system, Place::Thread, "two", Some(second), true).unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(
+        (refusal(&report, "one"), refusal(&report, "two")),
+        (None, None)
+    );
+}
+
+#[test]
+fn a_thread_without_a_core_shares_with_all() {
+    for place in PLACES {
+        let mut system = System::new("unpinned");
+        add(&mut system, place, "io", None, true).unwrap();
+        let report = system.run().unwrap();
+        assert_eq!(refusal(&report, "io"), Some(SpinRefusal::NotPinned));
+    }
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for place in PLACES {
+        let mut system = System::new("unpinned");
+        add(&mut system, Place::Executor, "io", Some(core), true).unwrap();
+        add(&mut system, place, "console", None, false).unwrap();
+        let report = system.run().unwrap();
+        let name = "console".to_owned();
+        assert_eq!(
+            refusal(&report, "io"),
+            Some(SpinRefusal::UnpinnedNeighbour { name })
+        );
+    }
+}
+
+#[test]
+fn a_strict_system_does_not_start_with_one_that_shares() {
+    let mut system = System::new("strict");
+    add(&mut system, Place::Executor, "io", None, true).unwrap();
+    let error = system.strict().run().unwrap_err();
+    let Error::Setup(SetupError::Refused { of, shortfall }) = &error else {
+        panic!("{error:?}")
+    };
+    assert_eq!(of, "io");
+    assert!(
+        matches!(shortfall, Shortfall::Spin { asked: SPIN, .. }),
+        "{shortfall:?}"
+    );
+    assert!(error.to_string().contains("pin it to a core"), "{error}");
+}
+
+/// How often this thread has given up its core by itself.
+#[cfg(unix)]
+fn sleeps() -> i64 {
+    use nix::sys::resource::{UsageWho, getrusage};
+    getrusage(UsageWho::RUSAGE_THREAD)
+        .unwrap()
+        .voluntary_context_switches()
+}
+
+/// How often a thread slept in so many short waits, with this time to look.
+#[cfg(unix)]
+fn sleeps_in(place: Place, waits: u32, spin: Duration) -> i64 {
+    use std::sync::{Arc, Mutex};
+    let slept = Arc::new(Mutex::new(0));
+    let result = slept.clone();
+    let body = async move {
+        let before = sleeps();
+        for _ in 0..waits {
+            luna::after(Duration::from_micros(100)).await;
+        }
+        *result.lock().unwrap() = sleeps() - before;
+        Ok(())
+    };
+    let core = available_cores()[0];
+    let mut system = System::new("waits");
+    let process = match place {
+        Place::Executor => {
+            let executor = system.executor("io").core(core).spin_before_sleep(spin);
+            executor.build().unwrap().process("waiter")
+        }
+        Place::Thread => {
+            let thread = system.thread("io").core(core).spin_before_sleep(spin);
+            thread.process("waiter")
+        }
+    };
+    process.spawn(body).unwrap();
+    system.run().unwrap();
+    *slept.lock().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for place in PLACES {
+        let looked = sleeps_in(place, 100, Duration::from_millis(1));
+        // Whatever else it waited for, a page say.
+        assert!(looked < 50, "{place:?} slept {looked} times in 100 waits");
+        let slept = sleeps_in(place, 100, Duration::ZERO);
+        assert!(slept >= 100, "{place:?} slept {slept} times in 100 waits");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
+    let _watch = watchdog();
+    let core = COMPLETE.then(|| available_cores()[0]);
+    for place in PLACES {
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        let (sender, receiver) = luna::channel::<u32>();
+        let (answers, answered) = luna::channel::<u32>();
+        let body = async move {
+            for expected in 0..200 {
+                assert_eq!(receiver.recv().await?, expected);
+                match luna::readable(&reader).await {
+                    Ok(()) => {}
+                    Err(error) if error.is_unsupported() => {}
+                    Err(error) => panic!("{error}"),
+                }
+                let mut byte = [0];
+                std::io::Read::read_exact(&mut &reader, &mut byte).unwrap();
+                luna::after(Duration::from_micros(u64::from(expected % 3) * 30)).await;
+                answers.send(expected).await?;
+            }
+            Ok(())
+        };
+        let mut system = System::new("looks");
+        macro_rules! described {
+            ($builder:expr) => {{
+                let builder = $builder.spin_before_sleep(SPIN);
+                match core {
+                    Some(core) => builder.core(core),
+                    None => builder,
+                }
+            }};
+        }
+        let process = match place {
+            Place::Executor => described!(system.executor("io"))
+                .build()
+                .unwrap()
+                .process("server"),
+            Place::Thread => described!(system.thread("io")).process("server"),
+        };
+        process.spawn(body).unwrap();
+        let client = std::thread::spawn(move || {
+            for number in 0..200 {
+                sender.blocking_send(number).unwrap();
+                std::io::Write::write_all(&mut writer, &[1]).unwrap();
+                assert_eq!(answered.blocking_recv(), Ok(number));
+            }
+        });
+        system.run().unwrap();
+        client.join().unwrap();
+    }
+}
