@@ -15,16 +15,14 @@ pub(crate) enum Ending {
 }
 
 /// What a place's lock guards. The nodes in the lists are guarded with it.
+///
+/// What a plain rendezvous touches comes first, so that it lies on one cache line with the lock: between two cores each line is a transfer of its own.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Lists {
-    pub(crate) senders: WaitList,
-    pub(crate) receivers: WaitList,
-    /// Senders whose value was received by extended rendezvous, and which are held until the receiver is done with it.
-    pub(crate) held: WaitList,
-    /// Alternatives that stay registered between their selections, as receivers.
-    pub(crate) registered: WaitList,
-    /// Those who wait for the end alone: see `ended`.
-    pub(crate) watching: WaitList,
+    /// Who last used each kind of end.
+    pub(crate) sender: LastUser,
+    pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
     /// Whether it is a rendezvous channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
     pub(crate) is_plain: bool,
@@ -33,11 +31,16 @@ pub struct Lists {
     pub(crate) extends: bool,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
     pub(crate) tickets: u32,
-    /// Who last used each kind of end.
-    pub(crate) sender: LastUser,
-    pub(crate) receiver: LastUser,
+    pub(crate) senders: WaitList,
+    pub(crate) receivers: WaitList,
+    /// Alternatives that stay registered between their selections, as receivers.
+    pub(crate) registered: WaitList,
     /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
     pub(crate) server: Option<Heir>,
+    /// Senders whose value was received by extended rendezvous, and which are held until the receiver is done with it.
+    pub(crate) held: WaitList,
+    /// Those who wait for the end alone: see `ended`.
+    pub(crate) watching: WaitList,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -82,6 +85,7 @@ impl LastUser {
 
 /// Where processes meet.
 #[derive(Debug)]
+#[repr(C, align(64))]
 pub struct Place {
     lock: HomeLock<Lists>,
     pub(crate) identity: Identity,

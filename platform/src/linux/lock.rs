@@ -39,7 +39,9 @@ const LOOKS: u32 = 40;
 /// # Invariants
 ///
 /// `value` is accessed only by the thread whose id is in `word`, through the one guard that its `lock` returned.
+#[repr(C)]
 pub struct PiLock<T> {
+    /// Beside the beginning of the value: who takes the lock from another core has fetched that too.
     word: AtomicU32,
     value: UnsafeCell<T>,
 }
