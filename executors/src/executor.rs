@@ -16,6 +16,7 @@ use luna_platform::current::{self, Home};
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::reclaim;
+use luna_platform::spin::{self, Outside};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use luna_platform::timer_queue::TimerQueue;
 use std::collections::LinkedList;
@@ -334,6 +335,12 @@ impl Sleeper for Shared {
     }
 }
 
+impl Outside for Shared {
+    fn is_called(&self) -> bool {
+        self.inbound.is_signalled() || self.spin.load(Ordering::Relaxed) == 0
+    }
+}
+
 /// The thread of an executor.
 fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let timers = Arc::new(TimerQueue::new());
@@ -341,6 +348,7 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let _files = watch::enter(shared.inbound.bell());
     let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
     prepare_thread();
+    let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let mut members = Vec::new();
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers, &mut members)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know

@@ -9,6 +9,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home, ProcessId};
 use luna_platform::park::{self, Parker};
 use luna_platform::reclaim::{self, Shared};
+use luna_platform::spin::{self, Outside};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use luna_platform::timer_queue::TimerQueue;
 use std::convert::Infallible;
@@ -229,6 +230,12 @@ impl Sleeper for Held {
     }
 }
 
+impl Outside for Held {
+    fn is_called(&self) -> bool {
+        self.parker.is_woken() || self.spin.load(Ordering::Relaxed) == 0
+    }
+}
+
 impl OsThread {
     /// Starts the thread with its attributes and builds the process on it; returns when both are done.
     ///
@@ -354,11 +361,12 @@ impl OsThread {
 
 impl Held {
     fn run<F: Future<Output = ()>>(
-        &self,
+        self: &Arc<Self>,
         record: Arc<Record>,
         mut body: Pin<Box<Body<F>>>,
         _enrolled: Enrolled,
     ) {
+        let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
         let _calls = calls::enter(self.presence.clone(), Some(self.living.clone()));
         // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
         loop {

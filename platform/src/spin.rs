@@ -5,6 +5,8 @@
 //! tens of nanoseconds. The kernel's words for it are busy polling, of sockets, and halt polling, of virtual machines.
 
 use crate::clock::Instant;
+#[cfg(not(loom))]
+use crate::current;
 use std::time::Duration;
 
 /// The longest time that may be asked for: 1 ms.
@@ -57,4 +59,108 @@ pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instan
 #[cfg(loom)]
 pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool {
     is_over() || is_over()
+}
+
+/// How often a process' own operation looks for its partner before the process waits: about 2 µs.
+///
+/// It sees its partner's step directly, without a wake by way of the executor, at some 150 ns less a message each way. Longer is for the executor, which
+/// has others to look after.
+#[cfg(not(loom))]
+const LOOKS_OF_OPERATION: u32 = 40;
+
+/// At least as long as these looks take, and a little more.
+#[cfg(not(loom))]
+const LOOKS_TAKE: Duration = Duration::from_micros(4);
+
+/// What a thread that runs processes, and may look before it sleeps, says of itself.
+pub trait Outside {
+    /// Whether somebody wants something of the thread, or it may not look any more. From that thread; a load or two.
+    fn is_called(&self) -> bool;
+}
+
+#[cfg(not(loom))]
+thread_local! {
+    static OUTSIDE: std::cell::RefCell<Option<std::sync::Arc<dyn Outside>>> = const { std::cell::RefCell::new(None) };
+    /// Whether there is one: what each operation that has to wait asks.
+    static HAS_OUTSIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+}
+
+/// Lets operations of this thread's processes look for their partners until the guard is dropped.
+#[cfg(not(loom))]
+pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
+    OUTSIDE.set(Some(outside));
+    HAS_OUTSIDE.set(true);
+    Looking(())
+}
+
+/// See [`enter`].
+#[cfg(not(loom))]
+#[derive(Debug)]
+#[must_use = "operations look until the guard is dropped"]
+pub struct Looking(());
+
+#[cfg(not(loom))]
+impl Drop for Looking {
+    fn drop(&mut self) {
+        HAS_OUTSIDE.set(false);
+        OUTSIDE.set(None);
+    }
+}
+
+/// Whether an operation that has to wait may look for its partner first: its thread may look, its process has no other branch and has not used up its turn, and
+/// nobody else is to run there. One load where the thread may not look.
+#[cfg(not(loom))]
+#[inline]
+pub fn may_look() -> bool {
+    HAS_OUTSIDE.get() && has_nothing_else()
+}
+
+#[cfg(not(loom))]
+fn has_nothing_else() -> bool {
+    !current::in_branch()
+        && current::ready_levels() == 0
+        && !OUTSIDE.with_borrow(|outside| outside.as_ref().is_none_or(|one| one.is_called()))
+        && current::has_no_deadline_within(LOOKS_TAKE)
+        // Counted, so that the executor comes to its files.
+        && current::count_operation()
+}
+
+/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`may_look`] said so.
+#[cfg(not(loom))]
+pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
+    OUTSIDE.with_borrow(|outside| {
+        for _ in 0..LOOKS_OF_OPERATION {
+            if is_over() {
+                return true;
+            }
+            if outside.as_ref().is_none_or(|one| one.is_called()) {
+                break;
+            }
+            std::hint::spin_loop();
+        }
+        false
+    })
+}
+
+#[cfg(loom)]
+loom::thread_local! {
+    static LOOKS: std::cell::Cell<bool> = std::cell::Cell::new(false);
+}
+
+/// In a model a thread says itself that its operations look.
+#[cfg(loom)]
+pub fn let_look() {
+    LOOKS.with(|looks| looks.set(true));
+}
+
+/// Whether the model's thread has said so.
+#[cfg(loom)]
+pub fn may_look() -> bool {
+    LOOKS.with(std::cell::Cell::get)
+}
+
+/// Looks once: what follows does not depend on how many looks there were.
+#[cfg(loom)]
+pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
+    is_over()
 }

@@ -31,6 +31,7 @@ pub(crate) use crate::taken::Taken;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::reclaim::{self, Retired};
+use luna_platform::spin;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::collections::VecDeque;
@@ -201,6 +202,27 @@ impl<T> Channel<T> {
             }
             outcome
         }
+    }
+
+    /// Looks for the partner of a node that was listed without a wakeup, since whoever polls it now looks; gives it one if there is none yet. Says what
+    /// it has come to.
+    ///
+    /// # Safety
+    ///
+    /// As for [`update_wakeup`](Self::update_wakeup).
+    pub(crate) unsafe fn look_for_partner(
+        &self,
+        node: NonNull<Waiter<T>>,
+        cx: &Context<'_>,
+    ) -> Outcome {
+        // SAFETY: the contract; it was begun, since it was listed.
+        let outcome = || unsafe { Waiter::outcome(node) };
+        if spin::look(|| outcome() != Outcome::Waiting) {
+            return outcome();
+        }
+        // Under the lock: a partner comes before it, and has settled the node, or finds the wakeup.
+        // SAFETY: the contract.
+        unsafe { self.update_wakeup(node, cx) }
     }
 
     /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next

@@ -4,6 +4,7 @@ use super::{Drops, Token, check, poll, recv_id, waiting_recv, waiting_send};
 use crate::{Buffer, RecvError, TryRecvError, buffered, channel};
 use loom::future::block_on;
 use loom::thread;
+use luna_platform::spin;
 use std::task::Poll;
 
 #[test]
@@ -16,6 +17,74 @@ fn rendezvous_and_close() {
         assert_eq!(recv_id(&receiver), Ok(7));
         assert_eq!(recv_id(&receiver), Err(RecvError::Closed));
         assert!(thread.join().unwrap());
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+/// As on a thread that looks before it sleeps: its operations are listed without a wakeup at first.
+#[test]
+fn rendezvous_of_two_who_look_for_each_other() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let tokens = [7, 8].map(|id| drops.token(id));
+        let thread = thread::spawn(move || {
+            spin::let_look();
+            tokens.map(|token| block_on(sender.send(token)).is_ok())
+        });
+        spin::let_look();
+        assert_eq!(recv_id(&receiver), Ok(7));
+        assert_eq!(recv_id(&receiver), Ok(8));
+        assert_eq!(recv_id(&receiver), Err(RecvError::Closed));
+        assert_eq!(thread.join().unwrap(), [true; 2]);
+        assert_eq!(drops.count(), 2);
+    });
+}
+
+#[test]
+fn a_receive_that_looks_and_a_send_that_waits() {
+    check(|| {
+        let (sender, receiver) = channel();
+        let thread = thread::spawn(move || block_on(sender.send(1)).is_ok());
+        spin::let_look();
+        assert_eq!(block_on(receiver.recv()), Ok(1));
+        assert!(thread.join().unwrap());
+    });
+}
+
+#[test]
+fn a_send_that_looks_and_a_receive_that_waits() {
+    check(|| {
+        let (sender, receiver) = channel();
+        let thread = thread::spawn(move || block_on(receiver.recv()));
+        spin::let_look();
+        assert_eq!(block_on(sender.send(1)), Ok(()));
+        assert_eq!(thread.join().unwrap(), Ok(1));
+    });
+}
+
+#[test]
+fn a_receive_that_looks_is_poisoned_or_withdrawn() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let token = drops.token(1);
+        let thread = thread::spawn(move || {
+            let sent = sender.try_send(token).is_ok();
+            sender.poison();
+            sent
+        });
+        spin::let_look();
+        let mut recv = Box::pin(receiver.recv());
+        let received = match poll(&mut recv) {
+            Poll::Ready(received) => received.map(|token| token.id),
+            Poll::Pending => {
+                drop(recv);
+                Err(RecvError::Poisoned)
+            }
+        };
+        let sent = thread.join().unwrap();
+        assert!(sent || received == Err(RecvError::Poisoned));
         assert_eq!(drops.count(), 1);
     });
 }

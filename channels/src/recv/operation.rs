@@ -7,6 +7,7 @@ use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
+use luna_platform::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -237,13 +238,23 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 Poll::Ready(Ok(M::received(this.receiver, value, ticket, note)))
             }
             Received::Empty => {
+                let looks = spin::may_look();
+                let wakeup = (!looks).then(|| Wakeup::of(cx));
                 // SAFETY: the future is pinned, and its drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
-                    section.list_receiver(node, current::priority(), Some(Wakeup::of(cx)));
+                    section.list_receiver(node, current::priority(), wakeup);
                 }
                 this.phase = Phase::Listed;
-                Poll::Pending
+                drop(section);
+                if !looks {
+                    return Poll::Pending;
+                }
+                // SAFETY: the node was listed.
+                match unsafe { this.receiver.channel().look_for_partner(this.node(), cx) } {
+                    Outcome::Waiting => Poll::Pending,
+                    outcome => Poll::Ready(this.settled(outcome)),
+                }
             }
             Received::Ended(ending) => {
                 drop(section);

@@ -7,6 +7,7 @@ use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
+use luna_platform::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -245,14 +246,25 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 Poll::Ready(Ok(()))
             }
             Sent::Full => {
+                let looks = spin::may_look();
+                let wakeup = (!looks).then(|| Wakeup::of(cx));
                 // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
-                    section.list_sender(node, current::priority(), Some(Wakeup::of(cx)));
+                    section.list_sender(node, current::priority(), wakeup);
                 }
                 this.phase = Phase::Listed;
                 section.release();
-                Poll::Pending
+                if !looks {
+                    return Poll::Pending;
+                }
+                // SAFETY: the node was listed.
+                match unsafe { this.sender.channel().look_for_partner(this.node(), cx) } {
+                    Outcome::Waiting => Poll::Pending,
+                    // Its receiver has the value, and is not done with it: that may take long.
+                    Outcome::Held => this.poll_listed(cx),
+                    outcome => Poll::Ready(this.settled(outcome)),
+                }
             }
             Sent::Held(ready) => {
                 this.phase = Phase::Listed;

@@ -39,7 +39,7 @@ use std::task::Context;
 pub const OPERATIONS_PER_POLL: u32 = 64;
 
 /// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
-/// runs below its process, in the others. One byte, since it is saved and restored around each poll.
+/// runs below its process, in the lowest six; the one between says that it is a part and not the whole. One byte, since it is saved and restored around each poll.
 #[derive(Clone, Copy)]
 struct Branch(u8);
 
@@ -47,10 +47,12 @@ impl Branch {
     /// No branch, but the process itself.
     const WHOLE: Branch = Branch(0);
     const FAILED: u8 = 1 << 7;
+    const PART: u8 = 1 << 6;
 
+    /// Whether it runs at its process' level, and nobody has failed: it may be a part.
     #[inline]
-    fn is_whole(self) -> bool {
-        self.0 == 0
+    fn is_plain(self) -> bool {
+        self.0 & !Self::PART == 0
     }
 
     #[inline]
@@ -60,15 +62,15 @@ impl Branch {
 
     #[inline]
     fn lowered(self) -> u8 {
-        self.0 & !Self::FAILED
+        self.0 & !(Self::FAILED | Self::PART)
     }
 
     /// A branch of this one.
     #[inline]
     fn branch(self, failed: bool, levels: u8) -> Branch {
-        // More than all levels is as good as all, and stays clear of the bit.
+        // More than all levels is as good as all, and stays clear of the bits.
         let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS);
-        Branch(self.0 & Self::FAILED | u8::from(failed) << 7 | lowered)
+        Branch(self.0 & Self::FAILED | u8::from(failed) << 7 | Self::PART | lowered)
     }
 }
 
@@ -192,6 +194,14 @@ pub fn timers() -> Option<Arc<TimerQueue>> {
     TIMERS.with(|slot| slot.borrow().clone())
 }
 
+/// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is any deadline.
+#[cfg(not(loom))]
+pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
+    let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
+    let next = next.unwrap_or(crate::clock::Instant::NEVER);
+    next == crate::clock::Instant::NEVER || crate::clock::Instant::now() + time < next
+}
+
 /// Whether `timers` are other ones than those of this thread, which runs processes.
 pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
     TIMERS.with(|slot| {
@@ -271,7 +281,7 @@ pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     // SAFETY: the pointer is that of a process which is being polled, so it is live now. It is live for longer if its waker is what `cx`
     // borrows, since the waker lies in it.
     let process = unsafe { &*current?.as_ptr() };
-    (process.is_polled_by(cx) && branch.is_whole() && process.is_owned()).then_some(process)
+    (process.is_polled_by(cx) && branch.is_plain() && process.is_owned()).then_some(process)
 }
 
 /// Calls `f` with the current process, if there is one.
@@ -413,6 +423,12 @@ pub fn gives_way(process: &Process) -> bool {
     // SAFETY: it is the current process, of an executor, so this is its home's thread and it lives.
     unsafe { process.ready_here(0, place) };
     true
+}
+
+/// Whether a branch is being polled, which has siblings that may be ready.
+#[inline]
+pub fn in_branch() -> bool {
+    THREAD.with(|thread| thread.branch.get().0 & Branch::PART != 0)
 }
 
 /// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.
