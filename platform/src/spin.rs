@@ -72,7 +72,7 @@ const LOOKS_OF_OPERATION: u32 = 40;
 #[cfg(not(loom))]
 const LOOKS_TAKE: Duration = Duration::from_micros(4);
 
-/// What a thread that runs processes, and may look before it sleeps, says of itself.
+/// What a thread that runs processes, and may look before it sleeps, says of itself. Example: [`enter`].
 pub trait Outside {
     /// Whether somebody wants something of the thread, or it may not look any more. From that thread; a load or two.
     fn is_called(&self) -> bool;
@@ -85,7 +85,27 @@ thread_local! {
     static HAS_OUTSIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
-/// Lets operations of this thread's processes look for their partners until the guard is dropped.
+/// Lets operations of this thread's processes look for their partners until the guard is dropped. Not for the real-time path.
+///
+/// ```
+/// use luna_platform::spin::{self, Outside};
+/// use std::sync::Arc;
+///
+/// struct Quiet;
+/// impl Outside for Quiet {
+///     fn is_called(&self) -> bool {
+///         false
+///     }
+/// }
+///
+/// assert!(!spin::may_look());
+/// let looking = spin::enter(Arc::new(Quiet));
+/// assert!(spin::may_look());
+/// assert!(spin::look(|| true));
+/// assert!(!spin::look(|| false)); // after about 2 µs
+/// drop(looking);
+/// assert!(!spin::may_look());
+/// ```
 #[cfg(not(loom))]
 pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
     OUTSIDE.set(Some(outside));
@@ -108,7 +128,8 @@ impl Drop for Looking {
 }
 
 /// Whether an operation that has to wait may look for its partner first: its thread may look, its process has no other branch and has not used up its turn, and
-/// nobody else is to run there. One load where the thread may not look.
+/// nobody else is to run there. Real-time path: yes; one load where the thread may not look, else a few, and a clock reading if it has a deadline. Example:
+/// [`enter`].
 #[cfg(not(loom))]
 #[inline]
 pub fn may_look() -> bool {
@@ -125,7 +146,8 @@ fn has_nothing_else() -> bool {
         && current::count_operation()
 }
 
-/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`may_look`] said so.
+/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`may_look`] said so. Real-time
+/// path: yes. Example: [`enter`].
 #[cfg(not(loom))]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     OUTSIDE.with_borrow(|outside| {
