@@ -277,3 +277,88 @@ fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
         client.join().unwrap();
     }
 }
+
+/// Two processes whose operations find each other without ever waiting by way of their threads, for as long as others of the same executor have not
+/// had what they want: a deadline, and a message from a plain thread.
+#[test]
+fn processes_that_look_for_each_other_keep_nobody_from_running() {
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for place in PLACES {
+        let (calls, called) = luna::channel::<u64>();
+        let (answers, answered) = luna::channel::<u64>();
+        let (outside, from_outside) = luna::channel::<u32>();
+        let busy = std::sync::Arc::new(std::sync::atomic::AtomicU32::new(2));
+        let [of_client, of_ticker, of_neighbour] = [(); 3].map(|()| busy.clone());
+        let order = std::sync::atomic::Ordering::Relaxed;
+
+        let mut system = System::new("busy");
+        let spin = Duration::from_millis(1);
+        let main = system.executor("main").core(first).spin_before_sleep(spin);
+        let main = main.build().unwrap();
+        let server = match place {
+            Place::Executor => {
+                let other = system.executor("other").core(second);
+                let other = other.spin_before_sleep(spin).build().unwrap();
+                other.process("server")
+            }
+            Place::Thread => {
+                let other = system.thread("other").core(second);
+                other.spin_before_sleep(spin).process("server")
+            }
+        };
+        let client = async move {
+            let mut number = 0;
+            while of_client.load(order) > 0 {
+                calls.send(number).await?;
+                assert_eq!(answered.recv().await?, number);
+                number += 1;
+            }
+            Ok(())
+        };
+        let serve = async move {
+            while let Ok(number) = called.recv().await {
+                answers.send(number).await?;
+            }
+            Ok(())
+        };
+        let ticker = async move {
+            for _ in 0..50 {
+                luna::after(Duration::from_micros(100)).await;
+            }
+            of_ticker.fetch_sub(1, order);
+            Ok(())
+        };
+        let neighbour = async move {
+            for expected in 0..50 {
+                assert_eq!(from_outside.recv().await?, expected);
+            }
+            of_neighbour.fetch_sub(1, order);
+            Ok(())
+        };
+        server.spawn(serve).unwrap();
+        main.process("client").priority(20).spawn(client).unwrap();
+        main.process("ticker").priority(10).spawn(ticker).unwrap();
+        main.process("neighbour")
+            .priority(10)
+            .spawn(neighbour)
+            .unwrap();
+        let plain = std::thread::spawn(move || {
+            (0..50).for_each(|number| outside.blocking_send(number).unwrap());
+        });
+        let report = system.run().unwrap();
+        assert_eq!(
+            report
+                .all_shortfalls()
+                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
+                .count(),
+            0
+        );
+        plain.join().unwrap();
+    }
+}
