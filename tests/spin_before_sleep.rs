@@ -216,12 +216,12 @@ fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
     }
     let _watch = watchdog();
     for place in PLACES {
-        let looked = sleeps_in(place, 100, Duration::from_millis(1));
-        // Whatever else it waited for, a page say.
-        assert!(looked < 50, "{place:?} slept {looked} times in 100 waits");
-        // But where the thread was kept from its core until the deadline had come.
-        let slept = sleeps_in(place, 100, Duration::ZERO);
-        assert!(slept > 50, "{place:?} slept {slept} times in 100 waits");
+        // A thread that is kept from its core may sleep where it would have looked, or find the deadline there where it would have slept: so several times.
+        let times = |spin| (0..20).map(move |_| sleeps_in(place, 20, spin));
+        let looked = times(Duration::from_millis(1)).find(|slept| *slept < 5);
+        assert!(looked.is_some(), "{place:?} did not look");
+        let slept = times(Duration::ZERO).find(|slept| *slept > 15);
+        assert!(slept.is_some(), "{place:?} did not sleep");
     }
 }
 
