@@ -472,13 +472,14 @@ fn rest(shared: &Shared, timers: &TimerQueue) {
     interference::rest();
 }
 
-/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a deadline or files only others can end it, which who looks after the system is to know.
+/// Sleeps until a wake or `deadline`, after having looked for one if that was asked for. Without a deadline or files only others can end it, which who
+/// looks after the system is to know.
 fn sleep(shared: &Shared, deadline: Instant) {
     let spin = shared.spin.load(Ordering::Relaxed);
     if spin > 0 {
         let found = || {
             watch::glance(shared.inbound.bell());
-            with_queue(|queue| queue.highest_level()).is_some()
+            current::ready_levels() != 0
         };
         let time = Duration::from_nanos(spin);
         if shared.inbound.spin(time, deadline, found) {

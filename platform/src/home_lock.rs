@@ -71,6 +71,7 @@ const NOBODY: u64 = u64::MAX;
 ///
 /// `favoured` is changed by who holds `shared` alone: from `NOBODY` to a home by that home's thread, and back by anybody. `value` is accessed by who holds
 /// `shared` while nobody is favoured and `inside` is free after the heavy fence, or by the favoured home's thread while it holds `inside`.
+#[repr(C)]
 pub struct HomeLock<T> {
     favoured: AtomicU64,
     inside: Inside,

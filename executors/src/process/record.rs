@@ -58,6 +58,13 @@ impl Seen {
             _ => None,
         }
     }
+
+    fn polls(&self) -> u64 {
+        match self {
+            Seen::Nothing { polls } => *polls,
+            seen => seen.process().map_or(0, Process::polls),
+        }
+    }
 }
 
 /// What outlives the body of a process.
@@ -152,10 +159,7 @@ impl Record {
 
     /// How often it was given the processor.
     pub(super) fn polls(&self) -> u64 {
-        match &*self.seen.lock() {
-            Seen::Nothing { polls } => *polls,
-            seen => seen.process().map_or(0, Process::polls),
-        }
+        self.seen.lock().polls()
     }
 
     /// Begins a timed poll; gives when.
@@ -215,7 +219,7 @@ impl Record {
     pub(crate) fn forget_process(&self) {
         let seen = {
             let mut seen = self.seen.lock();
-            let polls = seen.process().map_or(0, Process::polls);
+            let polls = seen.polls();
             std::mem::replace(&mut *seen, Seen::Nothing { polls })
         };
         drop(seen);
