@@ -6,8 +6,8 @@
 //!
 //! ```text
 //!   shared --one home alone, 16 times--> favours it --anybody else--> shared, for good
-//!                                             ^  \
-//!                                             '---' who only looks (`lock_briefly`) gives the favour back
+//!     \                                       ^  \
+//!      two homes: shared, for good             '---' who only looks (`lock_briefly`) gives the favour back
 //! ```
 //!
 //! # Why it excludes
@@ -89,7 +89,7 @@ unsafe impl<T: Send> Send for HomeLock<T> {}
 struct Uses {
     home: u64,
     in_a_row: u8,
-    /// A favour was ended by somebody else: there will be no other.
+    /// A favour was ended by somebody else, or two homes have used it: there will be no other.
     is_shared_for_good: bool,
 }
 
@@ -97,6 +97,8 @@ impl Uses {
     #[inline]
     fn count(&mut self, home: u64) {
         if self.home != home {
+            // Two homes: it will be so again. A plain thread may have used it when the system was set up.
+            self.is_shared_for_good |= self.home != NOBODY && self.home != 0 && home != 0;
             self.home = home;
             self.in_a_row = 0;
         }

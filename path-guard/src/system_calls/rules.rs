@@ -67,6 +67,10 @@ impl Made {
                 self.futex_operation(),
                 Some(libc::FUTEX_LOCK_PI | libc::FUTEX_LOCK_PI2 | libc::FUTEX_UNLOCK_PI)
             ),
+            Call::Fence => {
+                number == libc::SYS_membarrier
+                    && self.arguments[0] == libc::MEMBARRIER_CMD_PRIVATE_EXPEDITED as u64
+            }
             Call::Boost => number == libc::SYS_sched_setscheduler,
             Call::File => matches!(
                 number,
@@ -124,6 +128,16 @@ mod tests {
                 Some(Kind::SystemCall { name: "futex", .. })
             ));
         }
+        let mut fence = futex(libc::MEMBARRIER_CMD_PRIVATE_EXPEDITED);
+        fence.number = libc::SYS_membarrier;
+        fence.arguments[0] = libc::MEMBARRIER_CMD_PRIVATE_EXPEDITED as u64;
+        assert_eq!(fence.breach(Some(Call::Fence)), None);
+        assert!(fence.breach(Some(Call::Lock)).is_some());
+        fence.arguments[0] = libc::MEMBARRIER_CMD_GLOBAL as u64;
+        assert!(
+            fence.breach(Some(Call::Fence)).is_some(),
+            "it waits for all"
+        );
         let lock = futex(libc::FUTEX_LOCK_PI2 | libc::FUTEX_PRIVATE_FLAG);
         assert_eq!(lock.breach(Some(Call::Lock)), None);
         let operation = "FUTEX_LOCK_PI2";

@@ -34,7 +34,7 @@ pub(crate) fn light() {
 /// A full fence on this thread, and on each other one of the program that runs. A system call.
 pub(crate) fn heavy() {
     // What was granted once is not refused: the kernel keeps the registration with the address space.
-    if let Err(error) = crate::path::expected(crate::path::Call::Lock, || call(EXPEDITED)) {
+    if let Err(error) = crate::path::expected(crate::path::Call::Fence, || call(EXPEDITED)) {
         panic!("the kernel refused a memory barrier that it had granted: {error}");
     }
 }

@@ -32,6 +32,8 @@ pub enum Call {
     ArmTimer,
     /// To wait for a contended priority-inheriting lock, or to hand it over.
     Lock,
+    /// To end the favour of a [`HomeLock`](crate::home_lock::HomeLock): once in the life of a channel that another thread comes to.
+    Fence,
     /// To lend a thread a priority, or to give it back.
     Boost,
     /// To read or write a file that does not wait, or to say what it is waited for: for those processes alone that work on files.

@@ -181,6 +181,32 @@ pub(crate) fn a_contended_lock(places: &mut Places) {
     }
 }
 
+/// A channel's lock favours who uses it alone for long, until another one comes.
+pub(crate) fn a_favour_that_ends(places: &mut Places) {
+    let (output, input) = luna::buffered::<u64>(Buffer::fifo(4));
+    let (go, gone) = luna::channel::<()>();
+    let (other_output, other_input) = (output.clone(), input.clone());
+    places.process("is favoured", async move {
+        for n in 0..ROUNDS {
+            output.send(n).await?;
+            input.recv().await?;
+        }
+        go.send(()).await?;
+        for n in 0..ROUNDS {
+            let _ = output.try_send(n);
+        }
+        Ok(())
+    });
+    places.process("comes", async move {
+        gone.recv().await?;
+        for n in 0..ROUNDS {
+            let _ = other_input.try_recv();
+            let _ = other_output.try_send(n);
+        }
+        Ok(())
+    });
+}
+
 /// Errors end their process, and its channels.
 pub(crate) fn processes_that_fail(places: &mut Places) {
     places.error = Some("time ran out");
