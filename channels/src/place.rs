@@ -2,7 +2,7 @@
 
 use crate::inspect::Identity;
 use luna_platform::current::{Heir, ProcessId, User};
-use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
+use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
 
 /// Whether more can be communicated.
@@ -24,9 +24,9 @@ pub struct Lists {
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
-    /// Whether it is a rendezvous channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
+    /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
     pub(crate) is_plain: bool,
-    pub(crate) is_rendezvous: bool,
+    pub(crate) may_be_plain: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
@@ -51,7 +51,7 @@ impl Lists {
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
     /// does.
     pub(crate) fn find_whether_plain(&mut self) {
-        self.is_plain = self.is_rendezvous
+        self.is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
             && self.server.is_none()
@@ -102,7 +102,7 @@ impl Place {
                 watching: WaitList::new(),
                 ending: Ending::Open,
                 is_plain: false,
-                is_rendezvous: false,
+                may_be_plain: false,
                 extends: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,
@@ -135,7 +135,7 @@ impl Place {
     }
 
     /// Locks for a look now and then: see [`HomeLock::lock_briefly`].
-    pub(crate) fn lock_briefly(&self) -> HomeGuard<'_, Lists> {
+    pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, Lists> {
         self.lock.lock_briefly()
     }
 }

@@ -123,11 +123,6 @@ enum Held<'a> {
     /// By the favoured home, whose number this is.
     Inside(u64),
     Shared(PiGuard<'a, Uses>),
-    /// By somebody who only looks; the home of this number is favoured again afterwards.
-    Borrowed {
-        _uses: PiGuard<'a, Uses>,
-        home: u64,
-    },
 }
 
 impl<T> HomeLock<T> {
@@ -177,20 +172,22 @@ impl<T> HomeLock<T> {
     }
 
     /// Locks as [`lock`](Self::lock) does, for a look now and then: who is favoured stays it. Not for what uses the value regularly.
-    pub fn lock_briefly(&self) -> HomeGuard<'_, T> {
+    pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
         let me = current::home_number();
         if self.favoured.load(Ordering::Relaxed) == me {
-            return self.lock_as(me);
+            return BriefGuard(Brief::Locked(self.lock_as(me)));
         }
         let uses = self.shared.lock();
-        let favoured = self.favoured.load(Ordering::Relaxed);
-        if favoured == NOBODY {
-            return self.guard(Held::Shared(uses));
-        }
-        self.exclude_home();
-        self.guard(Held::Borrowed {
-            _uses: uses,
-            home: favoured,
+        let home = self.favoured.load(Ordering::Relaxed);
+        BriefGuard(if home == NOBODY {
+            Brief::Locked(self.guard(Held::Shared(uses)))
+        } else {
+            self.exclude_home();
+            Brief::Borrowed {
+                lock: self,
+                _uses: uses,
+                home,
+            }
         })
     }
 
@@ -208,19 +205,16 @@ impl<T> HomeLock<T> {
     /// Locks on the thread of home `me`, 0 if it is none.
     #[inline(always)]
     fn lock_as(&self, me: u64) -> HomeGuard<'_, T> {
-        match self.enter(me) {
-            Some(guard) => guard,
-            None => self.lock_shared(me),
+        loop {
+            // SAFETY: the callers are on the thread of home `me`, or of none.
+            if let Some(inside) = unsafe { self.lock_if_favoured(me) } {
+                std::mem::forget(inside);
+                return self.guard(Held::Inside(me));
+            }
+            if let Some(uses) = self.lock_shared(me) {
+                return self.guard(Held::Shared(uses));
+            }
         }
-    }
-
-    /// Locks if home `me` is favoured.
-    #[inline(always)]
-    fn enter(&self, me: u64) -> Option<HomeGuard<'_, T>> {
-        // SAFETY: the callers are on the thread of home `me`, or of none.
-        let inside = unsafe { self.lock_if_favoured(me) }?;
-        std::mem::forget(inside);
-        Some(self.guard(Held::Inside(me)))
     }
 
     #[inline]
@@ -232,27 +226,20 @@ impl<T> HomeLock<T> {
         }
     }
 
+    /// Locks among all. `None`: home `me` is favoured again, whose favour was borrowed meanwhile.
     #[inline(never)]
-    fn lock_shared(&self, me: u64) -> HomeGuard<'_, T> {
-        loop {
-            let mut uses = self.shared.lock();
-            let favoured = self.favoured.load(Ordering::Relaxed);
-            if favoured == me {
-                // The favour was lent meanwhile, and given back.
-                drop(uses);
-                if let Some(guard) = self.enter(me) {
-                    return guard;
-                }
-                continue;
-            }
-            if favoured == NOBODY {
-                uses.count(me);
-            } else {
-                self.exclude_home();
-                uses.is_shared_for_good = true;
-            }
-            return self.guard(Held::Shared(uses));
+    fn lock_shared(&self, me: u64) -> Option<PiGuard<'_, Uses>> {
+        let mut uses = self.shared.lock();
+        let favoured = self.favoured.load(Ordering::Relaxed);
+        if favoured == NOBODY {
+            uses.count(me);
+        } else if favoured == me {
+            return None;
+        } else {
+            self.exclude_home();
+            uses.is_shared_for_good = true;
         }
+        Some(uses)
     }
 
     /// The home of that number leaves.
@@ -289,13 +276,62 @@ impl<T> HomeLock<T> {
 impl<T> Drop for HomeGuard<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
-        // What becomes of the favour is said before `shared` is released.
         match &mut self.held {
             Held::Inside(home) => self.lock.leave(*home),
+            // Before `shared` is released.
             Held::Shared(uses) if uses.earn_favour() => self.lock.favour(uses),
             Held::Shared(_) => {}
-            Held::Borrowed { home, .. } => self.lock.favoured.store(*home, Ordering::Release),
         }
+    }
+}
+
+/// The guard of a look: see [`HomeLock::lock_briefly`].
+#[must_use = "the lock is released when the guard is dropped"]
+pub struct BriefGuard<'a, T>(Brief<'a, T>);
+
+enum Brief<'a, T> {
+    Locked(HomeGuard<'a, T>),
+    /// The home of that number is favoured again afterwards.
+    Borrowed {
+        lock: &'a HomeLock<T>,
+        _uses: PiGuard<'a, Uses>,
+        home: u64,
+    },
+}
+
+impl<T> Drop for BriefGuard<'_, T> {
+    fn drop(&mut self) {
+        // Before `shared` is released.
+        if let Brief::Borrowed { lock, home, .. } = &self.0 {
+            lock.favoured.store(*home, Ordering::Release);
+        }
+    }
+}
+
+impl<T> Deref for BriefGuard<'_, T> {
+    type Target = T;
+    fn deref(&self) -> &T {
+        match &self.0 {
+            Brief::Locked(guard) => guard,
+            // SAFETY: this guard exists, so by the lock's invariant this thread has access.
+            Brief::Borrowed { lock, .. } => lock.value.with(|value| unsafe { &*value }),
+        }
+    }
+}
+
+impl<T> DerefMut for BriefGuard<'_, T> {
+    fn deref_mut(&mut self) -> &mut T {
+        match &mut self.0 {
+            Brief::Locked(guard) => guard,
+            // SAFETY: as above, and the guard is borrowed exclusively.
+            Brief::Borrowed { lock, .. } => lock.value.with_mut(|value| unsafe { &mut *value }),
+        }
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for BriefGuard<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(f)
     }
 }
 

@@ -1,17 +1,18 @@
 //! What two processes of one executor do, when nothing is asked of their channel but to send and to receive: nearly every communication.
 //!
 //! It comes to what [`Section`](super::Section) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
-//! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, nothing is buffered. Whenever one of these
+//! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, no buffer overwrites. Whenever one of these
 //! does not hold, nothing has been changed, and the general way is gone.
 //!
 //! A node that was listed here says so ([`Waiter::begin_plain`]), and whoever finds it here knows that its process is of this very home: only the home
 //! that a lock favours comes here, and a lock favours no second one.
 
 use super::Channel;
-use crate::place::LastUser;
+use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
-use luna_platform::current;
+use luna_platform::current::{self, Process};
+use luna_platform::home_lock::InsideGuard;
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -26,6 +27,16 @@ pub(crate) enum AtHome {
     Done,
     /// It is done, and the process is ready again: it lets others run first.
     GaveWay,
+}
+
+impl AtHome {
+    #[inline(always)]
+    fn done(process: &Process) -> AtHome {
+        match current::gives_way(process) {
+            true => AtHome::GaveWay,
+            false => AtHome::Done,
+        }
+    }
 }
 
 impl<T> Channel<T> {
@@ -56,6 +67,14 @@ impl<T> Channel<T> {
                 return AtHome::No;
             }
             let Some(first) = lists.receivers.first() else {
+                let capacity = self.buffer.capacity;
+                if capacity != 0 && self.store.with(|store| (*store).len() < capacity) {
+                    lists.sender = LastUser::process(process.id());
+                    let value = offered.as_ref().waiter.take_value();
+                    self.store.with_mut(|store| (*store).push_back(value));
+                    drop(lists);
+                    return AtHome::done(process);
+                }
                 if !lists.senders.is_empty() {
                     return AtHome::No;
                 }
@@ -76,10 +95,7 @@ impl<T> Channel<T> {
             drop(lists);
             ready.wake();
         }
-        match current::gives_way(process) {
-            true => AtHome::GaveWay,
-            false => AtHome::Done,
-        }
+        AtHome::done(process)
     }
 
     /// Receives into the node, or lists the receiver. O(1), without atomic read-modify-writes.
@@ -98,9 +114,12 @@ impl<T> Channel<T> {
             let Some(mut lists) = self.place.lock_if_favoured(home) else {
                 return AtHome::No;
             };
-            // What came back from futures that were dropped goes first.
-            if !lists.is_plain || self.store.with(|store| !(*store).is_empty()) {
+            if !lists.is_plain {
                 return AtHome::No;
+            }
+            let stored = self.store.with(|store| (*store).len());
+            if stored != 0 {
+                return self.recv_stored_at_home(node, process, lists, stored);
             }
             let Some(first) = lists.senders.first() else {
                 if !lists.receivers.is_empty() {
@@ -122,9 +141,52 @@ impl<T> Channel<T> {
             drop(lists);
             ready.wake();
         }
-        match current::gives_way(process) {
-            true => AtHome::GaveWay,
-            false => AtHome::Done,
+        AtHome::done(process)
+    }
+
+    /// Receives what is stored; a sender that waits moves up.
+    ///
+    /// # Safety
+    ///
+    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; so much is stored.
+    #[inline(never)]
+    unsafe fn recv_stored_at_home(
+        &self,
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+        mut lists: InsideGuard<'_, Lists>,
+        stored: usize,
+    ) -> AtHome {
+        // More than there is room for is what came back from futures that were dropped.
+        if stored > self.buffer.capacity {
+            return AtHome::No;
         }
+        // SAFETY: the contract; the lock is held, which guards the store too.
+        unsafe {
+            let mut moves_up = None;
+            if let Some(first) = lists.senders.first() {
+                let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
+                    return AtHome::No;
+                };
+                moves_up = Some((first, ready));
+            }
+            lists.receiver = LastUser::process(process.id());
+            let Some(value) = self.store.with_mut(|store| (*store).pop_front()) else {
+                return AtHome::No;
+            };
+            Waiter::put_value_of(node, value);
+            let Some((first, ready)) = moves_up else {
+                drop(lists);
+                return AtHome::done(process);
+            };
+            let sender = first.cast::<Waiter<T>>();
+            lists.senders.remove_first(first);
+            let next = Waiter::take_value_of(sender);
+            self.store.with_mut(|store| (*store).push_back(next));
+            Waiter::settle_plain(sender);
+            drop(lists);
+            ready.wake();
+        }
+        AtHome::done(process)
     }
 }

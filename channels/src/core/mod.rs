@@ -66,7 +66,8 @@ impl<T> Channel<T> {
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
         let mut place = Place::new(identity);
         place.with_mut(|lists| {
-            lists.is_rendezvous = buffer.capacity == 0;
+            // One that drops, or grows, has more to do.
+            lists.may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.find_whether_plain();
         });
         let channel = Box::new(Channel {
