@@ -46,6 +46,25 @@ use std::ops::{Deref, DerefMut};
 /// How often one home takes the lock in a row until it is favoured.
 const ALONE: u8 = 16;
 
+/// How often that is in this program.
+#[cfg(not(loom))]
+static USES_ALONE: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(ALONE);
+
+/// Lets locks favour a home after so many uses: for tests that would else be over before any does.
+#[doc(hidden)]
+#[cfg(not(loom))]
+pub fn favour_after(uses: u8) {
+    USES_ALONE.store(uses, Ordering::Relaxed);
+}
+
+#[inline]
+fn uses_alone() -> u8 {
+    #[cfg(not(loom))]
+    return USES_ALONE.load(Ordering::Relaxed);
+    #[cfg(loom)]
+    ALONE
+}
+
 /// Favours nobody; no home has this number.
 const NOBODY: u64 = u64::MAX;
 
@@ -107,7 +126,7 @@ impl Uses {
 
     #[inline]
     fn earn_favour(&self) -> bool {
-        self.in_a_row >= ALONE && self.home != 0 && !self.is_shared_for_good
+        self.in_a_row >= uses_alone() && self.home != 0 && !self.is_shared_for_good
     }
 }
 
