@@ -310,6 +310,15 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
 impl<T, M: Mode> Drop for RecvOp<'_, T, M> {
     #[inline(always)]
     fn drop(&mut self) {
+        if self.phase != Phase::Over {
+            self.drop_unfinished();
+        }
+    }
+}
+
+impl<T, M: Mode> RecvOp<'_, T, M> {
+    #[inline(never)]
+    fn drop_unfinished(&mut self) {
         let holds_value = match self.phase {
             Phase::New | Phase::Over => false,
             Phase::GaveWay => true,

@@ -326,6 +326,15 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
 impl<T, S: Source<T>> Drop for SendOp<'_, T, S> {
     #[inline(always)]
     fn drop(&mut self) {
+        if self.phase != Phase::Over {
+            self.drop_unfinished();
+        }
+    }
+}
+
+impl<T, S: Source<T>> SendOp<'_, T, S> {
+    #[inline(never)]
+    fn drop_unfinished(&mut self) {
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
             Phase::New => {}

@@ -50,7 +50,7 @@ static ALL: &[Operation] = &[
         (500, 1),
         networks::commstime_parallel,
     ),
-    operation("ring of 1000, a hop", (3, networks::RING), networks::ring),
+    operation("ring of 1000, a hop", (16, networks::RING), networks::ring),
     operation("rendezvous", (500, 1), channels::rendezvous),
     operation("buffered send and recv", (500, 1), channels::buffered),
     operation(
