@@ -29,7 +29,7 @@
 //! Synchronization*, 2001). What they order they do not exclude: who finds the home inside has to wait. It does so with priority inheritance: `inside` is the word
 //! of a priority-inheriting futex, and the home writes its thread's number there, so the kernel knows whom to lend the priority of who waits.
 //! Its plain store on leaving may erase the kernel's note that somebody waits, hence the second look at `favoured`, and the
-//! [repair](Inside::leave_revoked).
+//! repair (`Inside::leave_revoked`).
 //!
 //! The models of loom check this with full fences on both sides: what the kernel makes of the pair.
 

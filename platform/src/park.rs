@@ -110,7 +110,7 @@ impl Parker {
         }
     }
 
-    /// As [`park`](Self::park), but looks for a wake for `time` before it would sleep ([`spin`](crate::spin)), and does not sleep: `None` if the time is
+    /// As [`park`](Self::park), but looks for a wake for `time` before it would sleep ([`spin`]), and does not sleep: `None` if the time is
     /// up. `also` is called at each look, for what the thread does besides.
     ///
     /// ```

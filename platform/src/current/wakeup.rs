@@ -129,7 +129,7 @@ impl Wakeup {
         })
     }
 
-    /// How to wake the current process, in a [plain turn](super::in_plain_turn).
+    /// How to wake the current process, in a [plain turn](super::plain_turn).
     #[inline(always)]
     pub fn of_plain_turn(process: &Process) -> Wakeup {
         process.references.add();
