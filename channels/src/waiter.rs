@@ -154,9 +154,10 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>) -> Option<PlainReady> {
         // SAFETY: the contract.
         unsafe {
-            let link = &mut *Self::link(node);
-            if link.plain {
-                Wakeup::take_plain(link.wait.wakeup_mut())
+            // Not a reference to the whole: its future may look at the outcome meanwhile.
+            let link = Self::link(node);
+            if (*link).plain {
+                Wakeup::take_plain((*link).wait.wakeup_mut())
             } else {
                 None
             }
@@ -171,9 +172,9 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn change_wakeup<'a>(node: NonNull<Waiter<T>>) -> &'a mut Option<Wakeup> {
         // SAFETY: the contract.
         unsafe {
-            let link = &mut *Self::link(node);
-            link.plain = false;
-            link.wait.wakeup_mut()
+            let link = Self::link(node);
+            (*link).plain = false;
+            (*link).wait.wakeup_mut()
         }
     }
 

@@ -106,6 +106,7 @@ unsafe impl<T: Send> Send for HomeLock<T> {}
 /// Who has used the lock in shared mode lately.
 #[derive(Debug)]
 struct Uses {
+    /// The home that did last.
     home: u64,
     in_a_row: u8,
     /// A favour was ended by somebody else, or two homes have used it: there will be no other.
@@ -115,9 +116,14 @@ struct Uses {
 impl Uses {
     #[inline]
     fn count(&mut self, home: u64) {
+        if home == 0 {
+            // A plain thread: it may have used it when the system was set up.
+            self.in_a_row = 0;
+            return;
+        }
         if self.home != home {
-            // Two homes: it will be so again. A plain thread may have used it when the system was set up.
-            self.is_shared_for_good |= self.home != NOBODY && self.home != 0 && home != 0;
+            // Two homes: it will be so again.
+            self.is_shared_for_good |= self.home != NOBODY;
             self.home = home;
             self.in_a_row = 0;
         }
@@ -126,7 +132,7 @@ impl Uses {
 
     #[inline]
     fn earn_favour(&self) -> bool {
-        self.in_a_row >= uses_alone() && self.home != 0 && !self.is_shared_for_good
+        self.in_a_row >= uses_alone() && !self.is_shared_for_good
     }
 }
 
@@ -196,6 +202,7 @@ impl<T> HomeLock<T> {
         if self.favoured.load(Ordering::Relaxed) == me {
             return BriefGuard(Brief::Locked(self.lock_as(me)));
         }
+        self.inside.assert_not_here();
         let uses = self.shared.lock();
         let home = self.favoured.load(Ordering::Relaxed);
         BriefGuard(if home == NOBODY {
@@ -248,6 +255,8 @@ impl<T> HomeLock<T> {
     /// Locks among all. `None`: home `me` is favoured again, whose favour was borrowed meanwhile.
     #[inline(never)]
     fn lock_shared(&self, me: u64) -> Option<PiGuard<'_, Uses>> {
+        // Whoever ends the favour meanwhile waits for a section of this thread under `shared`: it would wait for itself.
+        self.inside.assert_not_here();
         let mut uses = self.shared.lock();
         let favoured = self.favoured.load(Ordering::Relaxed);
         if favoured == NOBODY {
@@ -286,9 +295,17 @@ impl<T> HomeLock<T> {
     /// Ends the favour, and waits until the home is outside. The caller holds `shared`.
     #[cold]
     fn exclude_home(&self) {
-        self.favoured.store(NOBODY, Ordering::SeqCst);
+        /// If one of the steps panics the home is not excluded, so it is favoured again before `shared` is released.
+        struct Restore<'a>(&'a AtomicU64, u64);
+        impl Drop for Restore<'_> {
+            fn drop(&mut self) {
+                self.0.store(self.1, Ordering::Release);
+            }
+        }
+        let restore = Restore(&self.favoured, self.favoured.swap(NOBODY, Ordering::SeqCst));
         fence::heavy();
         self.inside.wait_until_left();
+        std::mem::forget(restore);
     }
 }
 

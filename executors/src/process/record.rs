@@ -167,8 +167,9 @@ impl Record {
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
         if let Some(overseer) = &self.overseer {
-            overseer::set(Some(overseer.clone()));
+            // It may panic, and is nobody's overseer then.
             overseer.poll_begins(began);
+            overseer::set(Some(overseer.clone()));
         }
         began
     }

@@ -110,10 +110,11 @@ thread_local! {
 ///
 /// # Panics
 ///
-/// If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
+/// If another thread is this home: what is done without atomics at home relies on there being one. If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
 /// Ask [`home`] first where the outside decides.
 pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
     assert!(self::home().is_none(), "this thread runs processes already");
+    entered::enter(home);
     crate::backend::fence::prepare();
     THREAD.with(|thread| {
         thread.home.set(Some(home));
@@ -129,14 +130,14 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         None => HomeThread::new(),
     };
     HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
-    HomeGuard { _private: () }
+    HomeGuard { home }
 }
 
 /// Ends what [`enter_home`] began.
 #[derive(Debug)]
 #[must_use = "the thread stops being a home when the guard is dropped"]
 pub struct HomeGuard {
-    _private: (),
+    home: Home,
 }
 
 impl Drop for HomeGuard {
@@ -153,7 +154,39 @@ impl Drop for HomeGuard {
         {
             thread.leave();
         }
+        entered::leave(self.home);
     }
+}
+
+/// Which homes threads are now.
+#[cfg(not(loom))]
+mod entered {
+    use super::Home;
+    use crate::lock::PiLock;
+
+    static ENTERED: PiLock<Vec<Home>> = PiLock::new(Vec::new());
+
+    pub(super) fn enter(home: Home) {
+        let mut entered = ENTERED.lock();
+        let is_free = !entered.contains(&home);
+        if is_free {
+            entered.push(home);
+        }
+        drop(entered);
+        assert!(is_free, "another thread is this home");
+    }
+
+    pub(super) fn leave(home: Home) {
+        ENTERED.lock().retain(|&other| other != home);
+    }
+}
+
+/// A model's threads share their locals, and none is a home.
+#[cfg(loom)]
+mod entered {
+    pub(super) fn enter(_: super::Home) {}
+
+    pub(super) fn leave(_: super::Home) {}
 }
 
 /// The home that this thread is, if it runs processes.

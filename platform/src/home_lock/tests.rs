@@ -83,6 +83,69 @@ mod running {
         let _second = lock.lock();
     }
 
+    /// The home is inside when its favour ends, and locks again from there: it says so itself, and who waits gets the lock.
+    #[cfg(all(target_os = "linux", not(luna_portable)))]
+    #[test]
+    fn locked_twice_while_its_favour_ends_it_says_so() {
+        let _home = enter();
+        let lock = HomeLock::new(0);
+        if !earn(&lock) {
+            return;
+        }
+        let thread = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            let guard = lock.lock();
+            scope.spawn(|| {
+                thread.store(nix::unistd::gettid().as_raw() as u32, Ordering::Release);
+                *lock.lock() += 1;
+            });
+            while !sleeps_in_a_futex(thread.load(Ordering::Acquire)) {
+                std::thread::yield_now();
+            }
+            let again =
+                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| drop(lock.lock())));
+            let payload = again.expect_err("it holds the lock already");
+            let message = payload.downcast_ref::<&str>().expect("it is a text");
+            assert!(message.contains("holds already"), "{message}");
+            drop(guard);
+        });
+        assert_eq!(*lock.lock(), u64::from(ALONE) + 1);
+    }
+
+    #[test]
+    fn two_homes_are_not_forgotten_for_a_plain_thread_in_between() {
+        let lock = HomeLock::new(0);
+        for _ in 0..2 {
+            {
+                let _home = enter();
+                *lock.lock() += 1;
+            }
+            *lock.lock() += 1;
+        }
+        let _home = enter();
+        for _ in 0..2 * ALONE {
+            *lock.lock() += 1;
+        }
+        assert!(!lock.is_favouring());
+    }
+
+    #[test]
+    #[should_panic(expected = "another thread is this home")]
+    fn a_home_is_one_thread() {
+        let home = Home::new();
+        let _home = current::enter_home(home, Arc::new(TimerQueue::new()), false);
+        let other = std::thread::spawn(move || {
+            drop(current::enter_home(
+                home,
+                Arc::new(TimerQueue::new()),
+                false,
+            ));
+        });
+        if let Err(payload) = other.join() {
+            std::panic::resume_unwind(payload);
+        }
+    }
+
     /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicU8, Ordering, compiler_fence};
 const REGISTER: libc::c_long = libc::MEMBARRIER_CMD_REGISTER_PRIVATE_EXPEDITED as libc::c_long;
 const EXPEDITED: libc::c_long = libc::MEMBARRIER_CMD_PRIVATE_EXPEDITED as libc::c_long;
 
+const GLOBAL: libc::c_long = libc::MEMBARRIER_CMD_GLOBAL as libc::c_long;
+
 const UNASKED: u8 = 0;
 const AVAILABLE: u8 = 1;
 const REFUSED: u8 = 2;
@@ -33,8 +35,13 @@ pub(crate) fn light() {
 
 /// A full fence on this thread, and on each other one of the program that runs. A system call.
 pub(crate) fn heavy() {
+    let fenced = crate::path::expected(crate::path::Call::Fence, || match call(EXPEDITED) {
+        // It notes on which processors to interrupt, where there are very many of them. The slow one needs no room.
+        Err(Errno::ENOMEM) => call(GLOBAL),
+        fenced => fenced,
+    });
     // What was granted once is not refused: the kernel keeps the registration with the address space.
-    if let Err(error) = crate::path::expected(crate::path::Call::Fence, || call(EXPEDITED)) {
+    if let Err(error) = fenced {
         panic!("the kernel refused a memory barrier that it had granted: {error}");
     }
 }

@@ -33,6 +33,13 @@ impl Inside {
         self.word.store(thread_id(), Ordering::Relaxed);
     }
 
+    /// Panics if this thread is inside.
+    pub(crate) fn assert_not_here(&self) {
+        if self.word.load(Ordering::Relaxed) & libc::FUTEX_TID_MASK == thread_id() {
+            entered_twice();
+        }
+    }
+
     /// The favoured home's thread leaves.
     #[inline(always)]
     pub(crate) fn leave(&self) {

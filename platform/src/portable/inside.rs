@@ -10,6 +10,8 @@ impl Inside {
 
     pub(crate) fn enter(&self) {}
 
+    pub(crate) fn assert_not_here(&self) {}
+
     pub(crate) fn leave(&self) {}
 
     pub(crate) fn leave_revoked(&self) {}
