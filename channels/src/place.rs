@@ -26,7 +26,10 @@ pub struct Lists {
     pub(crate) ending: Ending,
     /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
     pub(crate) is_plain: bool,
+    /// Whether it would be plain if one alternative were not registered, and has no buffer.
+    pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
+    pub(crate) is_rendezvous: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
@@ -51,11 +54,16 @@ impl Lists {
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
     /// does.
     pub(crate) fn find_whether_plain(&mut self) {
-        self.is_plain = self.may_be_plain
+        let is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
-            && self.server.is_none()
-            && self.registered.is_empty();
+            && self.server.is_none();
+        let registered = self.registered.first();
+        // SAFETY: it is the first of this list.
+        let is_one =
+            registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
+        self.is_plain = is_plain && registered.is_none();
+        self.is_plain_but_registered = is_plain && self.is_rendezvous && is_one;
     }
 }
 
@@ -102,7 +110,9 @@ impl Place {
                 watching: WaitList::new(),
                 ending: Ending::Open,
                 is_plain: false,
+                is_plain_but_registered: false,
                 may_be_plain: false,
+                is_rendezvous: false,
                 extends: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,
@@ -127,6 +137,28 @@ impl Place {
     pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, Lists>> {
         // SAFETY: the contract.
         unsafe { self.lock.lock_if_favoured(home) }
+    }
+
+    /// Locks for the favoured home, if it does not hold the lock already: see [`HomeLock::lock_if_free`].
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number.
+    #[inline(always)]
+    pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, Lists>> {
+        // SAFETY: the contract.
+        unsafe { self.lock.lock_if_free(home) }
+    }
+
+    /// The guard that was kept: see [`HomeLock::kept`].
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn kept(&self, home: u64) -> InsideGuard<'_, Lists> {
+        // SAFETY: the contract.
+        unsafe { self.lock.kept(home) }
     }
 
     /// What the lock guards, of a place that nobody else knows yet.

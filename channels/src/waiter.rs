@@ -144,6 +144,45 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// Prepares the node of guard `number` of an alternative for being listed where nobody else is, for the process whose plain turn this is.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin).
+    #[inline(always)]
+    pub(crate) unsafe fn begin_guard(
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+        selection: NonNull<Selection>,
+        number: u32,
+    ) {
+        let user = User::Process(process.id());
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                wait: WaitNode::without_wakeup(user, process.priority()),
+                outcome: AtomicU8::new(Outcome::Waiting as u8),
+                plain: false,
+                extended: false,
+                inherits: false,
+                ticket: 0,
+                selection: Some((selection, number)),
+                make: None,
+            });
+        }
+    }
+
+    /// Whether the operation was listed by [`begin_plain`](Self::begin_plain).
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, and the lock is held that guards it.
+    #[inline(always)]
+    pub(crate) unsafe fn is_plain(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: the contract.
+        unsafe { (*Self::link(node)).plain }
+    }
+
     /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which
     /// has not changed.
     ///
@@ -190,6 +229,21 @@ impl<T> Waiter<T> {
             (*Self::link(node))
                 .outcome
                 .store(Outcome::Done as u8, Ordering::Release);
+        }
+    }
+
+    /// Settles a waiting operation as stale that holds no wakeup: an alternative's that was not claimed. The node is not to be touched after this.
+    ///
+    /// # Safety
+    ///
+    /// As for [`settle`](Self::settle).
+    #[inline(always)]
+    pub(crate) unsafe fn settle_stale(node: NonNull<Waiter<T>>) {
+        // SAFETY: as there.
+        unsafe {
+            (*Self::link(node))
+                .outcome
+                .store(Outcome::Stale as u8, Ordering::Release);
         }
     }
 

@@ -196,6 +196,46 @@ impl<T> HomeLock<T> {
         None
     }
 
+    /// As [`lock_if_favoured`](Self::lock_if_favoured), for who takes several such locks at once and does not know whether two are the same: `None` also if this
+    /// thread holds the lock already.
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number.
+    #[inline(always)]
+    pub unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, T>> {
+        if self.favoured.load(Ordering::Acquire) != home || self.inside.is_entered() {
+            return None;
+        }
+        // SAFETY: the contract.
+        unsafe { self.lock_if_favoured(home) }
+    }
+
+    /// The guard that was [kept](InsideGuard::keep).
+    ///
+    /// # Safety
+    ///
+    /// This thread, the home of that number, has kept a guard of this lock, and did not call this since.
+    #[inline(always)]
+    pub unsafe fn kept(&self, home: u64) -> InsideGuard<'_, T> {
+        InsideGuard {
+            lock: self,
+            home,
+            stays_on_its_thread: PhantomData,
+        }
+    }
+
+    /// Favours a home before its first use: of a lock that is made for a thing whose other locks favour that home already.
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number, nobody else knows the lock or has used it, and some other lock favours that home.
+    #[inline]
+    pub unsafe fn favour_from_the_start(&self, home: u64) {
+        // The heavy fence is there, or nobody would be favoured. Who comes to know the lock sees this.
+        self.favoured.store(home, Ordering::Relaxed);
+    }
+
     /// Locks as [`lock`](Self::lock) does, for a look now and then: who is favoured stays it. Not for what uses the value regularly.
     pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
         let me = current::home_number();
@@ -377,6 +417,14 @@ pub struct InsideGuard<'a, T> {
     lock: &'a HomeLock<T>,
     home: u64,
     stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl<T> InsideGuard<'_, T> {
+    /// Keeps the lock: [`HomeLock::kept`] gives the guard again.
+    #[inline(always)]
+    pub fn keep(self) {
+        std::mem::forget(self);
+    }
 }
 
 impl<T> Drop for InsideGuard<'_, T> {

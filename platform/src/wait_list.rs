@@ -43,6 +43,18 @@ impl WaitNode {
         }
     }
 
+    /// A node for `user`, whose owner is woken by other means, to be listed where nobody else is.
+    #[inline(always)]
+    pub fn without_wakeup(user: User, priority: Priority) -> Self {
+        Self {
+            before: None,
+            after: None,
+            priority,
+            user,
+            wakeup: None,
+        }
+    }
+
     /// How urgent it was when it was put into its list.
     #[inline]
     pub fn priority(&self) -> Priority {

@@ -4,7 +4,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use luna_platform::clock::Instant;
-use luna_platform::current::Ready;
+use luna_platform::current::{PlainReady, Process, Ready};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -39,6 +39,17 @@ pub enum Attempt {
     NotReady,
     /// It has happened; this is whom to ready when the locks are released.
     Ready(Ready),
+}
+
+/// What a look at a guard at home came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// It cannot be had that way: the place is not locked.
+    No,
+    /// It would have to wait. The place stays locked.
+    NotReady,
+    /// It can happen. The place stays locked.
+    Ready,
 }
 
 /// The steps of an alternative that do not depend on what the guard gives. They are unsafe to call, since `Guard` brings them wherever it is a
@@ -114,6 +125,61 @@ pub trait RawGuard {
     /// As for `withdraw`.
     unsafe fn poll_time(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<()> {
         Poll::Pending
+    }
+
+    /// Locks the guard's place if that favours this home, and says whether the guard can happen. Unless the answer is [`No`](Look::No), the lock is kept until
+    /// [`leave_home`](Self::leave_home), [`take_at_home`](Self::take_at_home) or [`list_at_home`](Self::list_at_home). For the ways that nearly all
+    /// guards are: a guard need not know this way.
+    ///
+    /// # Safety
+    ///
+    /// As for `attempt`; and this thread is the home of that number.
+    unsafe fn look_at_home(self: Pin<&mut Self>, _home: u64) -> Look {
+        Look::No
+    }
+
+    /// Releases the place's lock.
+    ///
+    /// # Safety
+    ///
+    /// The look at this home has kept it.
+    unsafe fn leave_home(self: Pin<&mut Self>, _home: u64) {}
+
+    /// Makes the guard happen, and releases the lock. Gives whom to ready.
+    ///
+    /// # Safety
+    ///
+    /// The look has kept the lock, and said that the guard is ready. `process` has its plain turn.
+    unsafe fn take_at_home(self: Pin<&mut Self>, _process: &Process) -> Option<PlainReady> {
+        None
+    }
+
+    /// Lists the guard as number `guard` of `selection`, and releases the lock.
+    ///
+    /// # Safety
+    ///
+    /// The look has kept the lock, and said that the guard is not ready. `process` has its plain turn. `selection` outlives the guard's being listed.
+    unsafe fn list_at_home(
+        self: Pin<&mut Self>,
+        _process: &Process,
+        _selection: NonNull<Selection>,
+        _guard: u32,
+    ) {
+    }
+
+    /// As [`withdraw`](Self::withdraw), wherever the guard was listed.
+    ///
+    /// # Safety
+    ///
+    /// As for `withdraw`; and this thread is the home of that number.
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _home: u64) {
+        // SAFETY: the contract.
+        unsafe { self.withdraw() };
+    }
+
+    /// Whether the guard, which was chosen, is over, so that [`output`](Guard::output) can be called at once.
+    fn is_over(&self) -> bool {
+        false
     }
 
     /// Whether the guard has an error to give.

@@ -1,8 +1,12 @@
 //! The guards of one alternative, as a list whose type knows each of them.
 
-use super::guard::{Guard, RawGuard};
+use super::guard::{Guard, Look, RawGuard};
+use crate::selection::Selection;
+use crate::stamp::Stamp;
 use arrayvec::ArrayVec;
+use luna_platform::current::{PlainReady, Process};
 use std::pin::Pin;
+use std::ptr::NonNull;
 
 /// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
@@ -53,12 +57,135 @@ pub trait Guards {
     /// Adds the guards that can happen; the others go when this is called for the `first` time, before any is listed.
     fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>);
 
+    /// [Looks](RawGuard::look_at_home) at the guards that can happen, the first of which has this number; the others go. `false` if one of them cannot be had
+    /// that way.
+    ///
+    /// # Safety
+    ///
+    /// All guards are new, and this thread is the home that `looks` says.
+    unsafe fn look_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
+
+    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Gives whom to
+    /// ready.
+    ///
+    /// # Safety
+    ///
+    /// The looks up to there have kept the locks, and said that the chosen guard is ready. `process` has its plain turn.
+    unsafe fn leave_home(
+        self: Pin<&mut Self>,
+        number: u32,
+        end: u32,
+        chosen: u32,
+        process: &Process,
+    ) -> Option<PlainReady>;
+
+    /// Lists the guards, the first of which has this number, and releases the locks.
+    ///
+    /// # Safety
+    ///
+    /// The looks have kept the locks, and said of none that it is ready. `process` has its plain turn. `selection` outlives the guards' being listed.
+    unsafe fn list_at_home(
+        self: Pin<&mut Self>,
+        number: u32,
+        process: &Process,
+        selection: NonNull<Selection>,
+    );
+
+    /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the first has this number.
+    ///
+    /// # Safety
+    ///
+    /// The guards were listed, this thread is the home that `looks` says, and `looks` says which was chosen.
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
+
     /// What guard `index` gives, or `skip` if that many it has.
     ///
     /// # Safety
     ///
     /// That guard was chosen and is over, and this is called once.
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output;
+}
+
+/// What looks at guards at home came to.
+#[derive(Debug)]
+pub struct Looks {
+    pub(super) home: u64,
+    pub(super) is_fair: bool,
+    /// The guard to choose; [`NONE`](Looks::NONE) if none can happen.
+    pub(super) chosen: u32,
+    /// When its end was last chosen.
+    stamp: u64,
+    /// Where that is noted.
+    stamped: Option<NonNull<Stamp>>,
+    /// When an end was last chosen.
+    greatest: u64,
+    /// The number behind that of the last guard whose place is locked.
+    pub(super) end: u32,
+    /// Whether the chosen guard is over.
+    pub(super) is_over: bool,
+}
+
+impl Looks {
+    pub(super) const NONE: u32 = u32::MAX;
+
+    #[inline]
+    pub(super) fn new(home: u64, is_fair: bool, chosen: u32) -> Self {
+        Self {
+            home,
+            is_fair,
+            chosen,
+            stamp: u64::MAX,
+            stamped: None,
+            greatest: 0,
+            end: 0,
+            is_over: false,
+        }
+    }
+
+    /// Notes a guard: whether it can happen, and when its end was last chosen. `true` if no other need be looked at.
+    #[inline]
+    fn note(&mut self, number: u32, is_ready: bool, end: Option<&Stamp>) -> bool {
+        self.end = number + 1;
+        if !self.is_fair {
+            if is_ready {
+                self.chosen = number;
+            }
+            return is_ready;
+        }
+        let stamp = end.map_or(0, Stamp::get);
+        self.greatest = self.greatest.max(stamp);
+        // Of two that were never chosen, the first.
+        if is_ready && stamp < self.stamp {
+            self.chosen = number;
+            self.stamp = stamp;
+            self.stamped = end.map(NonNull::from);
+        }
+        false
+    }
+
+    /// Notes a guard that was listed.
+    #[inline]
+    fn note_listed(&mut self, is_chosen: bool, end: Option<&Stamp>) {
+        if self.is_fair {
+            self.greatest = self.greatest.max(end.map_or(0, Stamp::get));
+            if is_chosen {
+                self.stamped = end.map(NonNull::from);
+            }
+        }
+    }
+
+    /// Notes that the chosen guard was chosen.
+    ///
+    /// # Safety
+    ///
+    /// The guards are still there.
+    #[inline]
+    pub(super) unsafe fn stamp(&self) {
+        if let Some(stamp) = self.stamped {
+            // SAFETY: it lies in an end that the guard borrows.
+            unsafe { stamp.as_ref() }.choose(self.greatest);
+        }
+    }
 }
 
 /// What [`Guards::collect`] fills.
@@ -78,6 +205,28 @@ impl Guards for Nil {
 
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
 
+    #[inline]
+    unsafe fn look_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
+        true
+    }
+
+    #[inline]
+    unsafe fn leave_home(
+        self: Pin<&mut Self>,
+        _: u32,
+        _: u32,
+        _: u32,
+        _: &Process,
+    ) -> Option<PlainReady> {
+        None
+    }
+
+    #[inline]
+    unsafe fn list_at_home(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+
+    #[inline]
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
+
     unsafe fn output(self: Pin<&mut Self>, _: u32) -> Never {
         unreachable!("an alternative has chosen a guard that it does not have")
     }
@@ -90,7 +239,43 @@ impl Guards for Skip {
 
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
 
+    #[inline]
+    unsafe fn look_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
+        true
+    }
+
+    #[inline]
+    unsafe fn leave_home(
+        self: Pin<&mut Self>,
+        _: u32,
+        _: u32,
+        _: u32,
+        _: &Process,
+    ) -> Option<PlainReady> {
+        None
+    }
+
+    #[inline]
+    unsafe fn list_at_home(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+
+    #[inline]
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
+
     unsafe fn output(self: Pin<&mut Self>, _: u32) {}
+}
+
+impl<G, R> Cons<G, R> {
+    #[inline]
+    fn parts(self: Pin<&mut Self>) -> (Pin<&mut Option<G>>, Pin<&mut R>) {
+        // SAFETY: both fields are pinned with the whole.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            (
+                Pin::new_unchecked(&mut this.0),
+                Pin::new_unchecked(&mut this.1),
+            )
+        }
+    }
 }
 
 impl<G: Guard, R: Guards> Guards for Cons<G, R> {
@@ -100,14 +285,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
 
     #[inline]
     fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>) {
-        // SAFETY: both fields are pinned with the whole.
-        let (mut guard, rest) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.0),
-                Pin::new_unchecked(&mut this.1),
-            )
-        };
+        let (mut guard, rest) = self.parts();
         if first
             && guard
                 .as_ref()
@@ -123,15 +301,91 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     }
 
     #[inline]
+    unsafe fn look_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool {
+        let (mut first, rest) = self.parts();
+        if let Some(mut guard) = first.as_mut().as_pin_mut() {
+            if guard.is_open() {
+                // SAFETY: the contract.
+                let look = unsafe { guard.as_mut().look_at_home(looks.home) };
+                if look == Look::No {
+                    return false;
+                }
+                if looks.note(number, look == Look::Ready, guard.stamp()) {
+                    return true;
+                }
+            } else {
+                first.set(None);
+            }
+        }
+        // SAFETY: the contract.
+        unsafe { rest.look_at_home(number + 1, looks) }
+    }
+
+    #[inline]
+    unsafe fn leave_home(
+        self: Pin<&mut Self>,
+        number: u32,
+        end: u32,
+        chosen: u32,
+        process: &Process,
+    ) -> Option<PlainReady> {
+        if number == end {
+            return None;
+        }
+        let (first, rest) = self.parts();
+        // SAFETY: the contract.
+        unsafe {
+            let ready = first.as_pin_mut().and_then(|first| {
+                if number == chosen {
+                    first.take_at_home(process)
+                } else {
+                    first.leave_home(process.home_number());
+                    None
+                }
+            });
+            let of_rest = rest.leave_home(number + 1, end, chosen, process);
+            ready.or(of_rest)
+        }
+    }
+
+    #[inline]
+    unsafe fn list_at_home(
+        self: Pin<&mut Self>,
+        number: u32,
+        process: &Process,
+        selection: NonNull<Selection>,
+    ) {
+        let (first, rest) = self.parts();
+        // SAFETY: the contract.
+        unsafe {
+            if let Some(first) = first.as_pin_mut() {
+                first.list_at_home(process, selection, number);
+            }
+            rest.list_at_home(number + 1, process, selection);
+        }
+    }
+
+    #[inline]
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) {
+        let (first, rest) = self.parts();
+        // SAFETY: the contract.
+        unsafe {
+            if let Some(mut first) = first.as_pin_mut() {
+                let is_chosen = number == looks.chosen;
+                if is_chosen {
+                    looks.is_over = first.is_over();
+                } else {
+                    first.as_mut().withdraw_at_home(looks.home);
+                }
+                looks.note_listed(is_chosen, first.stamp());
+            }
+            rest.withdraw_at_home(number + 1, looks);
+        }
+    }
+
+    #[inline]
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output {
-        // SAFETY: both fields are pinned with the whole.
-        let (first, rest) = unsafe {
-            let this = self.get_unchecked_mut();
-            (
-                Pin::new_unchecked(&mut this.0),
-                Pin::new_unchecked(&mut this.1),
-            )
-        };
+        let (first, rest) = self.parts();
         match (index.checked_sub(1), first.as_pin_mut()) {
             // SAFETY: the contract.
             (None, Some(first)) => Either::L(unsafe { first.output() }),

@@ -30,7 +30,13 @@ impl Positions {
     fn insert(&mut self, position: u32) {
         let mut index = position as usize;
         for level in &mut self.levels {
-            level[index / 64] |= 1 << (index % 64);
+            let word = &mut level[index / 64];
+            let was_empty = *word == 0;
+            *word |= 1 << (index % 64);
+            if !was_empty {
+                // The levels above know.
+                return;
+            }
             index /= 64;
         }
     }
@@ -133,7 +139,9 @@ impl ReadySet {
     /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many calls.
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
-        self.clear(member);
+        if is_ready {
+            self.clear(member);
+        }
         self.at[self.position[member] as usize] = NONE;
         self.put_last(member);
         if is_ready {

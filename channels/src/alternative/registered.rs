@@ -7,11 +7,14 @@
 //! where nothing happened.
 //!
 //! ```text
-//!   sender, under the lock:  claim? no --> list itself; push the node;   release;  close the selection if it is open, and ready its owner
-//!   owner:                   drain the stack; choose; nothing?  open the selection;  drain the stack again; something? close it, go on
+//!   sender, under the lock:  claim? no --> list itself; in the gate: push the node, was it open? ring;  release;  rung for: close it, ready its owner
+//!   owner:                   drain the stack; choose; nothing?  in the gate: is the stack still empty? open the selection
 //! ```
 //!
-//! One of both sees the other: between its two steps each has a full fence (J. Dekker's argument).
+//! The selection's gate is held around both, so one of both sees the other. It is a lock that favours a home: where senders and owner are processes of
+//! one, none of this takes a read-modify-write. It is held for O(1) steps.
+
+mod at_home;
 
 use super::ready_set::ReadySet;
 use crate::core::{Channel, Ending, Received, Taken};
@@ -19,8 +22,8 @@ use crate::error::RecvError;
 use crate::recv::Receiver;
 use crate::selection::Selection;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Wakeup};
-use luna_platform::sync::atomic::{AtomicPtr, Ordering, fence};
+use luna_platform::current::{self, PlainReady, Wakeup};
+use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomData;
@@ -31,8 +34,28 @@ use std::task::{Context, Poll, RawWakerVTable};
 /// What partners reach of an alternative.
 pub(crate) struct Hub<T> {
     pub(crate) selection: Selection,
-    /// The entries whose channels have become ready since the owner looked.
+    /// The entries whose channels have become ready since the owner looked. Changed within the selection's gate.
     stack: AtomicPtr<Entry<T>>,
+}
+
+impl<T> Hub<T> {
+    /// Pushes an entry.
+    ///
+    /// # Safety
+    ///
+    /// The gate is held, and the entry, whose lock is held too, is not on the stack.
+    #[inline]
+    unsafe fn push(&self, entry: *mut Entry<T>) {
+        // SAFETY: the contract.
+        unsafe { (*entry).next = self.stack.load(Ordering::Relaxed) };
+        self.stack.store(entry, Ordering::Release);
+    }
+
+    /// Whether the owner was told of something that it has not looked at. For an answer that still holds afterwards, within the gate.
+    #[inline]
+    fn has_news(&self) -> bool {
+        !self.stack.load(Ordering::Acquire).is_null()
+    }
 }
 
 /// A channel's registration.
@@ -68,24 +91,12 @@ impl<T> Entry<T> {
                 return false;
             }
             (*entry).is_queued = true;
-            (*entry).rings = true;
-            let stack = &(*entry).hub.as_ref().stack;
-            let mut first = stack.load(Ordering::Relaxed);
-            loop {
-                (*entry).next = first;
-                match stack.compare_exchange_weak(
-                    first,
-                    entry,
-                    Ordering::Release,
-                    Ordering::Relaxed,
-                ) {
-                    Ok(_) => break,
-                    Err(now) => first = now,
-                }
-            }
-            // Before the look at the selection that rings.
-            fence(Ordering::SeqCst);
-            true
+            let hub = (*entry).hub.as_ref();
+            let _gate = hub.selection.gate();
+            hub.push(entry);
+            // An owner that does not wait looks at the stack before it does.
+            (*entry).rings |= hub.selection.is_open();
+            (*entry).rings
         }
     }
 
@@ -97,11 +108,38 @@ impl<T> Entry<T> {
     /// `entry` is in its channel's list, and that lock is held.
     pub(crate) unsafe fn has_news(entry: NonNull<Entry<T>>) -> bool {
         // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe { (*entry.as_ptr()).hub.as_ref().has_news() }
+    }
+
+    /// For a sender at home, where nobody else waits: claims the alternative, if it waits and knows of no other; if it does not wait, tells it of the
+    /// channel. `None` if neither can be done here.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, that lock is held, and this thread is the home of that number. Unless the claim succeeds, the sender waits.
+    #[inline]
+    pub(crate) unsafe fn claim_or_announce(
+        entry: NonNull<Entry<T>>,
+        home: u64,
+    ) -> Option<Option<PlainReady>> {
+        let node = entry.cast::<Waiter<T>>();
+        let entry = entry.as_ptr();
+        // SAFETY: the contract; the hub outlives its entries' being listed. The gate is held around what it guards.
         unsafe {
-            !(*(*entry.as_ptr()).hub.as_ptr())
-                .stack
-                .load(Ordering::Acquire)
-                .is_null()
+            let hub = (*entry).hub.as_ref();
+            let _gate = hub.selection.gate_if_favoured(home)?;
+            if !hub.selection.is_open() {
+                if !(*entry).is_queued {
+                    (*entry).is_queued = true;
+                    hub.push(entry);
+                }
+                return Some(None);
+            }
+            if hub.has_news() {
+                return None;
+            }
+            let (_, index) = (*Waiter::link(node)).selection?;
+            hub.selection.claim_plainly(index).map(Some)
         }
     }
 
@@ -171,8 +209,11 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
+        let mut selection = Selection::new();
+        // Who tells of something closes it for its owner.
+        selection.set_gated();
         let hub = Box::new(Hub {
-            selection: Selection::new(),
+            selection,
             stack: AtomicPtr::new(ptr::null_mut()),
         });
         let mut alternative = Self {
@@ -326,13 +367,17 @@ impl<'a, T> Alternative<'a, T> {
     /// Takes all that have become ready off the stack. O(those). Says whether there were any.
     fn drain(&mut self) -> bool {
         let hub = self.hub();
-        if hub.stack.load(Ordering::Acquire).is_null() {
+        if !hub.has_news() {
             return false;
         }
-        let mut next = hub.stack.swap(ptr::null_mut(), Ordering::Acquire);
-        let any = !next.is_null();
+        let mut next = {
+            let _gate = hub.selection.gate();
+            let first = hub.stack.load(Ordering::Relaxed);
+            hub.stack.store(ptr::null_mut(), Ordering::Relaxed);
+            first
+        };
         while let Some(entry) = NonNull::new(next) {
-            // SAFETY: an entry on the stack is live, and the swap made its link this thread's.
+            // SAFETY: an entry on the stack is live, and what was taken off it is this thread's.
             let index = unsafe {
                 next = (*entry.as_ptr()).next;
                 let link = Waiter::link(entry.cast::<Waiter<T>>());
@@ -344,7 +389,7 @@ impl<'a, T> Alternative<'a, T> {
                 self.ready.set(index as usize);
             }
         }
-        any
+        true
     }
 
     fn note_choice(&mut self, index: usize) {
@@ -389,7 +434,19 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
+    #[inline]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        if let Some(process) = current::plain_turn(cx)
+            && let Some(polled) = self.poll_at_home(process, cx)
+        {
+            return polled;
+        }
+        self.poll_generally(cx)
+    }
+
+    /// Polls wherever the process is, and whatever is asked of the channels.
+    #[inline(never)]
+    fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         let identity: (_, *const RawWakerVTable) = (cx.waker().data(), cx.waker().vtable());
         if let Some(index) = self.holds()
             && let Some(received) = self.take_held(index)
@@ -429,28 +486,25 @@ impl<'a, T> Alternative<'a, T> {
             while let Some(index) = self.ready.first() {
                 if let Some(received) = self.try_recv(index) {
                     self.note_choice(index);
-                    return self.hand_on(index, received, cx);
+                    let gives_way = received.is_ok() && crate::gives_way(cx);
+                    return self.hand_on(index, received, gives_way);
                 }
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
-            // SAFETY: this is the owner, and the selection is closed.
-            unsafe { self.hub().selection.open(Wakeup::of(cx), true, None) };
-            self.state = State::Open;
-            // Before the look at the stack.
-            fence(Ordering::SeqCst);
-            if self.hub().stack.load(Ordering::Acquire).is_null() {
+            // Cloning a waker is its owner's code, so it comes before the gate.
+            let wakeup = Wakeup::of(cx);
+            let hub = self.hub();
+            let gate = hub.selection.gate();
+            if !hub.has_news() {
+                // SAFETY: this is the owner, the selection is closed, and its gate is held.
+                unsafe { hub.selection.open_gated(wakeup) };
+                drop(gate);
+                self.state = State::Open;
                 return Poll::Pending;
             }
-            // Something became ready meanwhile. Each channel can say so once, and the second look sees all who said it before it.
-            if self.hub().selection.close().is_none() {
-                // Or somebody has handed a value over: that one came first.
-                if let Some(index) = self.holds()
-                    && let Some(received) = self.take_held(index)
-                {
-                    return Poll::Ready((index, received));
-                }
-            }
-            self.state = State::Closed;
+            // Something became ready meanwhile. Each channel can say so once, and the next look sees all who said it before it.
+            drop(gate);
+            drop(wakeup);
         }
     }
 
@@ -489,14 +543,14 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
-    /// Gives what was received, after others have run if they are to.
+    /// Gives what was received, or keeps it for the next poll while others run.
     fn hand_on(
         &mut self,
         index: usize,
         received: Result<T, RecvError>,
-        cx: &mut Context<'_>,
+        gives_way: bool,
     ) -> Poll<(usize, Result<T, RecvError>)> {
-        if received.is_err() || !crate::gives_way(cx) {
+        if !gives_way {
             return Poll::Ready((index, received));
         }
         if let (Ok(value), Some(entry)) = (received, self.entries[index]) {

@@ -1,14 +1,15 @@
 //! The future of an alternative.
 
 use super::choose::{Choice, Locks, choose, note_choice};
-use super::list::{Collected, Guards, MOST_GUARDS, Open};
+use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open};
 use super::stop::Stop;
 use crate::selection::Selection;
-use luna_platform::current::{self, Wakeup};
+use luna_platform::current::{self, Process, Wakeup};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
 use std::pin::Pin;
+use std::ptr::NonNull;
 use std::task::{Context, Poll, RawWakerVTable};
 
 /// Which waker polled: two of the same identity wake the same.
@@ -77,7 +78,96 @@ fn identity(cx: &Context<'_>) -> Identity {
 impl<L: Guards> Future for Select<L> {
     type Output = L::Output;
 
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
+    #[inline]
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
+        if matches!(self.state, State::New | State::Listed)
+            && let Some(process) = current::plain_turn(cx)
+            && let Some(polled) = self.as_mut().poll_at_home(process, cx)
+        {
+            return polled;
+        }
+        self.poll_generally(cx)
+    }
+}
+
+impl<L: Guards> Select<L> {
+    /// Polls a new or listed alternative in the plain turn of `process`, if its guards are operations on plain channels whose locks favour the process'
+    /// home. `None`: the general way is to be gone.
+    ///
+    /// It is decided as in [`choose`]: under the locks of all places whose guards are looked at. They are not taken in an order, and need not be. Who
+    /// wants a lock that this thread is inside waits until it is left, and this thread waits for nobody in between.
+    #[inline]
+    fn poll_at_home(
+        self: Pin<&mut Self>,
+        process: &Process,
+        cx: &Context<'_>,
+    ) -> Option<Poll<L::Output>> {
+        // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: as above.
+        let mut guards = unsafe { Pin::new_unchecked(&mut this.guards) };
+        let home = process.home_number();
+        if this.state == State::Listed {
+            let number = this.selection.chosen()?;
+            let mut looks = Looks::new(home, this.fair, number);
+            // SAFETY: the guards were listed, and this is the thread of the process' home. The chosen one is not withdrawn.
+            unsafe {
+                guards.as_mut().withdraw_at_home(0, &mut looks);
+                looks.stamp();
+            }
+            this.state = State::Chosen(number);
+            if !looks.is_over {
+                return None;
+            }
+            this.state = State::Over;
+            // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
+            return Some(Poll::Ready(unsafe { guards.output(number) }));
+        }
+        let mut looks = Looks::new(home, this.fair, Looks::NONE);
+        // SAFETY: the guards are new, and this is the thread of the process' home. Nothing between the looks and the leaving can panic or
+        // calls anybody.
+        unsafe {
+            let is_all = guards.as_mut().look_at_home(0, &mut looks);
+            if !is_all || looks.end == 0 {
+                guards.leave_home(0, looks.end, Looks::NONE, process);
+                return None;
+            }
+            let number = if looks.chosen != Looks::NONE {
+                let ready = guards
+                    .as_mut()
+                    .leave_home(0, looks.end, looks.chosen, process);
+                if let Some(ready) = ready {
+                    ready.wake();
+                }
+                looks.stamp();
+                looks.chosen
+            } else if L::SKIP {
+                guards
+                    .as_mut()
+                    .leave_home(0, looks.end, Looks::NONE, process);
+                L::LEN as u32
+            } else {
+                // Before anybody finds a node that leads to it.
+                this.selection.open_at_home(process);
+                guards
+                    .as_mut()
+                    .list_at_home(0, process, NonNull::from(&this.selection));
+                this.state = State::Listed;
+                this.polled_by = identity(cx);
+                return Some(Poll::Pending);
+            };
+            if current::gives_way(process) {
+                this.state = State::GaveWay(number);
+                return Some(Poll::Pending);
+            }
+            this.state = State::Over;
+            Some(Poll::Ready(guards.output(number)))
+        }
+    }
+
+    /// Polls wherever the process is, and whatever is offered.
+    #[inline(never)]
+    fn poll_generally(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
         // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: as above.

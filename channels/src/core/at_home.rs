@@ -64,7 +64,10 @@ impl<T> Channel<T> {
                 return AtHome::No;
             };
             if !lists.is_plain {
-                return AtHome::No;
+                return match lists.is_plain_but_registered {
+                    true => self.send_to_registered(lists, offered, process),
+                    false => AtHome::No,
+                };
             }
             let Some(first) = lists.receivers.first() else {
                 let capacity = self.buffer.capacity;
@@ -86,7 +89,7 @@ impl<T> Channel<T> {
             };
             let receiver = first.cast::<Waiter<T>>();
             let Some(ready) = Waiter::take_plain_wakeup(receiver) else {
-                return AtHome::No;
+                return self.send_to_guard(lists, offered, process);
             };
             lists.sender = LastUser::process(process.id());
             lists.receivers.remove_first(first);

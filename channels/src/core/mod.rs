@@ -15,6 +15,7 @@
 //! A partner that finds an alternative's node claims its [`Selection`](crate::selection::Selection) first. One whose alternative has chosen
 //! another guard is taken off the list and passed over: each such node costs one step, once.
 
+mod alternatives_at_home;
 mod at_home;
 mod section;
 
@@ -66,6 +67,7 @@ impl<T> Channel<T> {
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
         let mut place = Place::new(identity);
         place.with_mut(|lists| {
+            lists.is_rendezvous = buffer.capacity == 0;
             // One that drops, or grows, has more to do.
             lists.may_be_plain = buffer.when_full == WhenFull::Wait;
             lists.find_whether_plain();

@@ -1,7 +1,7 @@
 //! A receive as a guard of an alternative.
 
 use super::operation::{Phase, RecvOp};
-use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Received};
 use crate::error::RecvError;
 use crate::extended::Mode;
@@ -9,7 +9,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_platform::current::{self, Ready};
+use luna_platform::current::{self, PlainReady, Process, Ready};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -79,6 +79,61 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
             // SAFETY: the node was listed on the receivers' side.
             unsafe { self.receiver.channel().withdraw(self.node(), false) };
         }
+    }
+
+    #[inline]
+    unsafe fn look_at_home(self: Pin<&mut Self>, home: u64) -> Look {
+        if M::HOLDS || M::INHERITS {
+            return Look::No;
+        }
+        // SAFETY: the contract.
+        unsafe { self.receiver.channel().look_for_sender(home) }
+    }
+
+    #[inline]
+    unsafe fn leave_home(self: Pin<&mut Self>, home: u64) {
+        // SAFETY: the contract.
+        unsafe { self.receiver.channel().leave_home(home) };
+    }
+
+    #[inline]
+    unsafe fn take_at_home(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: a new receive's node holds no value, and is known to its future alone.
+        let ready = unsafe { this.receiver.channel().take_sender(this.node(), process) };
+        this.phase = Phase::Settled(Outcome::Done);
+        ready
+    }
+
+    #[inline]
+    unsafe fn list_at_home(
+        self: Pin<&mut Self>,
+        process: &Process,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        M::waits(this.note());
+        let (node, channel) = (this.node(), this.receiver.channel());
+        // SAFETY: the contract: the node is new, and is withdrawn before it goes.
+        unsafe { channel.list_guard(node, false, (selection, guard), process) };
+        this.phase = Phase::Listed;
+    }
+
+    #[inline]
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, home: u64) {
+        if self.phase == Phase::Listed {
+            let channel = self.receiver.channel();
+            // SAFETY: the node was listed on the receivers' side.
+            unsafe { channel.withdraw_guard(self.node(), false, home) };
+        }
+    }
+
+    #[inline]
+    fn is_over(&self) -> bool {
+        self.outcome() == Outcome::Done
     }
 
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {

@@ -1,7 +1,7 @@
 //! A send as a guard of an alternative.
 
 use super::operation::{Phase, SendOp};
-use crate::alternative::{Attempt, Guard, RawGuard};
+use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Sent};
 use crate::error::SendError;
 use crate::place::{Lists, Place};
@@ -9,7 +9,7 @@ use crate::selection::Selection;
 use crate::source::Source;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_platform::current::{self, Ready};
+use luna_platform::current::{self, PlainReady, Process, Ready};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -88,6 +88,60 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
             // SAFETY: the node was listed on the senders' side.
             unsafe { self.sender.channel().withdraw(self.node(), true) };
         }
+    }
+
+    #[inline]
+    unsafe fn look_at_home(self: Pin<&mut Self>, home: u64) -> Look {
+        if S::MAKE.is_some() {
+            return Look::No;
+        }
+        // SAFETY: the contract.
+        unsafe { self.sender.channel().look_for_receiver(home) }
+    }
+
+    #[inline]
+    unsafe fn leave_home(self: Pin<&mut Self>, home: u64) {
+        // SAFETY: the contract.
+        unsafe { self.sender.channel().leave_home(home) };
+    }
+
+    #[inline]
+    unsafe fn take_at_home(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        // SAFETY: the contract: a new send's node holds its value, since none is made, and is known to its future alone.
+        let ready = unsafe { this.sender.channel().take_receiver(this.node(), process) };
+        this.phase = Phase::Settled(Outcome::Done);
+        ready
+    }
+
+    #[inline]
+    unsafe fn list_at_home(
+        self: Pin<&mut Self>,
+        process: &Process,
+        selection: NonNull<Selection>,
+        guard: u32,
+    ) {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        let (node, channel) = (this.node(), this.sender.channel());
+        // SAFETY: the contract: the node is new, holds its value, and is withdrawn before it goes.
+        unsafe { channel.list_guard(node, true, (selection, guard), process) };
+        this.phase = Phase::Listed;
+    }
+
+    #[inline]
+    unsafe fn withdraw_at_home(self: Pin<&mut Self>, home: u64) {
+        if self.phase == Phase::Listed {
+            let channel = self.sender.channel();
+            // SAFETY: the node was listed on the senders' side.
+            unsafe { channel.withdraw_guard(self.node(), true, home) };
+        }
+    }
+
+    #[inline]
+    fn is_over(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Settled(_)) && self.outcome() == Outcome::Done
     }
 
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {

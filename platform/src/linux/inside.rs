@@ -24,6 +24,12 @@ impl Inside {
         }
     }
 
+    /// Whether somebody is inside: for the favoured home's thread, whether it is itself.
+    #[inline(always)]
+    pub(crate) fn is_entered(&self) -> bool {
+        self.word.load(Ordering::Relaxed) != 0
+    }
+
     /// The favoured home's thread enters.
     #[inline(always)]
     pub(crate) fn enter(&self) {

@@ -154,6 +154,10 @@ pub(crate) mod inside {
             Self(AtomicBool::new(false))
         }
 
+        pub(crate) fn is_entered(&self) -> bool {
+            self.0.load(Ordering::Relaxed)
+        }
+
         pub(crate) fn enter(&self) {
             assert!(!self.0.load(Ordering::Relaxed), "entered twice");
             self.0.store(true, Ordering::Relaxed);

@@ -8,6 +8,10 @@ impl Inside {
         Self
     }
 
+    pub(crate) fn is_entered(&self) -> bool {
+        false
+    }
+
     pub(crate) fn enter(&self) {}
 
     pub(crate) fn assert_not_here(&self) {}

@@ -1,0 +1,75 @@
+//! A selection by a process of an executor whose channels connect it with processes of the same one.
+//!
+//! The locks favour the home, so each step is one of plain stores. What cannot be done so is left to the general way, with nothing changed.
+
+use super::{Alternative, State};
+use crate::core::Channel;
+use crate::error::RecvError;
+use luna_platform::current::{self, Process};
+use std::task::{Context, Poll};
+
+impl<T> Alternative<'_, T> {
+    /// Polls in the plain turn of `process`. `None`: the general way is to be gone.
+    #[inline]
+    pub(super) fn poll_at_home(
+        &mut self,
+        process: &Process,
+        cx: &Context<'_>,
+    ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
+        if self.state != State::Closed {
+            let index = self.holds()?;
+            let received = self.take_held(index)?;
+            return Some(Poll::Ready((index, received)));
+        }
+        if self.listed != self.entries.len() {
+            return None;
+        }
+        self.drain();
+        let Some(index) = self.ready.first() else {
+            return self.wait_at_home(process, cx);
+        };
+        let entry = self.entries[index]?.as_ptr();
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        let channel: &Channel<T> = unsafe { &*(*entry).channel.as_ptr() };
+        let mut is_ready = false;
+        // What became ready before the lock was taken may come before this one.
+        let is_first = || !self.hub().has_news();
+        let note = |is_empty: bool| {
+            is_ready = !is_empty;
+            if is_empty {
+                // SAFETY: the lock that guards it is held.
+                unsafe { (*entry).is_queued = false };
+            }
+        };
+        // SAFETY: the process is polled, so this is its home's thread.
+        let (value, ready) = unsafe { channel.take_sender_if(process, is_first, note) }?;
+        if !is_ready {
+            self.ready.clear(index);
+        }
+        self.note_choice(index);
+        // SAFETY: the sender was listed by the home that the lock favours: this thread.
+        unsafe { ready.wake() };
+        let gives_way = current::gives_way(process);
+        Some(self.hand_on(index, Ok(value), gives_way))
+    }
+
+    /// Starts to wait, if nothing has become ready meanwhile.
+    fn wait_at_home(
+        &mut self,
+        process: &Process,
+        cx: &Context<'_>,
+    ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
+        let hub = self.hub();
+        // SAFETY: this is the thread of the process' home; the selection is closed, and this is its owner.
+        unsafe {
+            let _gate = hub.selection.gate_if_favoured(process.home_number())?;
+            if hub.has_news() {
+                return None;
+            }
+            hub.selection.open_plainly(process);
+        }
+        self.polled_by = (cx.waker().data(), cx.waker().vtable());
+        self.state = State::Open;
+        Some(Poll::Pending)
+    }
+}

@@ -1,0 +1,360 @@
+//! What an alternative and its partners do at home: the steps of [`at_home`](super::at_home), where an alternative is on one side.
+//!
+//! An alternative takes the locks of all its places here too, by plain stores, and holds them until it has chosen or is listed everywhere: what is said of
+//! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
+
+use super::{AtHome, Channel};
+use crate::alternative::{Entry, Look};
+use crate::place::{LastUser, Lists};
+use crate::selection::Selection;
+use crate::source::{Offered, Source};
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, PlainReady, Process};
+use luna_platform::home_lock::InsideGuard;
+use std::ptr::NonNull;
+
+/// A partner at home.
+impl<T> Channel<T> {
+    /// Sends to the alternative that is registered here, or lists the sender and says so.
+    ///
+    /// # Safety
+    ///
+    /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain but for one
+    /// registered alternative.
+    pub(super) unsafe fn send_to_registered<S: Source<T>>(
+        &self,
+        mut lists: InsideGuard<'_, Lists>,
+        offered: NonNull<Offered<T, S>>,
+        process: &Process,
+    ) -> AtHome {
+        if !lists.receivers.is_empty() || !lists.senders.is_empty() {
+            return AtHome::No;
+        }
+        let Some(node) = lists.registered.first() else {
+            return AtHome::No;
+        };
+        let entry = node.cast::<Entry<T>>();
+        let receiver = node.cast::<Waiter<T>>();
+        // SAFETY: a registered node is that of a live entry, which the lock guards.
+        let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
+        match claimed {
+            None => AtHome::No,
+            // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
+            Some(Some(ready)) => unsafe {
+                lists.sender = LastUser::process(process.id());
+                Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
+                Waiter::settle_plain(receiver);
+                drop(lists);
+                go_on(ready, process)
+            },
+            // SAFETY: the contract; nobody is listed.
+            Some(None) => unsafe { wait_as_sender(&mut lists, offered, process) },
+        }
+    }
+
+    /// Sends to the first alternative that has listed a guard here and waits, and takes those off the list that do not; or lists the sender.
+    ///
+    /// # Safety
+    ///
+    /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain.
+    #[inline(never)]
+    pub(super) unsafe fn send_to_guard<S: Source<T>>(
+        &self,
+        mut lists: InsideGuard<'_, Lists>,
+        offered: NonNull<Offered<T, S>>,
+        process: &Process,
+    ) -> AtHome {
+        while let Some(first) = lists.receivers.first() {
+            let receiver = first.cast::<Waiter<T>>();
+            // SAFETY: the node is listed, and guarded by the lock; its selection is live. A receiver holds no value before it is done.
+            unsafe {
+                let Some((selection, guard)) = (*Waiter::link(receiver)).selection else {
+                    return AtHome::No;
+                };
+                let selection = selection.as_ref();
+                if selection.is_open() {
+                    let Some(gate) = selection.gate_if_favoured(process.home_number()) else {
+                        return AtHome::No;
+                    };
+                    let Some(ready) = selection.claim_plainly(guard) else {
+                        return AtHome::No;
+                    };
+                    drop(gate);
+                    lists.sender = LastUser::process(process.id());
+                    lists.receivers.remove_first(first);
+                    Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
+                    Waiter::settle_plain(receiver);
+                    drop(lists);
+                    return go_on(ready, process);
+                }
+                // A claim would fail, as it will for who comes the general way.
+                lists.receivers.remove_first(first);
+                Waiter::settle_stale(receiver);
+            }
+        }
+        if !lists.senders.is_empty() {
+            return AtHome::No;
+        }
+        // SAFETY: the contract; nobody is listed.
+        unsafe { wait_as_sender(&mut lists, offered, process) }
+    }
+}
+
+/// An alternative at home, for one of its guards. The guards at home are those of plain channels alone, whose partners are plain operations.
+impl<T> Channel<T> {
+    /// Locks, and says whether a receive would not have to wait. Unless it says [`No`](Look::No), the lock is kept.
+    ///
+    /// # Safety
+    ///
+    /// This thread is the home of that number.
+    #[inline(always)]
+    pub(crate) unsafe fn look_for_sender(&self, home: u64) -> Look {
+        // SAFETY: the contract; under the lock the store and the nodes in the lists are accessible.
+        unsafe {
+            let Some(lists) = self.place.lock_if_free(home) else {
+                return Look::No;
+            };
+            if !lists.is_plain || self.store.with(|store| !(*store).is_empty()) {
+                return Look::No;
+            }
+            look_at::<T>(lists.senders.first(), lists)
+        }
+    }
+
+    /// As [`look_for_sender`](Self::look_for_sender), for a send.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn look_for_receiver(&self, home: u64) -> Look {
+        // SAFETY: as above.
+        unsafe {
+            let Some(lists) = self.place.lock_if_free(home) else {
+                return Look::No;
+            };
+            if !lists.is_plain {
+                return Look::No;
+            }
+            look_at::<T>(lists.receivers.first(), lists)
+        }
+    }
+
+    /// Releases the lock that was kept.
+    ///
+    /// # Safety
+    ///
+    /// A look by this home, this thread, has kept it.
+    #[inline(always)]
+    pub(crate) unsafe fn leave_home(&self, home: u64) {
+        // SAFETY: the contract.
+        drop(unsafe { self.place.kept(home) });
+    }
+
+    /// Receives for a registered alternative, where a plain sender waits first; then says under the lock whether no other does. `None`: it
+    /// cannot be done here, or `still` says, under the lock, that it is not to be, and nothing has changed.
+    ///
+    /// # Safety
+    ///
+    /// This is the thread of the process' home.
+    #[inline(always)]
+    pub(crate) unsafe fn take_sender_if(
+        &self,
+        process: &Process,
+        still: impl FnOnce() -> bool,
+        note: impl FnOnce(bool),
+    ) -> Option<(T, PlainReady)> {
+        // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
+        unsafe {
+            let mut lists = self.place.lock_if_favoured(process.home_number())?;
+            if !lists.is_plain_but_registered
+                || self.store.with(|store| !(*store).is_empty())
+                || !still()
+            {
+                return None;
+            }
+            let first = lists.senders.first()?;
+            let sender = first.cast::<Waiter<T>>();
+            let ready = Waiter::take_plain_wakeup(sender)?;
+            lists.receiver = LastUser::process(process.id());
+            lists.senders.remove_first(first);
+            let value = Waiter::take_value_of(sender);
+            Waiter::settle_plain(sender);
+            note(lists.senders.is_empty());
+            Some((value, ready))
+        }
+    }
+
+    /// Receives into the node, and releases the lock that was kept.
+    ///
+    /// # Safety
+    ///
+    /// As for [`leave_home`](Self::leave_home), and the look said that it is ready. The node is not listed, holds no value, and nobody else accesses it.
+    #[inline(always)]
+    pub(crate) unsafe fn take_sender(
+        &self,
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+    ) -> Option<PlainReady> {
+        // SAFETY: the contract; under the lock a listed node is one of this channel's, and a sender's holds its value.
+        unsafe {
+            let mut lists = self.place.kept(process.home_number());
+            let first = lists.senders.first()?;
+            let sender = first.cast::<Waiter<T>>();
+            let ready = Waiter::take_plain_wakeup(sender)?;
+            lists.receiver = LastUser::process(process.id());
+            lists.senders.remove_first(first);
+            Waiter::put_value_of(node, Waiter::take_value_of(sender));
+            Waiter::settle_plain(sender);
+            Some(ready)
+        }
+    }
+
+    /// Sends the node's value, and releases the lock that was kept.
+    ///
+    /// # Safety
+    ///
+    /// As for [`take_sender`](Self::take_sender); but the node holds a value.
+    #[inline(always)]
+    pub(crate) unsafe fn take_receiver(
+        &self,
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+    ) -> Option<PlainReady> {
+        // SAFETY: as above; a listed receiver's node holds no value.
+        unsafe {
+            let mut lists = self.place.kept(process.home_number());
+            let first = lists.receivers.first()?;
+            let receiver = first.cast::<Waiter<T>>();
+            let ready = Waiter::take_plain_wakeup(receiver)?;
+            lists.sender = LastUser::process(process.id());
+            lists.receivers.remove_first(first);
+            Waiter::put_value_of(receiver, Waiter::take_value_of(node));
+            Waiter::settle_plain(receiver);
+            Some(ready)
+        }
+    }
+
+    /// Lists the node of a guard, on the side that `of_sender` says, and releases the lock that was kept.
+    ///
+    /// # Safety
+    ///
+    /// As for [`leave_home`](Self::leave_home), and the look said that it is not ready. The node is not listed, nobody else accesses it, and it holds a value
+    /// if it is a sender's. It stays where it is until it is settled or withdrawn, and the selection outlives that.
+    #[inline(always)]
+    pub(crate) unsafe fn list_guard(
+        &self,
+        node: NonNull<Waiter<T>>,
+        of_sender: bool,
+        selection: (NonNull<Selection>, u32),
+        process: &Process,
+    ) {
+        // SAFETY: the contract.
+        unsafe {
+            let mut lists = self.place.kept(process.home_number());
+            Waiter::begin_guard(node, process, selection.0, selection.1);
+            let (list, user) = match of_sender {
+                true => (&raw mut lists.senders, &raw mut lists.sender),
+                false => (&raw mut lists.receivers, &raw mut lists.receiver),
+            };
+            *user = LastUser::process(process.id());
+            if (*list).is_empty() {
+                (*list).insert_alone(node.cast());
+            } else {
+                (*list).insert(node.cast(), process.priority(), None);
+            }
+        }
+    }
+
+    /// Takes the node of a guard off its list that was not chosen, if it is still there.
+    ///
+    /// # Safety
+    ///
+    /// `node` was listed in this channel, on the side that `of_sender` says. This thread is the home of that number.
+    #[inline(always)]
+    pub(crate) unsafe fn withdraw_guard(
+        &self,
+        node: NonNull<Waiter<T>>,
+        of_sender: bool,
+        home: u64,
+    ) {
+        // SAFETY: the contract; under the lock a waiting node is listed.
+        unsafe {
+            if Waiter::outcome(node) != Outcome::Waiting {
+                return;
+            }
+            let lists = self.place.lock_if_favoured(home);
+            match lists {
+                // One that is plain serves no call, so nobody is lent anything for those who wait here.
+                Some(mut lists) if lists.is_plain && Waiter::outcome(node) == Outcome::Waiting => {
+                    match of_sender {
+                        true => lists.senders.remove(node.cast()),
+                        false => lists.receivers.remove(node.cast()),
+                    }
+                    Waiter::settle_stale(node);
+                }
+                lists => {
+                    drop(lists);
+                    self.withdraw(node, of_sender);
+                }
+            }
+        }
+    }
+}
+
+/// What the first partner who waits comes to. Keeps the lock unless it is [`No`](Look::No).
+///
+/// # Safety
+///
+/// `first` is the first in a list of waiters of such values that the lock guards.
+#[inline(always)]
+unsafe fn look_at<T>(
+    first: Option<NonNull<luna_platform::wait_list::WaitNode>>,
+    lists: InsideGuard<'_, Lists>,
+) -> Look {
+    let look = match first {
+        None => Look::NotReady,
+        // SAFETY: the contract.
+        Some(first) if unsafe { Waiter::<T>::is_plain(first.cast()) } => Look::Ready,
+        // Another alternative, or one with a waker of its own.
+        Some(_) => return Look::No,
+    };
+    lists.keep();
+    look
+}
+
+/// Lists a sender.
+///
+/// # Safety
+///
+/// As for [`send_at_home`](Channel::send_at_home); and nobody is listed on either side.
+#[inline(always)]
+unsafe fn wait_as_sender<T, S: Source<T>>(
+    lists: &mut Lists,
+    offered: NonNull<Offered<T, S>>,
+    process: &Process,
+) -> AtHome {
+    lists.sender = LastUser::process(process.id());
+    let node = offered.cast::<Waiter<T>>();
+    // SAFETY: the contract.
+    unsafe {
+        Waiter::begin_plain(node, process);
+        lists.senders.insert_alone(node.cast());
+    }
+    AtHome::Waits
+}
+
+/// Wakes the partner, and lets others run before `process` if they are to.
+///
+/// # Safety
+///
+/// The wakeup was made on this thread, which is the home of `process`.
+#[inline(always)]
+unsafe fn go_on(ready: PlainReady, process: &Process) -> AtHome {
+    // SAFETY: the contract.
+    unsafe { ready.wake() };
+    match current::gives_way(process) {
+        true => AtHome::GaveWay,
+        false => AtHome::Done,
+    }
+}
