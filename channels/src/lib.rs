@@ -78,7 +78,9 @@ pub use stream::Incoming;
 #[doc(hidden)]
 pub mod __private {
     //! What the macros name.
-    pub use crate::alternative::{Cons, Either, Guards, Never, Nil, Select, Skip, guard, select};
+    pub use crate::alternative::{
+        Cons, Either, Guards, Never, Nil, Seed, Seeds, Select, Skip, guard, select,
+    };
 }
 
 use crate::inspect::{Identity, PlaceKind};

@@ -117,6 +117,17 @@ impl RawGuard for After {
 
 impl Guard for After {
     type Output = ();
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(self: Pin<&mut Self>) {}
 }

@@ -23,6 +23,22 @@ pub trait Guard: RawGuard {
     /// What the guard gives when it is chosen.
     type Output;
 
+    /// Whether a guard that was not chosen and is listed nowhere, or that has given its output, has anything to drop.
+    #[doc(hidden)]
+    const DROPS: bool = true;
+
+    /// What the guard is made of: as small as can be, since it is moved until the alternative is polled.
+    #[doc(hidden)]
+    type Seed;
+
+    /// Takes a new guard for its seed.
+    #[doc(hidden)]
+    fn into_seed(self) -> Self::Seed;
+
+    /// Makes the guard that the seed was.
+    #[doc(hidden)]
+    fn from_seed(seed: Self::Seed) -> Self;
+
     /// Takes what the guard gives.
     ///
     /// # Safety

@@ -39,10 +39,60 @@ pub struct Skip;
 #[derive(Debug)]
 pub struct Cons<G, R>(pub Option<G>, pub R);
 
-/// Takes a guard as it is; the bound is checked here, at the guard's own expression.
-#[inline]
-pub fn guard<G: Guard>(guard: G) -> G {
-    guard
+/// A guard that has not been looked at: not where it will stay yet.
+pub struct Seed<G: Guard>(G::Seed);
+
+impl<G: Guard> std::fmt::Debug for Seed<G> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Seed")
+    }
+}
+
+/// Takes a guard; the bound is checked here, at the guard's own expression.
+#[inline(always)]
+pub fn guard<G: Guard>(guard: G) -> Seed<G> {
+    Seed(guard.into_seed())
+}
+
+/// A list of guards that have not been looked at.
+pub trait Seeds {
+    /// The list of the guards.
+    type Guards: Guards;
+
+    /// Makes the guards where they are to stay.
+    ///
+    /// # Safety
+    ///
+    /// `place` is that of such a list, to be written.
+    unsafe fn grow(self, place: *mut Self::Guards);
+}
+
+impl Seeds for Nil {
+    type Guards = Nil;
+
+    #[inline(always)]
+    unsafe fn grow(self, _: *mut Nil) {}
+}
+
+impl Seeds for Skip {
+    type Guards = Skip;
+
+    #[inline(always)]
+    unsafe fn grow(self, _: *mut Skip) {}
+}
+
+impl<G: Guard, R: Seeds> Seeds for Cons<Seed<G>, R> {
+    type Guards = Cons<G, R::Guards>;
+
+    #[inline(always)]
+    unsafe fn grow(self, place: *mut Self::Guards) {
+        // Each where it is to stay: a whole that is made and then moved is copied once for each of its parts.
+        // SAFETY: the contract.
+        unsafe {
+            (&raw mut (*place).0).write(self.0.map(|seed| G::from_seed(seed.0)));
+            self.1.grow(&raw mut (*place).1);
+        }
+    }
 }
 
 /// A list of guards.
@@ -51,6 +101,8 @@ pub trait Guards {
     type Output;
     /// How many there are.
     const LEN: usize;
+    /// Whether any has something to drop when the alternative is over.
+    const DROPS: bool;
     /// Whether `skip` stands at the end.
     const SKIP: bool;
 
@@ -201,6 +253,7 @@ impl std::fmt::Debug for Collected<'_> {
 impl Guards for Nil {
     type Output = Never;
     const LEN: usize = 0;
+    const DROPS: bool = false;
     const SKIP: bool = false;
 
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
@@ -235,6 +288,7 @@ impl Guards for Nil {
 impl Guards for Skip {
     type Output = ();
     const LEN: usize = 0;
+    const DROPS: bool = false;
     const SKIP: bool = true;
 
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
@@ -281,6 +335,7 @@ impl<G, R> Cons<G, R> {
 impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     type Output = Either<G::Output, R::Output>;
     const LEN: usize = R::LEN + 1;
+    const DROPS: bool = G::DROPS || R::DROPS;
     const SKIP: bool = R::SKIP;
 
     #[inline]

@@ -14,7 +14,7 @@ mod when;
 pub use after::{After, after, at};
 pub use guard::Guard;
 pub(crate) use guard::{Attempt, Look, RawGuard};
-pub use list::{Cons, Either, Guards, Never, Nil, Skip, guard};
+pub use list::{Cons, Either, Guards, Never, Nil, Seed, Seeds, Skip, guard};
 pub(crate) use registered::Entry;
 pub use registered::{Alternative, AlternativeRecv};
 pub use select::{Select, select};

@@ -1,13 +1,14 @@
 //! The future of an alternative.
 
 use super::choose::{Choice, Locks, choose, note_choice};
-use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open};
+use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::selection::Selection;
 use luna_platform::current::{self, Process, Wakeup};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
+use std::mem::MaybeUninit;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll, RawWakerVTable};
@@ -33,11 +34,12 @@ enum State {
 ///
 /// # Invariants
 ///
-/// Once polled it is pinned. In `Listed`, and until their drop afterwards, guards may be listed and lead to `selection`, which is dropped after
-/// them.
+/// `seeds` is there until the first poll, and `guards` from then on; then it is pinned. In `Listed`, and until their drop afterwards, guards may be listed and
+/// lead to `selection`, which is dropped after them.
 #[must_use = "an alternative does nothing unless awaited"]
-pub struct Select<L> {
-    guards: L,
+pub struct Select<S: Seeds> {
+    seeds: Option<S>,
+    guards: MaybeUninit<S::Guards>,
     selection: Selection,
     fair: bool,
     state: State,
@@ -47,21 +49,22 @@ pub struct Select<L> {
 }
 
 // SAFETY: the guards may be sent, the selection is shared by atomics and locks, and the identity is only compared.
-unsafe impl<L: Send> Send for Select<L> {}
+unsafe impl<S: Seeds<Guards: Send> + Send> Send for Select<S> {}
 // SAFETY: `&Select` gives access to nothing.
-unsafe impl<L: Sync> Sync for Select<L> {}
+unsafe impl<S: Seeds<Guards: Sync> + Sync> Sync for Select<S> {}
 
-/// An alternative among `guards`; `fair`, or in the order written.
-#[inline]
-pub fn select<L: Guards>(fair: bool, guards: L) -> Select<L> {
+/// An alternative among the guards of `seeds`; `fair`, or in the order written.
+#[inline(always)]
+pub fn select<S: Seeds>(fair: bool, seeds: S) -> Select<S> {
     const {
         assert!(
-            L::LEN <= MOST_GUARDS,
+            S::Guards::LEN <= MOST_GUARDS,
             "an alternative has at most 32 guards: use `Alternative` for more channels"
         )
     };
     Select {
-        guards,
+        seeds: Some(seeds),
+        guards: MaybeUninit::uninit(),
         selection: Selection::new(),
         fair,
         state: State::New,
@@ -75,11 +78,12 @@ fn identity(cx: &Context<'_>) -> Identity {
     (cx.waker().data(), cx.waker().vtable())
 }
 
-impl<L: Guards> Future for Select<L> {
-    type Output = L::Output;
+impl<S: Seeds> Future for Select<S> {
+    type Output = Outputs<S>;
 
     #[inline]
-    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
+        self.as_mut().grow();
         if matches!(self.state, State::New | State::Listed)
             && let Some(process) = current::plain_turn(cx)
             && let Some(polled) = self.as_mut().poll_at_home(process, cx)
@@ -90,7 +94,21 @@ impl<L: Guards> Future for Select<L> {
     }
 }
 
-impl<L: Guards> Select<L> {
+type Outputs<S> = <<S as Seeds>::Guards as Guards>::Output;
+
+impl<S: Seeds> Select<S> {
+    /// Makes the guards, if this is the first poll.
+    #[inline(always)]
+    fn grow(self: Pin<&mut Self>) {
+        // SAFETY: the seeds are not pinned, and the guards are not there yet.
+        unsafe {
+            let this = self.get_unchecked_mut();
+            if let Some(seeds) = this.seeds.take() {
+                seeds.grow(this.guards.as_mut_ptr());
+            }
+        }
+    }
+
     /// Polls a new or listed alternative in the plain turn of `process`, if its guards are operations on plain channels whose locks favour the process'
     /// home. `None`: the general way is to be gone.
     ///
@@ -101,11 +119,11 @@ impl<L: Guards> Select<L> {
         self: Pin<&mut Self>,
         process: &Process,
         cx: &Context<'_>,
-    ) -> Option<Poll<L::Output>> {
+    ) -> Option<Poll<Outputs<S>>> {
         // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above.
-        let mut guards = unsafe { Pin::new_unchecked(&mut this.guards) };
+        // SAFETY: as above; they are there since the poll began.
+        let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let home = process.home_number();
         if this.state == State::Listed {
             let number = this.selection.chosen()?;
@@ -141,11 +159,11 @@ impl<L: Guards> Select<L> {
                 }
                 looks.stamp();
                 looks.chosen
-            } else if L::SKIP {
+            } else if S::Guards::SKIP {
                 guards
                     .as_mut()
                     .leave_home(0, looks.end, Looks::NONE, process);
-                L::LEN as u32
+                S::Guards::LEN as u32
             } else {
                 // Before anybody finds a node that leads to it.
                 this.selection.open_at_home(process);
@@ -167,17 +185,17 @@ impl<L: Guards> Select<L> {
 
     /// Polls wherever the process is, and whatever is offered.
     #[inline(never)]
-    fn poll_generally(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<L::Output> {
+    fn poll_generally(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Outputs<S>> {
         // SAFETY: the guards are pinned with the whole, and the selection is only borrowed.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: as above.
-        let mut guards = unsafe { Pin::new_unchecked(&mut this.guards) };
+        // SAFETY: as above; they are there since the poll began.
+        let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();
             let first = this.state == State::New;
             guards.as_mut().collect(first, 0, &mut collected);
             let Collected(open) = collected;
-            if open.is_empty() && !L::SKIP && this.state != State::Over {
+            if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
                 // SAFETY: the alternative is pinned.
                 unsafe { this.stop.list() };
             }
@@ -188,7 +206,7 @@ impl<L: Guards> Select<L> {
                 state: &mut this.state,
                 polled_by: &mut this.polled_by,
             };
-            alternative.poll(L::SKIP.then_some(L::LEN as u32), cx)
+            alternative.poll(S::Guards::SKIP.then_some(S::Guards::LEN as u32), cx)
         };
         polled.map(|number| {
             this.state = State::Over;
@@ -381,17 +399,22 @@ impl Polled<'_> {
     }
 }
 
-impl<L> Drop for Select<L> {
+impl<S: Seeds> Drop for Select<S> {
+    #[inline]
     fn drop(&mut self) {
         if self.state == State::Listed {
             // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
             // came to, and deals with it as any operation that is dropped.
             drop(self.selection.close());
         }
+        if self.seeds.is_none() && (S::Guards::DROPS || self.state != State::Over) {
+            // SAFETY: they are there, and this is where they go, before the selection.
+            unsafe { self.guards.assume_init_drop() };
+        }
     }
 }
 
-impl<L> fmt::Debug for Select<L> {
+impl<S: Seeds> fmt::Debug for Select<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Select")
             .field("fair", &self.fair)

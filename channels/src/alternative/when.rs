@@ -148,6 +148,17 @@ impl<D: Due> RawGuard for When<D> {
 
 impl<D: Due> Guard for When<D> {
     type Output = D::Output;
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(self: Pin<&mut Self>) -> D::Output {
         self.serve()

@@ -311,6 +311,17 @@ impl RawGuard for SyncOp<'_> {
 
 impl Guard for SyncOp<'_> {
     type Output = ();
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.

@@ -268,6 +268,17 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
 
 impl<Q, A> Guard for CallOp<'_, Q, A> {
     type Output = Result<A, CallError<Q>>;
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(mut self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: the contract: it is the guard within this one.

@@ -263,6 +263,17 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
 
 impl<'a, Q, A> Guard for AcceptOp<'a, Q, A> {
     type Output = Result<Call<'a, Q, A>, RecvError>;
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: the contract: it is the guard within this one.

@@ -1,5 +1,6 @@
 //! A receive as a guard of an alternative.
 
+use super::Receiver;
 use super::operation::{Phase, RecvOp};
 use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Received};
@@ -10,6 +11,7 @@ use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
 use luna_platform::current::{self, PlainReady, Process, Ready};
+use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -166,6 +168,20 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 
 impl<'a, T, M: Mode> Guard for RecvOp<'a, T, M> {
     type Output = Result<M::Received<'a, T>, RecvError>;
+    type Seed = &'a Receiver<T>;
+    // The value that it may hold was taken, or never came.
+    const DROPS: bool = std::mem::needs_drop::<M::Note>();
+
+    #[inline(always)]
+    fn into_seed(self) -> Self::Seed {
+        // A new one has nothing else, and nothing to drop.
+        ManuallyDrop::new(self).receiver
+    }
+
+    #[inline(always)]
+    fn from_seed(seed: Self::Seed) -> Self {
+        RecvOp::new(seed)
+    }
 
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: nothing is moved.

@@ -187,6 +187,17 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
 
 impl<T, S: Source<T>> Guard for SendOp<'_, T, S> {
     type Output = Result<(), SendError<S::Unsent>>;
+    type Seed = Self;
+
+    #[inline]
+    fn into_seed(self) -> Self {
+        self
+    }
+
+    #[inline]
+    fn from_seed(seed: Self) -> Self {
+        seed
+    }
 
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output {
         // SAFETY: nothing is moved.
