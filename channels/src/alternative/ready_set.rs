@@ -4,33 +4,42 @@
 //! others, so positions grow; when they run out, all members are numbered anew. That takes O(n) steps once in at least n choices; everything
 //! else takes as many steps as there are levels of 64 positions: two for 4 096, three for 262 144.
 
+use arrayvec::ArrayVec;
+
 /// No position, no member.
 const NONE: u32 = u32::MAX;
 
 /// A set of positions that knows its least: a tree of words, each bit of which says whether the word below it is empty.
 #[derive(Debug)]
 struct Positions {
-    /// The lowest level first; the last has one word.
-    levels: Vec<Vec<u64>>,
+    /// All levels, the lowest first; the last has one word.
+    words: Vec<u64>,
+    /// Where the levels above the lowest begin.
+    above: ArrayVec<u32, 5>,
 }
 
 impl Positions {
     fn new(capacity: usize) -> Self {
-        let mut levels = Vec::new();
+        let mut above = ArrayVec::new();
         let mut words = capacity.div_ceil(64).max(1);
-        loop {
-            levels.push(vec![0; words]);
-            if words == 1 {
-                return Self { levels };
-            }
+        let mut all = words;
+        while words > 1 {
+            above.push(all as u32);
             words = words.div_ceil(64);
+            all += words;
+        }
+        Self {
+            words: vec![0; all],
+            above,
         }
     }
 
+    #[inline]
     fn insert(&mut self, position: u32) {
         let mut index = position as usize;
-        for level in &mut self.levels {
-            let word = &mut level[index / 64];
+        let mut start = 0;
+        for &above in &self.above {
+            let word = &mut self.words[start + index / 64];
             let was_empty = *word == 0;
             *word |= 1 << (index % 64);
             if !was_empty {
@@ -38,36 +47,45 @@ impl Positions {
                 return;
             }
             index /= 64;
+            start = above as usize;
         }
+        self.words[start + index / 64] |= 1 << (index % 64);
     }
 
+    #[inline]
     fn remove(&mut self, position: u32) {
         let mut index = position as usize;
-        for level in &mut self.levels {
-            let word = &mut level[index / 64];
+        let mut start = 0;
+        for &above in &self.above {
+            let word = &mut self.words[start + index / 64];
             *word &= !(1 << (index % 64));
             if *word != 0 {
                 return;
             }
             index /= 64;
+            start = above as usize;
         }
+        self.words[start + index / 64] &= !(1 << (index % 64));
     }
 
+    #[inline]
     fn contains(&self, position: u32) -> bool {
         let index = position as usize;
-        self.levels[0][index / 64] & (1 << (index % 64)) != 0
+        self.words[index / 64] & (1 << (index % 64)) != 0
     }
 
+    #[inline]
     fn first(&self) -> Option<u32> {
         let mut index = 0;
-        for level in self.levels.iter().rev() {
-            let word = level[index];
+        for &above in self.above.iter().rev() {
+            let word = self.words[above as usize + index];
             if word == 0 {
                 return None;
             }
             index = index * 64 + word.trailing_zeros() as usize;
         }
-        Some(index as u32)
+        let word = self.words[index];
+        (word != 0).then(|| (index * 64) as u32 + word.trailing_zeros())
     }
 }
 
@@ -122,16 +140,19 @@ impl ReadySet {
     }
 
     /// Says that a member is ready. O(levels).
+    #[inline]
     pub(super) fn set(&mut self, member: usize) {
         self.ready.insert(self.position[member]);
     }
 
     /// Says that a member is not ready. O(levels).
+    #[inline]
     pub(super) fn clear(&mut self, member: usize) {
         self.ready.remove(self.position[member]);
     }
 
     /// The ready member to choose. O(levels).
+    #[inline]
     pub(super) fn first(&self) -> Option<usize> {
         Some(self.at[self.ready.first()? as usize] as usize)
     }
@@ -139,9 +160,13 @@ impl ReadySet {
     /// Puts a member behind all others: it was chosen. O(levels), and O(members) once in that many calls.
     pub(super) fn put_behind(&mut self, member: usize) {
         let is_ready = self.ready.contains(self.position[member]);
-        if is_ready {
-            self.clear(member);
-        }
+        self.choose(member, is_ready);
+    }
+
+    /// As [`put_behind`](Self::put_behind), and says whether it is ready.
+    #[inline]
+    pub(super) fn choose(&mut self, member: usize, is_ready: bool) {
+        self.clear(member);
         self.at[self.position[member] as usize] = NONE;
         self.put_last(member);
         if is_ready {
@@ -149,6 +174,7 @@ impl ReadySet {
         }
     }
 
+    #[inline]
     fn put_last(&mut self, member: usize) {
         if self.next as usize == self.at.len() {
             self.compact();

@@ -51,6 +51,18 @@ impl<T> Hub<T> {
         self.stack.store(entry, Ordering::Release);
     }
 
+    /// Takes all that are on the stack.
+    ///
+    /// # Safety
+    ///
+    /// The gate is held.
+    #[inline]
+    unsafe fn take_stack(&self) -> *mut Entry<T> {
+        let first = self.stack.load(Ordering::Relaxed);
+        self.stack.store(ptr::null_mut(), Ordering::Relaxed);
+        first
+    }
+
     /// Whether the owner was told of something that it has not looked at. For an answer that still holds afterwards, within the gate.
     #[inline]
     fn has_news(&self) -> bool {
@@ -370,12 +382,17 @@ impl<'a, T> Alternative<'a, T> {
         if !hub.has_news() {
             return false;
         }
-        let mut next = {
-            let _gate = hub.selection.gate();
-            let first = hub.stack.load(Ordering::Relaxed);
-            hub.stack.store(ptr::null_mut(), Ordering::Relaxed);
-            first
-        };
+        let gate = hub.selection.gate();
+        // SAFETY: the gate is held.
+        let taken = unsafe { hub.take_stack() };
+        drop(gate);
+        self.note_ready(taken);
+        true
+    }
+
+    /// Notes who was on the stack. O(those).
+    fn note_ready(&mut self, taken: *mut Entry<T>) {
+        let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
             // SAFETY: an entry on the stack is live, and what was taken off it is this thread's.
             let index = unsafe {
@@ -389,7 +406,6 @@ impl<'a, T> Alternative<'a, T> {
                 self.ready.set(index as usize);
             }
         }
-        true
     }
 
     fn note_choice(&mut self, index: usize) {

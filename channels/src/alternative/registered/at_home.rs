@@ -24,7 +24,15 @@ impl<T> Alternative<'_, T> {
         if self.listed != self.entries.len() {
             return None;
         }
-        self.drain();
+        if self.hub().has_news() {
+            // SAFETY: the process is polled, so this is its home's thread; the gate is held around the taking.
+            let taken = unsafe {
+                let hub = self.hub();
+                let _gate = hub.selection.gate_if_favoured(process.home_number())?;
+                hub.take_stack()
+            };
+            self.note_ready(taken);
+        }
         let Some(index) = self.ready.first() else {
             return self.wait_at_home(process, cx);
         };
@@ -43,10 +51,11 @@ impl<T> Alternative<'_, T> {
         };
         // SAFETY: the process is polled, so this is its home's thread.
         let (value, ready) = unsafe { channel.take_sender_if(process, is_first, note) }?;
-        if !is_ready {
-            self.ready.clear(index);
+        match self.is_fair {
+            true => self.ready.choose(index, is_ready),
+            false if !is_ready => self.ready.clear(index),
+            false => {}
         }
-        self.note_choice(index);
         // SAFETY: the sender was listed by the home that the lock favours: this thread.
         unsafe { ready.wake() };
         let gives_way = current::gives_way(process);
