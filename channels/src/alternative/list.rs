@@ -117,8 +117,8 @@ pub trait Guards {
     /// All guards are new, and this thread is the home that `looks` says.
     unsafe fn look_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
 
-    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Gives whom to
-    /// ready.
+    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Puts whom to
+    /// ready into `ready`.
     ///
     /// # Safety
     ///
@@ -129,7 +129,8 @@ pub trait Guards {
         end: u32,
         chosen: u32,
         process: &Process,
-    ) -> Option<PlainReady>;
+        ready: &mut Option<PlainReady>,
+    );
 
     /// Lists the guards, the first of which has this number, and releases the locks.
     ///
@@ -270,8 +271,8 @@ impl Guards for Nil {
         _: u32,
         _: u32,
         _: &Process,
-    ) -> Option<PlainReady> {
-        None
+        _: &mut Option<PlainReady>,
+    ) {
     }
 
     #[inline]
@@ -305,8 +306,8 @@ impl Guards for Skip {
         _: u32,
         _: u32,
         _: &Process,
-    ) -> Option<PlainReady> {
-        None
+        _: &mut Option<PlainReady>,
+    ) {
     }
 
     #[inline]
@@ -383,23 +384,22 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
         end: u32,
         chosen: u32,
         process: &Process,
-    ) -> Option<PlainReady> {
+        ready: &mut Option<PlainReady>,
+    ) {
         if number == end {
-            return None;
+            return;
         }
         let (first, rest) = self.parts();
         // SAFETY: the contract.
         unsafe {
-            let ready = first.as_pin_mut().and_then(|first| {
+            if let Some(first) = first.as_pin_mut() {
                 if number == chosen {
-                    first.take_at_home(process)
+                    *ready = first.take_at_home(process);
                 } else {
                     first.leave_home(process.home_number());
-                    None
                 }
-            });
-            let of_rest = rest.leave_home(number + 1, end, chosen, process);
-            ready.or(of_rest)
+            }
+            rest.leave_home(number + 1, end, chosen, process, ready);
         }
     }
 

@@ -146,24 +146,19 @@ impl<S: Seeds> Select<S> {
         // calls anybody.
         unsafe {
             let is_all = guards.as_mut().look_at_home(0, &mut looks);
+            let mut ready = None;
             if !is_all || looks.end == 0 {
-                guards.leave_home(0, looks.end, Looks::NONE, process);
+                guards.leave_home(0, looks.end, Looks::NONE, process, &mut ready);
                 return None;
             }
-            let number = if looks.chosen != Looks::NONE {
-                let ready = guards
-                    .as_mut()
-                    .leave_home(0, looks.end, looks.chosen, process);
+            let number = if looks.chosen != Looks::NONE || S::Guards::SKIP {
+                let (guards, chosen) = (guards.as_mut(), looks.chosen);
+                guards.leave_home(0, looks.end, chosen, process, &mut ready);
                 if let Some(ready) = ready {
                     ready.wake();
                 }
                 looks.stamp();
-                looks.chosen
-            } else if S::Guards::SKIP {
-                guards
-                    .as_mut()
-                    .leave_home(0, looks.end, Looks::NONE, process);
-                S::Guards::LEN as u32
+                chosen.min(S::Guards::LEN as u32)
             } else {
                 // Before anybody finds a node that leads to it.
                 this.selection.open_at_home(process);

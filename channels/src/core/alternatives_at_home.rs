@@ -98,6 +98,58 @@ impl<T> Channel<T> {
         // SAFETY: the contract; nobody is listed.
         unsafe { wait_as_sender(&mut lists, offered, process) }
     }
+
+    /// Receives from the first alternative that offers to send here and waits, and takes those off the list that do not; or lists the receiver.
+    ///
+    /// # Safety
+    ///
+    /// As for [`recv_at_home`](Self::recv_at_home), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
+    #[inline(never)]
+    pub(super) unsafe fn recv_from_guard(
+        &self,
+        mut lists: InsideGuard<'_, Lists>,
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+    ) -> AtHome {
+        while let Some(first) = lists.senders.first() {
+            let sender = first.cast::<Waiter<T>>();
+            // SAFETY: the node is listed, and guarded by the lock; its selection is live. One that was opened plainly is that of guards at home
+            // alone, which hold their values.
+            unsafe {
+                let Some((selection, guard)) = (*Waiter::link(sender)).selection else {
+                    return AtHome::No;
+                };
+                let selection = selection.as_ref();
+                if selection.is_open() {
+                    let Some(gate) = selection.gate_if_favoured(process.home_number()) else {
+                        return AtHome::No;
+                    };
+                    let Some(ready) = selection.claim_plainly(guard) else {
+                        return AtHome::No;
+                    };
+                    drop(gate);
+                    lists.receiver = LastUser::process(process.id());
+                    lists.senders.remove_first(first);
+                    Waiter::put_value_of(node, Waiter::take_value_of(sender));
+                    Waiter::settle_plain(sender);
+                    drop(lists);
+                    return go_on(ready, process);
+                }
+                lists.senders.remove_first(first);
+                Waiter::settle_stale(sender);
+            }
+        }
+        if !lists.receivers.is_empty() {
+            return AtHome::No;
+        }
+        lists.receiver = LastUser::process(process.id());
+        // SAFETY: the contract; nobody is listed.
+        unsafe {
+            Waiter::begin_plain(node, process);
+            lists.receivers.insert_alone(node.cast());
+        }
+        AtHome::Waits
+    }
 }
 
 /// An alternative at home, for one of its guards. The guards at home are those of plain channels alone, whose partners are plain operations.

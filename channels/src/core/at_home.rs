@@ -135,7 +135,7 @@ impl<T> Channel<T> {
             };
             let sender = first.cast::<Waiter<T>>();
             let Some(ready) = Waiter::take_plain_wakeup(sender) else {
-                return AtHome::No;
+                return self.recv_from_guard(lists, node, process);
             };
             lists.receiver = LastUser::process(process.id());
             lists.senders.remove_first(first);
