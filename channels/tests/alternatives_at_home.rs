@@ -1,0 +1,177 @@
+//! Alternatives whose partners are processes of their own executor, until somebody from elsewhere comes: every value once, and in order.
+
+#![cfg(not(loom))]
+
+use luna_channels::{Alternative, Receiver, RecvError, Sender, alt, channel, pri_alt};
+use luna_executors::{Executor, Exit, ProcessSpec};
+use luna_platform::thread::Attributes;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// So many that all locks favour the executor before anybody else comes.
+const WARM: u64 = 100;
+/// How many the process sends over each channel, and the thread.
+const EACH: u64 = 200;
+const ROUNDS: usize = 40;
+const CHANNELS: usize = 3;
+
+/// What is sent: by whom, over which channel, and the how manieth.
+type Item = (bool, usize, u64);
+
+#[derive(Clone, Copy)]
+enum Server {
+    Fair,
+    Prioritized,
+    Registered,
+}
+
+/// What came over each channel, from the process and from the thread: each in order.
+#[derive(Default)]
+struct Seen([[u64; 2]; CHANNELS]);
+
+impl Seen {
+    fn note(&mut self, from: usize, received: Result<Item, RecvError>) {
+        let (is_thread, channel, number) = received.unwrap();
+        assert_eq!(channel, from);
+        let next = &mut self.0[channel][usize::from(is_thread)];
+        assert_eq!(number, *next);
+        *next += 1;
+    }
+
+    fn is_all(&self) -> bool {
+        self.0 == [[EACH; 2]; CHANNELS]
+    }
+}
+
+async fn serve(inputs: [Receiver<Item>; CHANNELS], server: Server) {
+    let mut seen = Seen::default();
+    let [a, b, c] = &inputs;
+    let mut registered = match server {
+        Server::Registered => Some(Alternative::fair(&inputs)),
+        _ => None,
+    };
+    while !seen.is_all() {
+        let (from, received) = match (server, &mut registered) {
+            (Server::Registered, Some(inputs)) => inputs.recv().await,
+            (Server::Prioritized, _) => pri_alt! {
+                x = a.recv() => (0, x),
+                x = b.recv() => (1, x),
+                x = c.recv() => (2, x),
+            },
+            _ => alt! {
+                x = a.recv() => (0, x),
+                x = b.recv() => (1, x),
+                x = c.recv() => (2, x),
+            },
+        };
+        seen.note(from, received);
+    }
+}
+
+/// Waits on a plain thread until the process has done so many.
+fn wait_until_warm(done: &AtomicU64) {
+    while done.load(Ordering::Acquire) < WARM {
+        std::thread::yield_now();
+    }
+}
+
+fn run(server: Server) {
+    for _ in 0..ROUNDS {
+        let executor = Executor::start(Attributes::new("home")).unwrap();
+        let (outputs, inputs): (Vec<Sender<Item>>, Vec<_>) =
+            (0..CHANNELS).map(|_| channel()).unzip();
+        let inputs: [Receiver<Item>; CHANNELS] = inputs.try_into().unwrap();
+        let done = Arc::new(AtomicU64::new(0));
+        let elsewhere = {
+            let (outputs, done) = (outputs.clone(), done.clone());
+            std::thread::spawn(move || {
+                wait_until_warm(&done);
+                for number in 0..EACH {
+                    for (channel, output) in outputs.iter().enumerate() {
+                        output.blocking_send((true, channel, number)).unwrap();
+                    }
+                }
+            })
+        };
+        let here = executor.spawn(ProcessSpec::new("here"), move || async move {
+            for number in 0..EACH {
+                for (channel, output) in outputs.iter().enumerate() {
+                    output.send((false, channel, number)).await.unwrap();
+                }
+                done.fetch_add(1, Ordering::Release);
+            }
+        });
+        let serving = executor.spawn(ProcessSpec::new("server"), move || serve(inputs, server));
+        executor.release();
+        for process in [here, serving] {
+            assert_eq!(process.wait(), Exit::Completed);
+        }
+        elsewhere.join().unwrap();
+    }
+}
+
+#[test]
+fn a_thread_comes_to_a_fair_alternative_at_home() {
+    run(Server::Fair);
+}
+
+#[test]
+fn a_thread_comes_to_a_prioritized_alternative_at_home() {
+    run(Server::Prioritized);
+}
+
+#[test]
+fn a_thread_comes_to_a_registered_alternative_at_home() {
+    run(Server::Registered);
+}
+
+#[test]
+fn a_thread_comes_to_an_alternative_that_offers_at_home() {
+    for _ in 0..ROUNDS {
+        let executor = Executor::start(Attributes::new("home")).unwrap();
+        let (left, from_left) = channel::<u64>();
+        let (right, from_right) = channel::<u64>();
+        let done = Arc::new(AtomicU64::new(0));
+        let offering = executor.spawn(ProcessSpec::new("offers"), move || async move {
+            // Until one of the readers has enough and goes.
+            let mut next = 0;
+            loop {
+                let sent = alt! {
+                    sent = left.send(next) => sent,
+                    sent = right.send(next) => sent,
+                };
+                match sent {
+                    Ok(()) => next += 1,
+                    Err(unsent) => break assert_eq!(unsent.value, next),
+                }
+            }
+        });
+        let elsewhere = {
+            let (from_right, done) = (from_right.clone(), done.clone());
+            std::thread::spawn(move || {
+                wait_until_warm(&done);
+                let mut last = None;
+                while let Ok(number) = from_right.blocking_recv() {
+                    assert!(last < Some(number));
+                    last = Some(number);
+                }
+            })
+        };
+        let here = executor.spawn(ProcessSpec::new("here"), move || async move {
+            let mut last = None;
+            for _ in 0..EACH {
+                for input in [&from_left, &from_right] {
+                    let number = input.recv().await.unwrap();
+                    assert!(last < Some(number));
+                    last = Some(number);
+                }
+                done.fetch_add(1, Ordering::Release);
+            }
+        });
+        executor.release();
+        for process in [offering, here] {
+            assert_eq!(process.wait(), Exit::Completed);
+        }
+        elsewhere.join().unwrap();
+    }
+}
