@@ -109,7 +109,7 @@ pub trait Guards {
     /// Adds the guards that can happen; the others go when this is called for the `first` time, before any is listed.
     fn collect<'a>(self: Pin<&'a mut Self>, first: bool, number: u32, into: &mut Collected<'a>);
 
-    /// [Looks](RawGuard::look_at_home) at the guards that can happen, the first of which has this number; the others go. `false` if one of them cannot be had
+    /// Looks at the guards that can happen, the first of which has this number; the others go. `false` if one of them cannot be had
     /// that way.
     ///
     /// # Safety

@@ -149,6 +149,52 @@ mod running {
     /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
+    fn a_guard_that_is_kept_holds_the_lock_until_it_is_given_again() {
+        let _home = enter();
+        let lock = HomeLock::new(0);
+        if !earn(&lock) {
+            return;
+        }
+        let home = current::home_number();
+        // SAFETY: this thread is the home, and what is kept is given again.
+        unsafe {
+            lock.lock_if_free(home).unwrap().keep();
+            assert!(lock.lock_if_free(home).is_none());
+            *lock.kept(home) += 1;
+            assert!(lock.lock_if_free(home).is_some());
+            assert!(lock.lock_if_free(home + 1).is_none());
+        }
+    }
+
+    #[test]
+    fn a_lock_that_favours_a_home_from_the_start_is_shared_when_another_comes() {
+        let _home = enter();
+        if !earn(&HomeLock::new(0)) {
+            return;
+        }
+        let lock = HomeLock::new(0);
+        let home = current::home_number();
+        // SAFETY: this thread is the home, which another lock favoured, and nobody else knows this one.
+        unsafe {
+            lock.favour_from_the_start(home);
+            *lock.lock_if_favoured(home).unwrap() += 1;
+        }
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                (0..1000).for_each(|_| *lock.lock() += 1);
+                done.store(true, Ordering::Release);
+            });
+            while !done.load(Ordering::Acquire) {
+                *lock.lock() += 2;
+                *lock.lock() -= 2;
+            }
+        });
+        assert!(!lock.is_favouring());
+        assert_eq!(*lock.lock(), 1001);
+    }
+
+    #[test]
     fn who_finds_the_home_inside_waits_and_is_handed_over() {
         for _ in 0..20 {
             let _home = enter();
