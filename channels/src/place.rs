@@ -51,6 +51,12 @@ pub struct Lists {
 pub(crate) struct LastUser(u32);
 
 impl Lists {
+    /// Whether it is plain and has no buffer.
+    #[inline]
+    pub(crate) fn is_plain_rendezvous(&self) -> bool {
+        self.is_plain && self.is_rendezvous
+    }
+
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
     /// does.
     pub(crate) fn find_whether_plain(&mut self) {

@@ -166,7 +166,7 @@ impl<T> Channel<T> {
             let Some(lists) = self.place.lock_if_free(home) else {
                 return Look::No;
             };
-            if !lists.is_plain || self.store.with(|store| !(*store).is_empty()) {
+            if !lists.is_plain_rendezvous() || self.store.with(|store| !(*store).is_empty()) {
                 return Look::No;
             }
             look_at::<T>(lists.senders.first(), lists)
@@ -185,7 +185,7 @@ impl<T> Channel<T> {
             let Some(lists) = self.place.lock_if_free(home) else {
                 return Look::No;
             };
-            if !lists.is_plain {
+            if !lists.is_plain_rendezvous() {
                 return Look::No;
             }
             look_at::<T>(lists.receivers.first(), lists)
@@ -338,7 +338,9 @@ impl<T> Channel<T> {
             let lists = self.place.lock_if_favoured(home);
             match lists {
                 // One that is plain serves no call, so nobody is lent anything for those who wait here.
-                Some(mut lists) if lists.is_plain && Waiter::outcome(node) == Outcome::Waiting => {
+                Some(mut lists)
+                    if lists.is_plain_rendezvous() && Waiter::outcome(node) == Outcome::Waiting =>
+                {
                     match of_sender {
                         true => lists.senders.remove(node.cast()),
                         false => lists.receivers.remove(node.cast()),

@@ -89,7 +89,10 @@ impl<T> Channel<T> {
             };
             let receiver = first.cast::<Waiter<T>>();
             let Some(ready) = Waiter::take_plain_wakeup(receiver) else {
-                return self.send_to_guard(lists, offered, process);
+                return match lists.is_rendezvous {
+                    true => self.send_to_guard(lists, offered, process),
+                    false => AtHome::No,
+                };
             };
             lists.sender = LastUser::process(process.id());
             lists.receivers.remove_first(first);
@@ -135,7 +138,10 @@ impl<T> Channel<T> {
             };
             let sender = first.cast::<Waiter<T>>();
             let Some(ready) = Waiter::take_plain_wakeup(sender) else {
-                return self.recv_from_guard(lists, node, process);
+                return match lists.is_rendezvous {
+                    true => self.recv_from_guard(lists, node, process),
+                    false => AtHome::No,
+                };
             };
             lists.receiver = LastUser::process(process.id());
             lists.senders.remove_first(first);
