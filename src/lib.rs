@@ -72,7 +72,7 @@ pub use luna_platform::path::off_path;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use luna_platform::usage::ThreadUsage;
-pub use report::{End, ProcessReport, Report, ThreadReport};
+pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
 pub use safety::{Bite, Watchdog, WatchdogProcess};
 pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};

@@ -38,8 +38,11 @@ pub struct Report {
     pub elapsed: Duration,
     /// The executors and OS threads, in the order of their making, with what they obtained.
     pub threads: Vec<ThreadReport>,
-    /// The processes, in the order of their spawning.
+    /// The processes, in the order of their spawning; but those that were spawned on an executor while the system ran and ended long before its end
+    /// are only counted, in `earlier`.
     pub processes: Vec<ProcessReport>,
+    /// What became of the others, if there were more than the system [remembers](crate::System::remember_ended).
+    pub earlier: EarlierProcesses,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,
     /// What the system as a whole was not given: locked memory, short wake-ups, the emergency manager's priority.
@@ -96,6 +99,90 @@ pub struct ProcessReport {
     pub longest_poll: Option<Duration>,
     /// How it kept each of its budgets.
     pub budgets: Vec<BudgetReport>,
+}
+
+/// What became of the processes that a system does not remember one by one.
+///
+/// ```
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("many");
+/// system.remember_ended(10);
+/// let main = system.executor("main").build()?;
+/// let own = main.clone();
+/// main.process("parent").spawn(async move {
+///     for number in 0..25 {
+///         let child = own.process(&format!("child {number}")).spawn(async { Ok(()) })?;
+///         own.process_handle(child).expect("it has just been spawned").join().await;
+///     }
+///     Ok(())
+/// })?;
+/// let report = system.run()?;
+/// assert_eq!(report.processes.len(), 11); // the parent and ten of its children
+/// assert_eq!((report.earlier.number(), report.earlier.completed), (15, 15));
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct EarlierProcesses {
+    /// How many returned, without an error.
+    pub completed: u64,
+    /// How many returned an error, or were ended for an overrun of a loop.
+    pub failed: u64,
+    /// How many were cancelled.
+    pub cancelled: u64,
+    /// How many panicked.
+    pub panicked: u64,
+    /// How often all of them together were given the processor.
+    pub polls: u64,
+    /// The longest that one of them kept it, of those whose polls were timed.
+    pub longest_poll: Option<Duration>,
+    /// How often all of them together overran a budget.
+    pub overruns: u64,
+}
+
+impl EarlierProcesses {
+    /// How many there were.
+    pub fn number(&self) -> u64 {
+        self.completed + self.failed + self.cancelled + self.panicked
+    }
+
+    /// Counts one that has ended, with an error of its own or without.
+    pub(crate) fn count(&mut self, process: &ProcessReport, has_failed: bool) {
+        let as_what = match process.exit {
+            Some(Exit::Panicked(_)) => &mut self.panicked,
+            Some(Exit::Cancelled) => &mut self.cancelled,
+            _ if has_failed => &mut self.failed,
+            _ => &mut self.completed,
+        };
+        *as_what += 1;
+        self.polls += process.polls;
+        self.longest_poll = self.longest_poll.max(process.longest_poll);
+        self.overruns += process.budgets.iter().map(|one| one.overruns).sum::<u64>();
+    }
+}
+
+impl fmt::Display for EarlierProcesses {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} processes that ended earlier: {} completed",
+            self.number(),
+            self.completed
+        )?;
+        let others = [
+            (self.failed, "failed"),
+            (self.cancelled, "cancelled"),
+            (self.panicked, "panicked"),
+        ];
+        for (number, what) in others.into_iter().filter(|(number, _)| *number > 0) {
+            write!(f, ", {number} {what}")?;
+        }
+        if self.overruns > 0 {
+            write!(f, ", {} overruns", self.overruns)?;
+        }
+        Ok(())
+    }
 }
 
 impl Report {
@@ -163,6 +250,9 @@ impl fmt::Display for Report {
             for budget in process.budgets.iter().filter(|one| one.overruns > 0) {
                 writeln!(f, "  process `{}`: {budget}", process.name)?;
             }
+        }
+        if self.earlier.number() > 0 {
+            writeln!(f, "  {}", self.earlier)?;
         }
         if self.loops.is_empty() {
             return Ok(());

@@ -105,14 +105,12 @@ impl Shared {
     }
 
     /// Builds what has arrived. Allocates: off the real-time path.
-    fn take_in(self: &Arc<Self>, members: &mut Vec<Arc<Record>>) {
+    fn take_in(self: &Arc<Self>) {
         let arrived = std::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;
         }
-        members.retain(|record| !record.has_ended());
         for Arrival { record, build } in arrived {
-            members.push(record.clone());
             // A builder is the user's code: if it panics, the process has ended before it began.
             if let Err(payload) = catch_unwind(AssertUnwindSafe(|| build(self, record.clone()))) {
                 record.end_panicked(payload);
@@ -292,19 +290,92 @@ impl ExecutorHandle {
         self.shared.spin.swap(0, Ordering::Relaxed) > 0
     }
 
-    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`.
+    /// Makes a process of the future that `build` returns. `build` runs on the executor's thread, so the future need not be `Send`: right here, if this is
+    /// that thread and its processes have been released.
     ///
     /// On a stopped executor the process ends at once as cancelled. Not for the real-time path: it allocates, here and on the
-    /// executor's thread. O(1) apart from `build`.
+    /// executor's thread. O(1) apart from `build`, however many processes there are or have been.
     pub fn spawn<B, F>(&self, spec: ProcessSpec, build: B) -> ProcessHandle
     where
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
+        let announced = self.announce(spec);
+        let handle = announced.handle();
+        announced.start(build);
+        handle
+    }
+
+    /// A process that counts as one that lives, and has nothing to do yet. Allocates; runs nothing of the user's.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use luna_executors::{Executor, Exit, ProcessSpec, ProcessState};
+    /// use luna_platform::thread::Attributes;
+    ///
+    /// let executor = Executor::start(Attributes::new("main"))?;
+    /// executor.release();
+    /// let announced = executor.handle().announce(ProcessSpec::new("late"));
+    /// let process = announced.handle();
+    /// assert_eq!(process.state(), ProcessState::Created);
+    /// announced.start(|| async {});
+    /// assert_eq!(process.wait(), Exit::Completed);
+    /// # Ok(()) }
+    /// ```
+    pub fn announce(&self, spec: ProcessSpec) -> Announced {
         // Processes that come and go for ever do not fill the memory.
         reclaim::collect();
-        let record = Record::new(spec, self.shared.living.clone());
-        let handle = ProcessHandle(record.clone());
+        Announced {
+            record: Some(Record::new(spec, self.shared.living.clone())),
+            shared: self.shared.clone(),
+        }
+    }
+}
+
+/// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the process ends as cancelled.
+#[must_use = "a process that is announced and not started ends as cancelled"]
+pub struct Announced {
+    /// There until it is started.
+    record: Option<Arc<Record>>,
+    shared: Arc<Shared>,
+}
+
+impl Announced {
+    /// The process, seen from outside.
+    pub fn handle(&self) -> ProcessHandle {
+        ProcessHandle(
+            self.record
+                .clone()
+                .expect("a process that is started is announced no more"),
+        )
+    }
+
+    /// Whether [`start`](Self::start), called now, would build the process before it returns: then it calls what is the user's. Else it only hands it over.
+    pub fn is_built_here(&self) -> bool {
+        current::home() == Some(self.shared.home) && self.shared.phase() == Phase::RELEASED
+    }
+
+    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`].
+    pub fn start<B, F>(mut self, build: B)
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        let Some(record) = self.record.take() else {
+            return;
+        };
+        if self.is_built_here() {
+            // Off the path, and no part of the turn in the middle of which it is done.
+            let on_path = current::set_on_path(false);
+            let built = catch_unwind(AssertUnwindSafe(|| {
+                current::outside(|| task::start(&self.shared, record.clone(), build()));
+            }));
+            if let Err(payload) = built {
+                record.end_panicked(payload);
+            }
+            current::set_on_path(on_path);
+            return;
+        }
         let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| {
             task::start(shared, record, build())
         });
@@ -321,7 +392,20 @@ impl ExecutorHandle {
             None => self.shared.inbound.ask_attention(),
             Some(refused) => refused.refuse(),
         }
-        handle
+    }
+}
+
+impl Drop for Announced {
+    fn drop(&mut self) {
+        if let Some(record) = self.record.take() {
+            record.end_unstarted();
+        }
+    }
+}
+
+impl fmt::Debug for Announced {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Announced").field(&self.record).finish()
     }
 }
 
@@ -349,14 +433,13 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
-    let mut members = Vec::new();
-    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers, &mut members)));
+    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know
     // what that left half done, so it polls nobody any more: its processes have panicked with it, and their memory is not touched.
     if lived.is_err() {
         current::set_on_path(false);
         shared.close();
-        for record in members {
+        for record in task::records() {
             record.leave_body();
             record.end_panicked(Box::new(
                 "the executor's thread panicked outside of any process",
@@ -366,10 +449,10 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
 }
 
 /// From the set-up to the end of all processes.
-fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>>) {
+fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
     loop {
         shared.inbound.take_attention();
-        shared.take_in(members);
+        shared.take_in();
         if shared.phase() != Phase::HELD {
             break;
         }
@@ -381,15 +464,15 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue, members: &mut Vec<Arc<Record>
     }
     current::set_on_path(true);
     while let Phase::RELEASED = shared.phase() {
-        turns(|| while round(shared, timers, members, true) {});
+        turns(|| while round(shared, timers, true) {});
     }
     current::set_on_path(false);
     shared.close();
-    for record in members.iter() {
+    for record in task::records() {
         record.cancel();
     }
     while task::count() > 0 {
-        turns(|| while round(shared, timers, members, false) && task::count() > 0 {});
+        turns(|| while round(shared, timers, false) && task::count() > 0 {});
     }
 }
 
@@ -404,14 +487,9 @@ fn turns(rounds: impl FnOnce()) {
 
 /// Polls one process, or sleeps if none is ready. `false` if the phase may be another.
 #[inline(always)]
-fn round(
-    shared: &Arc<Shared>,
-    timers: &TimerQueue,
-    members: &mut Vec<Arc<Record>>,
-    take_in: bool,
-) -> bool {
+fn round(shared: &Arc<Shared>, timers: &TimerQueue, take_in: bool) -> bool {
     let signals = shared.inbound.signals();
-    if !signals.is_empty() && !look_outside(shared, members, take_in, signals) {
+    if !signals.is_empty() && !look_outside(shared, take_in, signals) {
         return false;
     }
     let deadline = timers.next_deadline();
@@ -429,17 +507,12 @@ fn round(
 
 /// Takes in what others ask of the executor. `false` if the phase is another by that.
 #[cold]
-fn look_outside(
-    shared: &Arc<Shared>,
-    members: &mut Vec<Arc<Record>>,
-    take_in: bool,
-    signals: Signals,
-) -> bool {
+fn look_outside(shared: &Arc<Shared>, take_in: bool, signals: Signals) -> bool {
     if signals.attention() {
         shared.inbound.take_attention();
         if take_in {
             current::set_on_path(false);
-            shared.take_in(members);
+            shared.take_in();
             current::set_on_path(true);
             interference::rest();
             if shared.phase() != Phase::RELEASED {

@@ -129,6 +129,11 @@ impl<T: Copy> Seats<T> {
         self.members[number] = Some(member);
     }
 
+    /// All who have a seat, in the order of their seats.
+    pub(crate) fn members(&self) -> impl Iterator<Item = T> {
+        self.members.iter().copied().flatten()
+    }
+
     /// Gives the seat of this number to the next who comes. O(1).
     pub(crate) fn leave(&mut self, number: usize) {
         self.members[number] = None;

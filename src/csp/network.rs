@@ -1,7 +1,7 @@
 //! The channels, barriers and locks of the program at one moment: who used which, and who waits.
 
 use luna_channels::inspect::{self, PlaceKind, PlaceView};
-use luna_platform::current::User;
+use luna_platform::current::{ProcessId, User};
 use std::fmt;
 use std::panic::Location;
 
@@ -30,19 +30,14 @@ pub(crate) struct Meeting {
 }
 
 impl Meeting {
-    /// Whether `user` has used it last, or waits at it.
-    pub(crate) fn concerns(&self, user: User) -> bool {
-        self.sender == Some(user)
-            || self.receiver == Some(user)
-            || self.waiting.iter().any(|one| one.user == user)
-    }
-
-    /// Those who wait here and are `user`.
-    pub(crate) fn waits_of(&self, user: User) -> impl Iterator<Item = Waiting> {
-        self.waiting
-            .iter()
-            .copied()
-            .filter(move |one| one.user == user)
+    /// The processes that have used it last, or wait at it; perhaps several times.
+    pub(crate) fn users(&self) -> impl Iterator<Item = ProcessId> {
+        let last = self.sender.into_iter().chain(self.receiver);
+        let all = last.chain(self.waiting.iter().map(|one| one.user));
+        all.filter_map(|user| match user {
+            User::Process(id) => Some(id),
+            User::Outside => None,
+        })
     }
 }
 

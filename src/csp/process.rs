@@ -5,7 +5,7 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
-use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
+use luna_executors::{Announced, Living, OsThread, ProcessSpec};
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -222,12 +222,7 @@ unsafe impl<P: Send> Send for Place<P> {}
 
 /// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
-    fn on_executor(
-        self: Box<Self>,
-        executor: &ExecutorHandle,
-        spec: ProcessSpec,
-        frame: Frame,
-    ) -> ProcessHandle;
+    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame);
 
     fn on_thread(
         self: Box<Self>,
@@ -243,13 +238,8 @@ where
     B: FnOnce() -> F + Send + 'static,
     F: Future<Output = Result<()>> + 'static,
 {
-    fn on_executor(
-        self: Box<Self>,
-        executor: &ExecutorHandle,
-        spec: ProcessSpec,
-        frame: Frame,
-    ) -> ProcessHandle {
-        executor.spawn(spec, move || Supervised::make(self, frame))
+    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) {
+        announced.start(move || Supervised::make(self, frame));
     }
 
     fn on_thread(
@@ -268,13 +258,27 @@ where
     }
 }
 
-/// What the framework gives a body on its way.
-#[derive(Clone)]
-pub(crate) struct Frame {
-    pub(crate) verdict: Arc<Verdict>,
+/// What the bodies of one system have in common.
+pub(crate) struct Common {
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) tree: Arc<Tree>,
+    pub(crate) living: Arc<Living>,
+}
+
+/// What the framework gives a body on its way.
+pub(crate) struct Frame {
+    pub(crate) verdict: Arc<Verdict>,
+    common: Arc<Common>,
+}
+
+impl Frame {
+    pub(crate) fn new(common: Arc<Common>) -> Self {
+        Self {
+            verdict: Verdict::new(),
+            common,
+        }
+    }
 }
 
 /// How a body ended, if it was not cancelled and did not panic.
@@ -328,10 +332,10 @@ pub(crate) struct Supervised<F> {
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        frame.scope.enter_thread();
-        frame.tree.enter_thread();
+        frame.common.scope.enter_thread();
+        frame.common.tree.enter_thread();
         ThreadUsage::prepare_thread();
-        let alarm = Alarm(&frame.emergency);
+        let alarm = Alarm(&frame.common.emergency);
         let body = make();
         std::mem::forget(alarm);
         Self {
@@ -351,12 +355,16 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             let this = self.get_unchecked_mut();
             (Pin::new_unchecked(&mut *this.body), &this.frame)
         };
-        let alarm = Alarm(&frame.emergency);
+        let alarm = Alarm(&frame.common.emergency);
         let polled = poll_until_failure(body, cx);
         std::mem::forget(alarm);
         match polled {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
+                if !matches!(ended, Ok(Ok(()))) {
+                    // It is to be said of soon, and its own end is told to nobody who is not listening for any.
+                    frame.common.living.announce_next();
+                }
                 *frame.verdict.0.lock() = Some(ended.map_or_else(Ended::Failed, Ended::Returned));
                 Poll::Ready(())
             }
@@ -367,7 +375,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
         // Also a panic of what a cancelled body leaves.
-        let alarm = Alarm(&self.frame.emergency);
+        let alarm = Alarm(&self.frame.common.emergency);
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
         std::mem::forget(alarm);

@@ -191,7 +191,7 @@ impl Thread {
 #[must_use = "a process starts with `spawn`"]
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
-    name: String,
+    name: Arc<str>,
     place: Result<Place>,
     level: u8,
     timed: bool,
@@ -202,7 +202,7 @@ impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
         Self {
             plan,
-            name: name.to_owned(),
+            name: Arc::from(name),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
@@ -302,7 +302,7 @@ impl ProcessBuilder {
         let place = self.place?;
         if self.level >= LEVELS {
             return Err(SetupError::Level {
-                process: self.name,
+                process: self.name.to_string(),
                 level: self.level,
             }
             .into());

@@ -61,7 +61,7 @@ impl Observer {
         let meetings = network::meetings();
         let of_system = meetings
             .iter()
-            .filter(|meeting| names.keys().any(|&id| meeting.concerns(User::Process(id))));
+            .filter(|meeting| meeting.users().any(|id| names.contains_key(&id)));
         Composition {
             system: self.plan.name().to_owned(),
             threads,
@@ -84,10 +84,10 @@ impl fmt::Debug for Observer {
 fn parts(members: &Members) -> Vec<ThreadPart> {
     let planned = members.executors.iter().map(ExecutorPlan::part);
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
-    let started = members.started.iter().map(|member| {
+    let started = members.started.in_order().into_iter().map(|(id, member)| {
         let part = ProcessPart {
-            name: member.name.clone(),
-            id: member.id,
+            name: member.name.to_string(),
+            id,
             kind: ProcessKind::UserThread,
             state: member.handle.state(),
             priority: member.handle.priority(),
@@ -97,7 +97,7 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     });
     let waiting = members.waiting.iter().map(|process| {
         let part = ProcessPart {
-            name: process.name.clone(),
+            name: process.name.to_string(),
             id: process.id,
             kind: ProcessKind::UserThread,
             state: ProcessState::Created,
@@ -106,9 +106,11 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
         };
         let on = match &process.place {
             Place::Executor(number) => On::Executor(*number),
-            Place::Thread { name, attributes } => {
-                On::Thread(ThreadPart::asked(name, ThreadKind::OsThread, attributes))
-            }
+            Place::Thread { name, attributes } => On::Thread(Box::new(ThreadPart::asked(
+                name,
+                ThreadKind::OsThread,
+                attributes,
+            ))),
         };
         (part, on)
     });
@@ -123,7 +125,7 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
             On::Thread(mut thread) => {
                 part.kind = ProcessKind::OsThread;
                 thread.processes.push(part);
-                threads.push(thread);
+                threads.push(*thread);
             }
         }
     }

@@ -7,7 +7,9 @@
 
 use crate::csp::network::{Meeting, Role};
 use luna_platform::current::{ProcessId, User};
+use std::collections::HashMap;
 use std::fmt;
+use std::sync::Arc;
 
 /// A deadlock: every process of a system waits, and nothing that the system knows of can wake one of them.
 ///
@@ -111,44 +113,76 @@ pub enum Partner {
 #[derive(Debug, Clone)]
 pub(crate) struct Sleeping {
     pub(crate) id: ProcessId,
-    pub(crate) name: String,
+    pub(crate) name: Arc<str>,
     pub(crate) has_ended: bool,
     /// Processes that wait for its end.
     pub(crate) joiners: Vec<ProcessId>,
 }
 
-/// What all who wait in `processes` wait for at `meetings`. `None` if somebody outside might wake one.
-pub(crate) fn find(system: &str, processes: &[Sleeping], meetings: &[Meeting]) -> Option<Deadlock> {
+/// What all who wait in `processes` wait for at `meetings`. `None` if somebody outside might wake one. `is_forgotten` says of a process that is not among
+/// them whether it was one of the system's. O(processes + meetings + who waits there).
+pub(crate) fn find(
+    system: &str,
+    processes: &[Sleeping],
+    meetings: &[Meeting],
+    is_forgotten: impl Fn(ProcessId) -> bool,
+) -> Option<Deadlock> {
+    let places = processes
+        .iter()
+        .zip(0..)
+        .map(|(one, place)| (one.id, place));
+    let known = Known {
+        processes,
+        places: places.collect(),
+        is_forgotten,
+    };
+    // At which meetings each waits, and for whose end.
+    let mut waiting = vec![Vec::new(); processes.len()];
+    for meeting in meetings {
+        for one in &meeting.waiting {
+            if let User::Process(id) = one.user
+                && let Some(&place) = known.places.get(&id)
+            {
+                waiting[place].push((meeting, one.role));
+            }
+        }
+    }
+    let mut awaited_by = vec![Vec::new(); processes.len()];
+    for (to, awaited) in processes.iter().enumerate() {
+        for joiner in &awaited.joiners {
+            if let Some(&from) = known.places.get(joiner) {
+                awaited_by[from].push(to);
+            }
+        }
+    }
     let mut waits = Vec::new();
-    // From whom to whom, by their places among the processes.
-    let mut edges = Vec::new();
+    // For whom each waits, by their places among the processes.
+    let mut edges = vec![Vec::new(); processes.len()];
     for (from, process) in processes.iter().enumerate() {
         if process.has_ended {
             continue;
         }
         let before = waits.len();
-        for meeting in meetings {
-            for waiting in meeting.waits_of(User::Process(process.id)) {
-                let (operation, partner, to) = wait_of(processes, meeting, waiting.role)?;
-                edges.extend(to.map(|to| (from, to)));
-                waits.push(Wait {
-                    process: process.name.clone(),
-                    operation,
-                    at: meeting.to_string(),
-                    partner,
-                });
-            }
+        for &(meeting, role) in &waiting[from] {
+            let (operation, partner, to) = wait_of(&known, meeting, role)?;
+            edges[from].extend(to);
+            waits.push(Wait {
+                process: process.name.to_string(),
+                operation,
+                at: meeting.to_string(),
+                partner,
+            });
         }
-        for (to, awaited) in processes.iter().enumerate() {
-            if awaited.joiners.contains(&process.id) {
-                edges.push((from, to));
-                waits.push(Wait {
-                    process: process.name.clone(),
-                    operation: Operation::Join,
-                    at: awaited.name.clone(),
-                    partner: Partner::Process(awaited.name.clone()),
-                });
-            }
+        awaited_by[from].dedup();
+        for &to in &awaited_by[from] {
+            let awaited = processes[to].name.to_string();
+            edges[from].push(to);
+            waits.push(Wait {
+                process: process.name.to_string(),
+                operation: Operation::Join,
+                at: awaited.clone(),
+                partner: Partner::Process(awaited),
+            });
         }
         if waits.len() == before {
             // It waits for something that is none of LUNA's, which may wake it.
@@ -159,21 +193,27 @@ pub(crate) fn find(system: &str, processes: &[Sleeping], meetings: &[Meeting]) -
         // All have ended just now: the system is about to.
         return None;
     }
-    let cycle = cycle(processes.len(), &edges);
     Some(Deadlock {
         system: system.to_owned(),
         waits,
-        cycle: cycle
+        cycle: cycle(&edges)
             .into_iter()
-            .map(|place| processes[place].name.clone())
+            .map(|place| processes[place].name.to_string())
             .collect(),
     })
+}
+
+/// The processes of a system, and how they are found.
+struct Known<'a, F> {
+    processes: &'a [Sleeping],
+    places: HashMap<ProcessId, usize>,
+    is_forgotten: F,
 }
 
 /// What one waits to do at `meeting`, for whom, and the place of that process if it lives. `None` if it waits for somebody outside of the
 /// system, or in a way that is not known here.
 fn wait_of(
-    processes: &[Sleeping],
+    known: &Known<'_, impl Fn(ProcessId) -> bool>,
     meeting: &Meeting,
     role: Role,
 ) -> Option<(Operation, Partner, Option<usize>)> {
@@ -191,39 +231,50 @@ fn wait_of(
         Role::Stopped => return Some((Operation::Stop, Partner::Nobody, None)),
         _ => return None,
     };
-    match other_end {
-        None => Some((operation, Partner::Nobody, None)),
-        Some(User::Outside) => None,
-        Some(User::Process(id)) => {
-            let place = processes.iter().position(|one| one.id == id)?;
-            let name = processes[place].name.clone();
-            Some(if processes[place].has_ended {
-                (operation, Partner::Ended(name), None)
-            } else {
-                (operation, Partner::Process(name), Some(place))
-            })
-        }
-    }
+    let id = match other_end {
+        None => return Some((operation, Partner::Nobody, None)),
+        Some(User::Outside) => return None,
+        Some(User::Process(id)) => id,
+    };
+    let Some(&place) = known.places.get(&id) else {
+        // Its name is gone, but not that it was here.
+        let name = (known.is_forgotten)(id).then(|| format!("process {id}"))?;
+        return Some((operation, Partner::Ended(name), None));
+    };
+    let name = known.processes[place].name.to_string();
+    Some(if known.processes[place].has_ended {
+        (operation, Partner::Ended(name), None)
+    } else {
+        (operation, Partner::Process(name), Some(place))
+    })
 }
 
-/// The first circle in a walk along `edges` from the first of `count` on. O(edges * count).
-fn cycle(count: usize, edges: &[(usize, usize)]) -> Vec<usize> {
-    let mut is_done = vec![false; count];
-    for start in 0..count {
+/// The first circle in a walk along `edges`, which lead from each to others, from the first on. O(edges).
+fn cycle(edges: &[Vec<usize>]) -> Vec<usize> {
+    let mut is_done = vec![false; edges.len()];
+    let mut is_on_way = vec![false; edges.len()];
+    for start in 0..edges.len() {
+        if is_done[start] {
+            continue;
+        }
         // The way from the start, each with the edge that is tried next.
         let mut way: Vec<(usize, usize)> = vec![(start, 0)];
+        is_on_way[start] = true;
         while let Some((at, next)) = way.last_mut() {
-            let Some(&(_, to)) = edges.iter().filter(|(from, _)| from == at).nth(*next) else {
+            let Some(&to) = edges[*at].get(*next) else {
                 is_done[*at] = true;
+                is_on_way[*at] = false;
                 way.pop();
                 continue;
             };
             *next += 1;
-            if let Some(begin) = way.iter().position(|&(on_way, _)| on_way == to) {
-                return way[begin..].iter().map(|&(on_way, _)| on_way).collect();
+            if is_on_way[to] {
+                let on_way = way.iter().map(|&(on_way, _)| on_way);
+                return on_way.skip_while(|&on_way| on_way != to).collect();
             }
             if !is_done[to] {
                 way.push((to, 0));
+                is_on_way[to] = true;
             }
         }
     }

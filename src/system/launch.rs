@@ -1,13 +1,14 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
 use super::neighbours;
-use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running};
+use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running, Started};
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{clean_up, prepare};
+use crate::csp::process::{Common, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
 use crate::time::Scope;
 use luna_executors::{Executor, Living};
+use luna_platform::current::ProcessId;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
@@ -15,6 +16,7 @@ use luna_platform::thread::{Mode, Policy};
 use std::sync::Arc;
 
 use super::plan::{ExecutorPlan, Place, Settings};
+use super::register::REMEMBERED;
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
@@ -25,7 +27,7 @@ const MOST_LOOPS: usize = 256;
 /// A system whose processes are ready to be released.
 pub(super) struct Launched {
     pub(super) executors: Vec<(String, Executor)>,
-    pub(super) running: Running,
+    pub(super) running: Arc<Running>,
     pub(super) emergency: EmergencyThread,
     pub(super) shortfalls: Vec<Shortfall>,
     _memory: Option<MemoryLock>,
@@ -50,7 +52,9 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         )
     };
     let settings = std::mem::take(&mut *plan.settings());
-    launch_described(plan, settings, executors, waiting).inspect_err(|_| {
+    let living = Arc::new(Living::new());
+    launch_described(plan, settings, executors, waiting, &living).inspect_err(|_| {
+        living.close_ended();
         let mut members = plan.members();
         members.phase = Phase::Ended;
         let never_prepared = std::mem::take(&mut members.waiting);
@@ -65,6 +69,7 @@ fn launch_described(
     mut settings: Settings,
     mut executor_plans: Vec<ExecutorPlan>,
     mut waiting: Vec<ProcessPlan>,
+    living: &Arc<Living>,
 ) -> Result<Launched> {
     neighbours::settle(&mut executor_plans, &mut waiting);
     let mode = if settings.strict {
@@ -91,7 +96,6 @@ fn launch_described(
         message: error.to_string(),
     })?;
 
-    let living = Arc::new(Living::new());
     let emergency = Emergency::new();
     let functions = std::mem::take(&mut settings.functions);
     let guard = EmergencyThread::start(emergency.clone(), functions, living.clone(), real_time)?;
@@ -118,14 +122,16 @@ fn launch_described(
         .iter()
         .map(|(_, executor)| executor.handle().clone())
         .collect();
-    let running = Running {
+    let running = Arc::new(Running {
         executors: handles,
-        living,
-        scope,
-        emergency,
+        common: Arc::new(Common {
+            scope,
+            emergency,
+            tree: plan.tree().clone(),
+            living: living.clone(),
+        }),
         mode,
-        tree: plan.tree().clone(),
-    };
+    });
 
     let mut held = Held::default();
     loop {
@@ -145,7 +151,11 @@ fn launch_described(
         // Processes that these have spawned already start with the others.
         waiting = std::mem::take(&mut members.waiting);
         if waiting.is_empty() {
-            members.started = held.members;
+            members.started.most_ended = settings.remembered.unwrap_or(REMEMBERED);
+            members.started.reserve(held.members.len());
+            for (id, member) in held.members {
+                members.started.enter(id, member, &running.common.emergency);
+            }
             members.threads = held.threads;
             members.running = Some(running.clone());
             break;
@@ -211,7 +221,7 @@ fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
 /// Processes that are started and held.
 #[derive(Default)]
 struct Held {
-    members: Vec<Member>,
+    members: Vec<(ProcessId, Member)>,
     threads: Vec<NamedThread>,
 }
 
@@ -226,10 +236,14 @@ impl Held {
         let mut prepared = prepared.into_iter();
         while let Some(mut process) = prepared.next() {
             neighbours::join(&mut process, &running.executors, places, &self.threads);
+            let id = process.id;
             match running.start(process) {
-                Ok((member, thread)) => {
-                    self.members.push(member);
-                    self.threads.extend(thread);
+                Ok((member, started)) => {
+                    self.members.push((id, member));
+                    match started {
+                        Started::OnExecutor(pending) => pending.hand_over(),
+                        Started::OnThread(thread) => self.threads.push(thread),
+                    }
                 }
                 Err(NotStarted { error, resident }) => {
                     prepared
@@ -249,6 +263,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|member| clean_up(member.resident));
+            .for_each(|(_, member)| clean_up(member.resident));
     }
 }

@@ -7,6 +7,7 @@ mod launch;
 mod neighbours;
 mod plan;
 mod quiet;
+mod register;
 mod stolen;
 mod supervise;
 mod warnings;
@@ -77,6 +78,16 @@ impl System {
         self
     }
 
+    /// Remembers so many of the processes that were spawned on an executor while the system ran and have ended: those that ended last. Of the others the
+    /// report gives [numbers](crate::EarlierProcesses), there is no [handle](Self::process_handle) to be had any more, and their names may be
+    /// given again. 1024 if not stated; processes that were spawned before the run, or have a thread of their own, are always remembered.
+    ///
+    /// So a system whose processes come and go for ever does not grow.
+    pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
+        self.plan.settings().remembered = Some(processes);
+        self
+    }
+
     /// An executor to be: one OS thread that runs many processes by priority.
     pub fn executor(&mut self, name: &str) -> ExecutorBuilder {
         ExecutorBuilder::new(self.plan.clone(), name)
@@ -127,7 +138,8 @@ impl System {
     }
 
     /// A spawned process, to look at and to cancel, from when the system runs. Not for the real-time path: it takes the plan's plain
-    /// lock, so a process asks for its handles before its loop. Also from [`Executor::process_handle`].
+    /// lock, so a process asks for its handles before its loop. Also from [`Executor::process_handle`]. None for one that has ended and is not
+    /// [remembered](Self::remember_ended); a handle that was had before stays.
     pub fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
         self.plan.process_handle(id)
     }

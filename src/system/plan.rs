@@ -1,14 +1,14 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
 use super::neighbours;
+use super::register::Register;
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Frame, Phases, Prepared, Verdict, clean_up, prepare};
+use crate::csp::process::{Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare};
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
-use crate::safety::{Emergency, Function, Ledger};
-use crate::time::Scope;
-use luna_executors::{ExecutorHandle, Living, OsThread, ProcessHandle, ProcessSpec};
+use crate::safety::{Function, Ledger};
+use luna_executors::{Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
@@ -27,6 +27,8 @@ pub(crate) struct Settings {
     pub(crate) strict: bool,
     pub(crate) lock_memory: bool,
     pub(crate) max_loops: Option<usize>,
+    /// Of how many that have ended more than their number is known.
+    pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,
 }
 
@@ -56,7 +58,7 @@ impl ExecutorPlan {
 
 /// A process to be.
 pub(crate) struct ProcessPlan {
-    pub(crate) name: String,
+    pub(crate) name: Arc<str>,
     pub(crate) id: ProcessId,
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
@@ -64,15 +66,19 @@ pub(crate) struct ProcessPlan {
     pub(crate) prepared: Prepared,
 }
 
-/// A process that was started, until it is buried.
+/// A process that was started.
 pub(crate) struct Member {
-    pub(crate) name: String,
-    pub(crate) id: ProcessId,
+    pub(crate) name: Arc<str>,
     pub(crate) handle: ProcessHandle,
     pub(crate) verdict: Arc<Verdict>,
     pub(crate) ledger: Option<Arc<Ledger>>,
     pub(crate) resident: Option<Box<dyn Phases>>,
-    pub(crate) error: Option<Error>,
+    /// Its place in the order of starts.
+    pub(crate) order: u64,
+    /// It was spawned while the system ran.
+    pub(crate) is_late: bool,
+    pub(crate) has_failed: bool,
+    /// Its end was noted.
     pub(crate) buried: bool,
     pub(crate) on: On,
 }
@@ -83,18 +89,14 @@ pub(crate) enum On {
     /// The executor with this number.
     Executor(usize),
     /// A thread of its own.
-    Thread(ThreadPart),
+    Thread(Box<ThreadPart>),
 }
 
 /// What processes are started with while the system runs.
-#[derive(Clone)]
 pub(crate) struct Running {
     pub(crate) executors: Vec<ExecutorHandle>,
-    pub(crate) living: Arc<Living>,
-    pub(crate) scope: Arc<Scope>,
-    pub(crate) emergency: Arc<Emergency>,
+    pub(crate) common: Arc<Common>,
     pub(crate) mode: Mode,
-    pub(crate) tree: Arc<Tree>,
 }
 
 /// An OS thread with its name.
@@ -106,45 +108,73 @@ pub(crate) struct NotStarted {
     pub(crate) resident: Option<Box<dyn Phases>>,
 }
 
+/// A process that is entered, and not handed over to its executor yet.
+pub(crate) struct Pending {
+    announced: Announced,
+    starter: Box<dyn Start>,
+    frame: Frame,
+}
+
+impl Pending {
+    /// Whether handing it over calls what is the user's.
+    fn is_built_here(&self) -> bool {
+        self.announced.is_built_here()
+    }
+
+    pub(crate) fn hand_over(self) {
+        self.starter.on_executor(self.announced, self.frame);
+    }
+}
+
+/// What comes of a process that is started.
+pub(crate) enum Started {
+    OnExecutor(Pending),
+    OnThread(NamedThread),
+}
+
 impl Running {
     /// Whether there is nothing more to wait for: all processes have ended, and an emergency, if there is one, is over.
     pub(crate) fn is_over(&self) -> bool {
-        self.emergency.is_safe() || self.living.count() == 0 && !self.emergency.has_begun()
+        let Common {
+            emergency, living, ..
+        } = &*self.common;
+        emergency.is_safe() || living.count() == 0 && !emergency.has_begun()
     }
 
-    pub(crate) fn frame(&self) -> Frame {
-        Frame {
-            verdict: Verdict::new(),
-            scope: self.scope.clone(),
-            emergency: self.emergency.clone(),
-            tree: self.tree.clone(),
-        }
-    }
-
-    /// Starts a prepared process. On an executor that is held it does not run yet; a thread is held too.
-    pub(crate) fn start(
-        &self,
-        plan: ProcessPlan,
-    ) -> Result<(Member, Option<NamedThread>), NotStarted> {
+    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
+    pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
         let ProcessPlan {
             name,
-            id,
             place,
-            spec,
+            mut spec,
             ledger,
             prepared: Prepared { resident, starter },
+            ..
         } = plan;
-        let frame = self.frame();
+        let common = &self.common;
+        let frame = Frame::new(common.clone());
         let verdict = frame.verdict.clone();
         if let Some(ledger) = &ledger {
-            ledger.join(&self.emergency, &self.living);
+            ledger.join(&common.emergency, &common.living);
         }
-        let (handle, thread, on) = match place {
-            Place::Executor(number) => (
-                starter.on_executor(&self.executors[number], spec, frame),
-                None,
-                On::Executor(number),
-            ),
+        spec = spec.listed();
+        if resident.is_none() && ledger.is_none() {
+            spec = spec.unhurried();
+        }
+        let (handle, started, on) = match place {
+            Place::Executor(number) => {
+                let announced = self.executors[number].announce(spec);
+                let pending = Pending {
+                    announced,
+                    starter,
+                    frame,
+                };
+                (
+                    pending.announced.handle(),
+                    Started::OnExecutor(pending),
+                    On::Executor(number),
+                )
+            }
             Place::Thread {
                 name: thread_name,
                 attributes,
@@ -152,7 +182,7 @@ impl Running {
                 match starter.on_thread(
                     attributes.mode(self.mode),
                     spec,
-                    self.living.clone(),
+                    common.living.clone(),
                     frame,
                 ) {
                     Ok(thread) => {
@@ -163,8 +193,8 @@ impl Running {
                         );
                         (
                             thread.process().clone(),
-                            Some((thread_name, thread)),
-                            On::Thread(part),
+                            Started::OnThread((thread_name, thread)),
+                            On::Thread(Box::new(part)),
                         )
                     }
                     Err(error) => {
@@ -176,20 +206,19 @@ impl Running {
                 }
             }
         };
-        Ok((
-            Member {
-                name,
-                id,
-                handle,
-                verdict,
-                ledger,
-                resident,
-                error: None,
-                buried: false,
-                on,
-            },
-            thread,
-        ))
+        let member = Member {
+            name,
+            handle,
+            verdict,
+            ledger,
+            resident,
+            order: 0,
+            is_late: false,
+            has_failed: false,
+            buried: false,
+            on,
+        };
+        Ok((member, started))
     }
 }
 
@@ -200,12 +229,12 @@ pub(crate) struct Members {
     /// The executors that were started, as parts of the system.
     pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
-    pub(crate) started: Vec<Member>,
+    pub(crate) started: Register,
     pub(crate) threads: Vec<NamedThread>,
-    pub(crate) running: Option<Running>,
+    pub(crate) running: Option<Arc<Running>>,
     /// Of the run that has ended.
     pub(crate) report: Option<Report>,
-    names: HashSet<(&'static str, String)>,
+    thread_names: HashSet<String>,
 }
 
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
@@ -216,18 +245,36 @@ pub(crate) enum Phase {
     Ended,
 }
 
+impl NotStarted {
+    /// Cleans up what is left of it.
+    fn clean_up(self) -> Error {
+        clean_up(self.resident);
+        self.error
+    }
+}
+
 impl Members {
-    /// Takes a name of its kind.
-    fn take_name(&mut self, kind: &'static str, name: &str) -> Result<()> {
-        if !self.names.insert((kind, name.to_owned())) {
-            return Err(SetupError::DuplicateName {
-                kind,
-                name: name.to_owned(),
-            }
-            .into());
+    /// Enters a process that starts while the system runs.
+    fn enter_late(&mut self, id: ProcessId, mut member: Member, running: &Running) {
+        member.is_late = true;
+        self.started.enter(id, member, &running.common.emergency);
+    }
+
+    /// Takes the name of an executor or a thread.
+    fn take_thread_name(&mut self, name: &str) -> Result<()> {
+        if !self.thread_names.insert(name.to_owned()) {
+            return Err(duplicate("executor", name));
         }
         Ok(())
     }
+}
+
+fn duplicate(kind: &'static str, name: &str) -> Error {
+    SetupError::DuplicateName {
+        kind,
+        name: name.to_owned(),
+    }
+    .into()
 }
 
 impl Plan {
@@ -266,108 +313,120 @@ impl Plan {
             }
             .into());
         }
-        members.take_name("executor", &executor.name)?;
+        members.take_thread_name(&executor.name)?;
         members.executors.push(executor);
         Ok(members.executors.len() - 1)
     }
 
     /// Takes the name of an OS thread, which executors share.
     pub(crate) fn take_thread_name(&self, name: &str) -> Result<()> {
-        self.members().take_name("executor", name)
+        self.members().take_thread_name(name)
     }
 
-    /// Adds a process: to be started with the others, or at once if they run.
+    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
     pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id;
-        let running = {
-            let mut members = self.members();
-            if members.phase == Phase::Ended {
-                return Err(self.ended(plan.name));
-            }
-            members.take_name("process", &plan.name)?;
-            match &members.running {
-                None => {
-                    members.waiting.push(plan);
-                    return Ok(id);
-                }
-                Some(running) => running.clone(),
-            }
+        let mut members = self.members();
+        if members.phase == Phase::Ended {
+            return Err(self.ended(&plan.name));
+        }
+        let running = members.running.clone();
+        if let Some(running) = &running {
+            let Common {
+                living, emergency, ..
+            } = &*running.common;
+            members.started.note_ends(living, emergency);
+        }
+        if !members.started.take_name(&plan.name) {
+            return Err(duplicate("process", &plan.name));
+        }
+        let Some(running) = running else {
+            members.waiting.push(plan);
+            return Ok(id);
         };
         let name = plan.name.clone();
-        self.start_late(&running, plan).inspect_err(|_| {
+        self.start_late(members, &running, plan).inspect_err(|_| {
             // It never was, so it may be tried again.
-            self.members().names.remove(&("process", name));
+            self.members().started.give_name_back(&name);
         })?;
         Ok(id)
     }
 
     /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
-    fn start_late(&self, running: &Running, mut plan: ProcessPlan) -> Result<()> {
-        let name = plan.name.clone();
+    fn start_late<'a>(
+        &'a self,
+        mut members: MutexGuard<'a, Members>,
+        running: &Running,
+        mut plan: ProcessPlan,
+    ) -> Result<()> {
+        let (id, name) = (plan.id, plan.name.clone());
         if let Some(resident) = &mut plan.prepared.resident {
+            drop(members);
             prepare(&mut **resident).map_err(|error| error.in_process(&name))?;
+            members = self.members();
         }
-        let started = match plan.place {
-            // Nothing of the user's runs here, so the lock is kept from the look at the phase to the start: the end cannot come in between.
-            Place::Executor(_) => {
-                let mut members = self.members();
-                if members.phase == Phase::Ended {
-                    drop(members);
-                    Err(NotStarted {
-                        error: self.ended(name),
-                        resident: plan.prepared.resident,
-                    })
-                } else {
-                    running
-                        .start(plan)
-                        .map(|(member, _)| members.started.push(member))
-                }
-            }
-            // The thread is held until the system is known to run still.
-            Place::Thread { .. } => {
-                let members = self.members();
-                let places = &members.places;
-                neighbours::join(&mut plan, &running.executors, places, &members.threads);
-                drop(members);
-                running.start(plan).and_then(|(member, thread)| {
-                    let mut members = self.members();
-                    if members.phase == Phase::Ended {
+        let on_thread = matches!(plan.place, Place::Thread { .. });
+        if on_thread {
+            let places = &members.places;
+            neighbours::join(&mut plan, &running.executors, places, &members.threads);
+            drop(members);
+        } else if members.phase == Phase::Ended {
+            // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.
+            drop(members);
+            clean_up(plan.prepared.resident);
+            return Err(self.ended(&name));
+        } else {
+            // Nothing of the user's runs there.
+            return match running.start(plan) {
+                Ok((member, Started::OnExecutor(pending))) => {
+                    members.enter_late(id, member, running);
+                    if pending.is_built_here() {
+                        // The executor is in a process' turn, so it does not end meanwhile.
                         drop(members);
-                        // Its body ends before it began.
-                        drop(thread);
-                        return Err(NotStarted {
-                            error: self.ended(name),
-                            resident: member.resident,
-                        });
                     }
-                    members.started.push(member);
-                    if let Some((_, thread)) = &thread {
-                        thread.release();
-                    }
-                    members.threads.extend(thread);
+                    pending.hand_over();
                     Ok(())
-                })
+                }
+                Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
+                Err(refused) => {
+                    drop(members);
+                    Err(refused.clean_up())
+                }
+            };
+        }
+        let (member, thread) = match running.start(plan) {
+            Ok((member, Started::OnThread(thread))) => (member, thread),
+            Ok((_, Started::OnExecutor(_))) => unreachable!("its place is a thread"),
+            Err(refused) => {
+                self.members().started.never_entered(id);
+                return Err(refused.clean_up());
             }
         };
-        started.map_err(|NotStarted { error, resident }| {
-            clean_up(resident);
-            error
-        })
+        // The thread is held until the system is known to run still.
+        let mut members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            // Its body ends before it began.
+            drop(thread);
+            self.members().started.never_entered(id);
+            clean_up(member.resident);
+            return Err(self.ended(&name));
+        }
+        members.enter_late(id, member, running);
+        thread.1.release();
+        members.threads.push(thread);
+        Ok(())
     }
 
-    fn ended(&self, process: String) -> Error {
+    fn ended(&self, process: &str) -> Error {
         SetupError::Ended {
             system: self.name.clone(),
-            process,
+            process: process.to_owned(),
         }
         .into()
     }
 
     pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members()
-            .started
-            .iter()
-            .find(|member| member.id == id)
-            .map(|member| member.handle.clone())
+        self.members().started.handle(id)
     }
 }

@@ -33,7 +33,7 @@ impl Lookout {
     /// Looks, if it is time to, until a deadlock was found once. Gives the deadlock if it was found just now, and until when to sleep if
     /// nobody rings before.
     pub(super) fn look(&mut self, plan: &Plan, running: &Running) -> (Option<&Deadlock>, Instant) {
-        if self.found.is_some() || running.emergency.has_begun() {
+        if self.found.is_some() || running.common.emergency.has_begun() {
             return (None, Instant::NEVER);
         }
         let now = Instant::now();
@@ -47,7 +47,7 @@ impl Lookout {
             (self.pause * 2).min(LONGEST_PAUSE)
         };
         self.not_before = now + self.pause;
-        if let Some(stillness) = running.living.still() {
+        if let Some(stillness) = running.common.living.still() {
             self.found = judge(plan, running, &stillness);
         }
         (self.found.as_ref(), Instant::NEVER)
@@ -60,31 +60,34 @@ impl Lookout {
 
 /// What the processes wait for, all of whose threads slept at one instant; `None` if somebody can wake one, or just has.
 fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Deadlock> {
+    let living = &running.common.living;
     // Nobody inside can wake anybody from that instant on. What is read now was so then, unless somebody outside interferes.
     let processes = sleeping(plan);
-    let found = processes.and_then(|processes| find(plan.name(), &processes, &network::meetings()));
+    let is_forgotten = |id| plan.members().started.has_forgotten(id);
+    let found = processes
+        .and_then(|processes| find(plan.name(), &processes, &network::meetings(), is_forgotten));
     if found.is_none() {
         // Somebody may come from outside; what becomes of it is to be looked at again.
-        running.living.watch();
+        living.watch();
     }
-    if running.living.is_yet(stillness) {
+    if living.is_yet(stillness) {
         return found;
     }
-    running.living.announce();
+    living.announce();
     None
 }
 
 /// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it.
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
-    let started = members.started.iter().map(|member| {
+    let started = members.started.in_order().into_iter().map(|(id, member)| {
         let has_ended = match member.handle.state() {
             ProcessState::Ended => true,
             ProcessState::Waiting => false,
             _ => return None,
         };
         Some(Sleeping {
-            id: member.id,
+            id,
             name: member.name.clone(),
             has_ended,
             joiners: member.handle.joiners(),

@@ -2,24 +2,29 @@
 
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
-use super::plan::{Member, NamedThread, Phase, Plan};
+use super::plan::{NamedThread, Phase, Plan};
 use super::quiet::Lookout;
+use super::register::{Funeral, Register};
 use super::stolen::Stolen;
 use super::warnings::Warnings;
-use crate::csp::process::{Ended, clean_up};
+use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
-use crate::report::{End, ProcessReport, Report, ThreadReport};
+use crate::report::{End, Report, ThreadReport};
 use crate::time::Witness;
-use luna_executors::{Executor, Exit, ProcessState};
+use luna_executors::{Executor, ProcessState};
 use luna_platform::clock::Instant;
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Mode, Obtained, Policy};
 use luna_platform::{current, reclaim};
-use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 /// How long the end of a system waits for threads that do not end.
 const GRACE: Duration = Duration::from_secs(2);
+
+/// How long the thread that runs the system leaves ends that are in no hurry alone after it has looked after some: at first, and if there are always more.
+const SHORTEST_REST: Duration = Duration::from_millis(1);
+const LONGEST_REST: Duration = Duration::from_millis(16);
 
 /// See [`System::run`](crate::System::run).
 pub(super) fn run(plan: &Plan) -> Result<Report> {
@@ -29,9 +34,16 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
-    let started = launched.running.scope.begin();
+    let running = launched.running.clone();
+    let Common {
+        scope,
+        emergency,
+        living,
+        ..
+    } = &*running.common;
+    let started = scope.begin();
     // What an emergency has brought to safety before the start is not set in motion.
-    if !launched.running.emergency.has_begun() {
+    if !emergency.has_begun() {
         for (_, executor) in &launched.executors {
             executor.release();
         }
@@ -42,22 +54,27 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
 
     let mut stolen = Stolen::begin();
     let (threads, deadlock) = watch(plan, &launched, &mut stolen);
-    let emergency = launched.running.emergency.is_safe();
+    let was_emergency = emergency.is_safe();
     let elapsed = Instant::now() - started;
     let Launched {
         executors,
-        running,
         emergency: guard,
         shortfalls,
         ..
     } = launched;
-    let threads = end_threads(plan, executors, threads);
-    bury(plan, false);
+    let end = Burial {
+        plan,
+        common: &running.common,
+        tells: false,
+    };
+    let threads = end_threads(&end, executors, threads);
+    end.bury();
+    living.close_ended();
     let signal = guard.stop();
     stolen.sample();
 
     let mut members = plan.members();
-    for left_behind in members.started.iter_mut().filter(|member| !member.buried) {
+    for left_behind in members.started.left_behind() {
         if left_behind.handle.state() == ProcessState::Running {
             eprintln!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
@@ -70,32 +87,38 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     for line in Warnings::rest(&members) {
         eprintln!("{line}");
     }
-    let processes = members.started.iter().map(process_report).collect();
-    let names = members.started.iter();
+    let processes = members.started.reports();
     let known = Known {
-        names: names.map(|one| (one.id, one.name.clone())).collect(),
+        started: &members.started,
         stolen,
     };
+    let overrun = members.started.overrun();
     let report = Report {
         system: plan.name().to_owned(),
-        end: match (signal, emergency, has_panicked(&members.started)) {
+        end: match (
+            signal,
+            was_emergency,
+            members.started.first_panic().is_some(),
+        ) {
             (Some(number), _, _) => End::Signal(number),
             (None, true, false) if deadlock.is_some() && running.mode == Mode::Strict => {
                 End::Deadlock
             }
-            (None, true, false) if overrun_of(&members.started).is_some() => End::Overrun,
+            (None, true, false) if overrun.is_some() => End::Overrun,
             (None, true, _) => End::Panic,
             (None, false, _) => End::Completed,
         },
         elapsed,
         threads,
         processes,
-        loops: running.scope.take_reports(&known),
+        earlier: members.started.earlier(),
+        loops: scope.take_reports(&known),
         shortfalls,
         deadlock,
     };
+    let error = error_of_run(&members.started, overrun, &report);
     members.report = Some(report.clone());
-    match first_error(&members.started, &report) {
+    match error {
         Some(error) => Err(error),
         None => Ok(report),
     }
@@ -156,20 +179,32 @@ fn watch(
     stolen: &mut Stolen,
 ) -> (Vec<NamedThread>, Option<Deadlock>) {
     let running = &launched.running;
+    let Common {
+        scope,
+        emergency,
+        living,
+        ..
+    } = &*running.common;
+    let burial = Burial {
+        plan,
+        common: &running.common,
+        tells: true,
+    };
     let mut lookout = Lookout::new();
     let mut warnings = Warnings::default();
     let mut look_again = Instant::NEVER;
     let mut seen_before = None;
+    let mut rest = SHORTEST_REST;
     loop {
-        let seen = running.living.changes();
-        bury(plan, true);
+        let seen = living.changes();
+        let have_ended = burial.bury();
         {
             let mut members = plan.members();
             if running.is_over() {
                 members.phase = Phase::Ended;
                 members.running = None;
                 let threads = std::mem::take(&mut members.threads);
-                let overrun = overrun_of(&members.started);
+                let overrun = members.started.overrun();
                 drop(members);
                 if let Some(error) = overrun {
                     eprintln!("luna: emergency: {error}");
@@ -181,7 +216,7 @@ fn watch(
         for line in lines {
             eprintln!("{line}");
         }
-        let next_sample = if running.scope.has_loops() {
+        let next_sample = if scope.has_loops() {
             stolen.sample_if_due()
         } else {
             Instant::NEVER
@@ -195,24 +230,31 @@ fn watch(
                 eprintln!("luna: {deadlock}");
                 if running.mode == Mode::Strict {
                     // The machine may stand in the middle of a movement.
-                    running.emergency.trigger();
+                    emergency.trigger();
                 }
             }
         }
         let until = look_again.min(warn_again).min(next_sample);
-        running.living.wait(seen, until);
+        if have_ended {
+            // More may end soon, and need not wake this thread one by one.
+            living.rest(seen, until.min(Instant::now() + rest));
+            rest = (rest * 2).min(LONGEST_REST);
+        } else {
+            living.wait(seen, until);
+            rest = SHORTEST_REST;
+        }
     }
 }
 
 /// What the report needs to say why cycles were late.
-struct Known {
-    names: HashMap<ProcessId, String>,
+struct Known<'a> {
+    started: &'a Register,
     stolen: Stolen,
 }
 
-impl Witness for Known {
+impl Witness for Known<'_> {
     fn name_of(&self, process: ProcessId) -> Option<String> {
-        self.names.get(&process).cloned()
+        self.started.name(process).map(str::to_owned)
     }
 
     fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<Duration> {
@@ -221,84 +263,59 @@ impl Witness for Known {
 }
 
 /// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
-fn bury(plan: &Plan, tell: bool) {
-    loop {
-        // One at a time and without the lock, since `post_run` may take long, and spawn.
-        let next = {
-            let mut members = plan.members();
-            let emergency = members
-                .running
-                .as_ref()
-                .map(|running| running.emergency.clone());
-            let found = members
-                .started
-                .iter_mut()
-                .find(|one| !one.buried && one.handle.exit().is_some());
-            found.map(|member| {
-                member.buried = true;
-                member.error = error_of(member);
-                // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
-                if matches!(member.handle.exit(), Some(Exit::Panicked(_)))
-                    && let Some(emergency) = &emergency
-                {
-                    emergency.trigger();
-                }
-                if let Some(error) = &member.error
-                    && tell
-                {
-                    eprintln!("luna: {error}");
-                }
-                let mut resident = member.resident.take();
-                if member.handle.has_left_body() {
-                    // The body that was left may still be found by others, and refers to it.
-                    std::mem::forget(resident.take());
-                }
-                (resident, was_sentenced(member))
-            })
-        };
-        match next {
-            // What it holds outside of its body goes as the body went.
-            Some((resident, true)) => current::poison_dropped_ends(|| clean_up(resident)),
-            Some((resident, false)) => clean_up(resident),
-            None => break,
+struct Burial<'a> {
+    plan: &'a Plan,
+    common: &'a Common,
+    /// Whether errors are told.
+    tells: bool,
+}
+
+impl Burial<'_> {
+    /// Whether anybody has ended since the last time, or there is another reason to come again soon. O(their number).
+    fn bury(&self) -> bool {
+        let mut have_ended = false;
+        loop {
+            // One at a time and without the lock, since `post_run` may take long, and spawn.
+            let next = {
+                let mut members = self.plan.members();
+                let Common {
+                    living, emergency, ..
+                } = self.common;
+                members.started.note_ends(living, emergency);
+                have_ended |= members.started.take_news();
+                members.started.next_funeral()
+            };
+            let Some(Funeral {
+                resident,
+                was_sentenced,
+                error,
+                forgotten,
+            }) = next
+            else {
+                break;
+            };
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(forgotten)));
+            if let Some(error) = error
+                && self.tells
+            {
+                eprintln!("luna: {error}");
+            }
+            if was_sentenced {
+                // What it holds outside of its body goes as the body went.
+                current::poison_dropped_ends(|| clean_up(resident));
+            } else {
+                clean_up(resident);
+            }
         }
+        reclaim::collect();
+        have_ended
     }
-    reclaim::collect();
-}
-
-/// Whether the process was ended for an overrun.
-fn was_sentenced(member: &Member) -> bool {
-    member.handle.exit() == Some(Exit::Cancelled)
-        && member
-            .ledger
-            .as_ref()
-            .is_some_and(|ledger| ledger.is_sentenced())
-}
-
-/// The overrun for which the system ends, if it does for one, with its culprit.
-fn overrun_of(members: &[Member]) -> Option<Error> {
-    members.iter().find_map(|member| {
-        let offence = member.ledger.as_ref()?.emergency()?;
-        Some(Error::from(offence).in_process(&member.name))
-    })
-}
-
-fn error_of(member: &Member) -> Option<Error> {
-    let offence = member.ledger.as_ref().and_then(|ledger| ledger.offence());
-    let error = match (member.handle.exit()?, member.verdict.take()) {
-        (Exit::Panicked(message), _) => Error::Panicked(message),
-        (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
-        (_, Some(Ended::Returned(Err(error)))) => error,
-        (_, Some(Ended::Failed(failure))) => failure.into(),
-        _ => return None,
-    };
-    Some(error.in_process(&member.name))
 }
 
 /// Asks all threads to end, waits for them a bounded time, and leaves behind who does not.
 /// Processes that have ended do not wait for those that have not: they are buried meanwhile.
 fn end_threads(
-    plan: &Plan,
+    burial: &Burial<'_>,
     executors: Vec<(String, Executor)>,
     threads: Vec<NamedThread>,
 ) -> Vec<ThreadReport> {
@@ -311,7 +328,7 @@ fn end_threads(
     let deadline = Instant::now() + GRACE;
     let mut reports = Vec::new();
     for (name, executor) in executors {
-        let ended = wait_until(plan, deadline, || executor.has_stopped());
+        let ended = wait_until(burial, deadline, || executor.has_stopped());
         reports.push(thread_report(name, executor.obtained(), !ended));
         if ended {
             executor.stop();
@@ -320,7 +337,7 @@ fn end_threads(
         }
     }
     for (name, thread) in threads {
-        let ended = wait_until(plan, deadline, || thread.has_stopped());
+        let ended = wait_until(burial, deadline, || thread.has_stopped());
         reports.push(thread_report(name, thread.obtained(), !ended));
         if ended {
             drop(thread);
@@ -338,10 +355,10 @@ fn end_threads(
 }
 
 /// Waits for a thread's end, and buries who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
-fn wait_until(plan: &Plan, deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
+fn wait_until(burial: &Burial<'_>, deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
-        bury(plan, false);
+        burial.bury();
         if Instant::now() >= deadline {
             return false;
         }
@@ -363,48 +380,15 @@ fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> 
     }
 }
 
-fn process_report(member: &Member) -> ProcessReport {
-    ProcessReport {
-        name: member.name.clone(),
-        exit: member.handle.exit(),
-        polls: member.handle.polls(),
-        longest_poll: member.handle.longest_poll(),
-        budgets: member
-            .ledger
-            .as_ref()
-            .map(|ledger| ledger.reports())
-            .unwrap_or_default(),
-    }
-}
-
-fn is_panic(error: &Error) -> bool {
-    matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)))
-}
-
-fn has_panicked(members: &[Member]) -> bool {
-    let mut errors = members.iter().filter_map(|member| member.error.as_ref());
-    errors.any(is_panic)
-}
-
 /// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
 /// processes return while they are being ended says nothing.
-fn first_error(members: &[Member], report: &Report) -> Option<Error> {
-    let wanted = |error: &&Error| match report.end {
-        End::Signal(_) => false,
-        End::Panic => is_panic(error),
-        End::Completed => true,
-        // What they return while they are being ended says nothing either.
-        End::Deadlock | End::Overrun => false,
-    };
-    if report.end == End::Overrun {
-        return overrun_of(members);
+fn error_of_run(started: &Register, overrun: Option<Error>, report: &Report) -> Option<Error> {
+    match report.end {
+        // What they return while they are being ended says nothing.
+        End::Signal(_) => None,
+        End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
+        End::Overrun => overrun,
+        End::Panic => started.first_panic().cloned(),
+        End::Completed => started.first_error().cloned(),
     }
-    if report.end == End::Deadlock {
-        return report.deadlock.clone().map(Box::new).map(Error::Deadlock);
-    }
-    members
-        .iter()
-        .filter_map(|member| member.error.as_ref())
-        .find(wanted)
-        .cloned()
 }

@@ -21,20 +21,19 @@ impl Warnings {
     pub(super) fn collect(&mut self, members: &Members, now: Instant) -> (Vec<String>, Instant) {
         let mut lines = Vec::new();
         let mut next = Instant::NEVER;
-        for member in &members.started {
+        self.said.retain(|_, said| now < *said + PAUSE);
+        for (id, member) in members.started.overseen() {
             let Some(ledger) = &member.ledger else {
                 continue;
             };
             if !ledger.has_news() {
                 continue;
             }
-            if let Some(&said) = self.said.get(&member.id)
-                && now < said + PAUSE
-            {
+            if let Some(&said) = self.said.get(&id) {
                 next = next.min(said + PAUSE);
                 continue;
             }
-            self.said.insert(member.id, now);
+            self.said.insert(id, now);
             lines.extend(take_lines(&member.name, ledger));
         }
         (lines, next)
@@ -42,7 +41,7 @@ impl Warnings {
 
     /// What has not been said yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
-        let with_news = members.started.iter().filter_map(|member| {
+        let with_news = members.started.overseen().filter_map(|(_, member)| {
             let ledger = member.ledger.as_ref()?;
             ledger.has_news().then(|| take_lines(&member.name, ledger))
         });

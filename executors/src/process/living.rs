@@ -1,19 +1,34 @@
 //! The processes and threads of one system: how many processes live, and whether all threads sleep for good.
 
+use super::record::Record;
 use crate::presence::{Look, Sleeper, Stretch, look, watch_all};
 use luna_platform::clock::Instant;
 use luna_platform::current::Home;
+use luna_platform::current::ProcessId;
 use luna_platform::futex::Futex;
 use luna_platform::path::{self, Call};
 use std::fmt;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering, fence};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Counts the processes that have not ended, so that one thread can wait for the last; and knows their threads, so that it can see when
 /// none of them will ever wake by itself.
+///
+/// # Invariants
+///
+/// `ended` is a chain of records, each of which is owned by its place there; or `CLOSED`.
 pub struct Living {
     count: AtomicUsize,
-    ended: Futex,
+    changes: Futex,
+    /// How many threads wait that any end wakes.
+    watchful: AtomicUsize,
+    /// How many threads wait that an end which is in no hurry does not wake.
+    resting: AtomicUsize,
+    /// Whether the next end is in a hurry in any case.
+    is_urgent: AtomicBool,
+    /// Those that were asked for and have ended, the last one first.
+    ended: AtomicPtr<Record>,
     /// The threads that live, in the order of their start. A plain lock: threads take it as they start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
 }
@@ -21,6 +36,9 @@ pub struct Living {
 /// All threads of a [`Living`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stillness(Vec<(Home, Stretch)>);
+
+/// Nobody asks for those that have ended any more.
+const CLOSED: *mut Record = ptr::without_provenance_mut(1);
 
 impl Living {
     /// Nobody lives yet.
@@ -31,7 +49,11 @@ impl Living {
     pub fn new() -> Self {
         Self {
             count: AtomicUsize::new(0),
-            ended: Futex::new(0),
+            changes: Futex::new(0),
+            watchful: AtomicUsize::new(0),
+            resting: AtomicUsize::new(0),
+            is_urgent: AtomicBool::new(false),
+            ended: AtomicPtr::new(ptr::null_mut()),
             threads: Mutex::new(Vec::new()),
         }
     }
@@ -44,18 +66,101 @@ impl Living {
     /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a thread falls still that
     /// [`still`](Self::still) or [`watch`](Self::watch) waits for.
     pub fn changes(&self) -> u32 {
-        self.ended.word().load(Ordering::Acquire)
+        self.changes.word().load(Ordering::Acquire)
     }
 
     /// Sleeps until the number is no longer `seen`, or until `deadline`. May return without a cause.
     pub fn wait(&self, seen: u32, deadline: Instant) {
-        self.ended.wait(seen, deadline);
+        self.wait_as(&self.watchful, seen, deadline);
     }
 
-    /// Wakes who waits. One system call.
+    /// As [`wait`](Self::wait), but the end of a process that is in no hurry ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the
+    /// sleep, unless it is the last that lives: for one who has just looked after such ends, and looks again soon anyway. So many ends in a row cost no system call.
+    pub fn rest(&self, seen: u32, deadline: Instant) {
+        self.wait_as(&self.resting, seen, deadline);
+    }
+
+    fn wait_as(&self, waiting: &AtomicUsize, seen: u32, deadline: Instant) {
+        waiting.fetch_add(1, Ordering::Relaxed);
+        // Either who changes the number sees that somebody waits, or that one sees the change.
+        fence(Ordering::SeqCst);
+        self.changes.wait(seen, deadline);
+        waiting.fetch_sub(1, Ordering::Relaxed);
+    }
+
+    /// Wakes who waits. A system call only if somebody does.
     pub fn announce(&self) {
-        self.ended.word().fetch_add(1, Ordering::Release);
-        path::expected(Call::Wake, || self.ended.wake_all());
+        self.change(true);
+    }
+
+    /// Makes the next end one that is in a hurry: see [`rest`](Self::rest). Called by a process that is about to end, for its own end; if another one comes
+    /// first, that one is told in its place, and who rests looks again soon.
+    pub fn announce_next(&self) {
+        self.is_urgent.store(true, Ordering::Relaxed);
+    }
+
+    fn change(&self, in_a_hurry: bool) {
+        self.changes.word().fetch_add(1, Ordering::Release);
+        fence(Ordering::SeqCst);
+        let is_awaited = self.watchful.load(Ordering::Relaxed) > 0
+            || in_a_hurry && self.resting.load(Ordering::Relaxed) > 0;
+        if is_awaited {
+            path::expected(Call::Wake, || self.changes.wake_all());
+        }
+    }
+
+    /// Gives the numbers of the processes that have ended since the last call, in the order of their ends; of those that are to be
+    /// [listed](crate::ProcessSpec::listed). O(their number). It may free memory, so it is not for the real-time path.
+    pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
+        let mut ended = self.ended.load(Ordering::Relaxed);
+        loop {
+            if ended.is_null() || ended == CLOSED {
+                return;
+            }
+            let taken = self.ended.compare_exchange_weak(
+                ended,
+                ptr::null_mut(),
+                Ordering::Acquire,
+                Ordering::Relaxed,
+            );
+            match taken {
+                Ok(_) => break,
+                Err(now) => ended = now,
+            }
+        }
+        for record in Chain::reversed(ended) {
+            each(record.id());
+        }
+    }
+
+    /// Lists nobody any more who ends: nobody will ask.
+    pub fn close_ended(&self) {
+        let ended = self.ended.swap(CLOSED, Ordering::Acquire);
+        if ended != CLOSED {
+            drop(Chain(NonNull::new(ended)));
+        }
+    }
+
+    /// Lists a process that has ended. O(1).
+    pub(super) fn list_ended(&self, record: Arc<Record>) {
+        let record = Arc::into_raw(record).cast_mut();
+        let mut first = self.ended.load(Ordering::Relaxed);
+        while first != CLOSED {
+            // SAFETY: it is owned, and not in the chain yet.
+            unsafe { (*record).after.store(first, Ordering::Relaxed) };
+            // Release: who takes it sees how it ended.
+            match self.ended.compare_exchange_weak(
+                first,
+                record,
+                Ordering::Release,
+                Ordering::Relaxed,
+            ) {
+                Ok(_) => return,
+                Err(now) => first = now,
+            }
+        }
+        // SAFETY: it was given away above, and nobody has taken it.
+        drop(unsafe { Arc::from_raw(record) });
     }
 
     /// Whether there was an instant during this call at which all threads slept with nothing of their own to wake them: no deadline, no
@@ -142,9 +247,59 @@ impl Living {
         self.count.fetch_add(1, Ordering::AcqRel);
     }
 
-    pub(super) fn leave(&self) {
-        self.count.fetch_sub(1, Ordering::AcqRel);
-        self.announce();
+    /// A process that has ended goes: nobody else is told about one that is in no hurry, but who waits for any, or for the last.
+    pub(super) fn leave(&self, in_a_hurry: bool) {
+        let was_last = self.count.fetch_sub(1, Ordering::AcqRel) == 1;
+        let was_announced =
+            self.is_urgent.load(Ordering::Relaxed) && self.is_urgent.swap(false, Ordering::Relaxed);
+        self.change(in_a_hurry || was_last || was_announced);
+    }
+}
+
+impl Drop for Living {
+    fn drop(&mut self) {
+        self.close_ended();
+    }
+}
+
+/// A chain of records that was taken out, as an iterator of them.
+///
+/// # Invariants
+///
+/// Each record of it is owned by its place in it.
+struct Chain(Option<NonNull<Record>>);
+
+impl Chain {
+    /// Turns the chain round that begins at `first`, which the caller gives away.
+    fn reversed(first: *mut Record) -> Self {
+        let mut behind = ptr::null_mut();
+        let mut next = first;
+        while let Some(record) = NonNull::new(next) {
+            // SAFETY: a chain's records are owned by it, and this one was given away.
+            next = unsafe { record.as_ref() }
+                .after
+                .swap(behind, Ordering::Relaxed);
+            behind = record.as_ptr();
+        }
+        Self(NonNull::new(behind))
+    }
+}
+
+impl Iterator for Chain {
+    type Item = Arc<Record>;
+
+    fn next(&mut self) -> Option<Arc<Record>> {
+        let record = self.0?;
+        // SAFETY: the invariant: it came from `Arc::into_raw`, and leaves the chain.
+        let record = unsafe { Arc::from_raw(record.as_ptr().cast_const()) };
+        self.0 = NonNull::new(record.after.swap(ptr::null_mut(), Ordering::Relaxed));
+        Some(record)
+    }
+}
+
+impl Drop for Chain {
+    fn drop(&mut self) {
+        self.for_each(drop);
     }
 }
 

@@ -25,9 +25,11 @@ use std::time::Duration;
 #[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
-    name: String,
+    name: Arc<str>,
     level: u8,
     timed: bool,
+    listed: bool,
+    unhurried: bool,
     overseer: Option<Arc<dyn Overseer>>,
 }
 
@@ -36,12 +38,14 @@ impl ProcessSpec {
     pub const DEFAULT_LEVEL: u8 = 16;
 
     /// A process called `name`, at [`DEFAULT_LEVEL`](Self::DEFAULT_LEVEL).
-    pub fn new(name: impl Into<String>) -> Self {
+    pub fn new(name: impl Into<Arc<str>>) -> Self {
         Self {
             id: ProcessId::new(),
             name: name.into(),
             level: Self::DEFAULT_LEVEL,
             timed: false,
+            listed: false,
+            unhurried: false,
             overseer: None,
         }
     }
@@ -67,6 +71,20 @@ impl ProcessSpec {
     #[must_use]
     pub fn timed(mut self, timed: bool) -> Self {
         self.timed = timed;
+        self
+    }
+
+    /// Lists the process when it has ended, for who asks [`Living::take_ended`].
+    #[must_use]
+    pub fn listed(mut self) -> Self {
+        self.listed = true;
+        self
+    }
+
+    /// Says that nobody is in a hurry to learn of its end, unless it is cancelled or panics: see [`Living::rest`].
+    #[must_use]
+    pub fn unhurried(mut self) -> Self {
+        self.unhurried = true;
         self
     }
 

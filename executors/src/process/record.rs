@@ -12,9 +12,9 @@ use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr::NonNull;
+use std::ptr::{self, NonNull};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before anybody asked: the message of a panic is made off the real-time path.
@@ -69,7 +69,7 @@ impl Seen {
 
 /// What outlives the body of a process.
 pub(crate) struct Record {
-    pub(super) name: String,
+    pub(super) name: Arc<str>,
     pub(super) id: ProcessId,
     pub(super) level: u8,
     /// Whether its polls are timed, be it for the overseer's sake.
@@ -86,6 +86,11 @@ pub(crate) struct Record {
     seen: PiLock<Seen>,
     pub(super) end: PiLock<End>,
     living: Arc<Living>,
+    /// Whether its end is to be listed.
+    listed: bool,
+    unhurried: bool,
+    /// Who ended before it, while it is listed.
+    pub(super) after: AtomicPtr<Record>,
 }
 
 /// How it ended, and who waits for that.
@@ -115,6 +120,9 @@ impl Record {
                 joining: WaitList::new(),
             }),
             living,
+            listed: spec.listed,
+            unhurried: spec.unhurried,
+            after: AtomicPtr::new(ptr::null_mut()),
         })
     }
 
@@ -255,20 +263,21 @@ impl Record {
     }
 
     /// Ends a process whose body never ran.
-    pub(crate) fn end_unstarted(&self) {
+    pub(crate) fn end_unstarted(self: &Arc<Self>) {
         self.finish(RawExit::Cancelled);
     }
 
     /// Ends a process whose body could not be made.
-    pub(crate) fn end_panicked(&self, payload: Box<dyn Any + Send>) {
+    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>) {
         self.finish(RawExit::Panicked(payload));
     }
 
-    pub(super) fn finish(&self, exit: RawExit) {
+    pub(super) fn finish(self: &Arc<Self>, exit: RawExit) {
         let mut end = self.end.lock();
         if end.exit.is_some() {
             return;
         }
+        let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
         end.exit = Some(exit);
         self.ended.store(true, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
@@ -290,7 +299,10 @@ impl Record {
             end = self.end.lock();
         }
         drop(end);
-        self.living.leave();
+        if self.listed {
+            self.living.list_ended(self.clone());
+        }
+        self.living.leave(in_a_hurry);
     }
 }
 

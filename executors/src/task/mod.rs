@@ -128,6 +128,15 @@ pub(crate) fn count() -> usize {
     TASKS.get()
 }
 
+/// The processes of this thread's executor that have not been retired. Allocates.
+pub(crate) fn records() -> Vec<Arc<Record>> {
+    SEATS.with_borrow(|seats| {
+        // SAFETY: who has a seat is not retired, so it is live.
+        let record = |task: NonNull<Task>| unsafe { task.as_ref() }.record.clone();
+        seats.members().map(record).collect()
+    })
+}
+
 /// Queues those who were woken from elsewhere at `level`. O(their number).
 pub(crate) fn take_in(shared: &Shared, level: u8) {
     SEATS.with_borrow(|seats| {

@@ -296,6 +296,26 @@ pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> (R, b
     (polled, process.end_turn())
 }
 
+/// Runs `f` as if no process had its turn: for what is done in the middle of one, and is none of its own. If `f` panics, the turn goes on all the same.
+pub fn outside<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(Option<NonNull<Process>>, Branch);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| {
+                thread.process.set(self.0);
+                thread.branch.set(self.1);
+            });
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        Restore(
+            thread.process.replace(None),
+            thread.branch.replace(Branch::WHOLE),
+        )
+    });
+    f()
+}
+
 /// The process whose turn a panic has ended, and whether it is ready again; from here on it is not the current one any more.
 pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
     THREAD.with(|thread| {

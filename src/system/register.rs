@@ -1,0 +1,381 @@
+//! Who was started: the processes that live, and what is remembered of those that have ended.
+//!
+//! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
+//! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
+
+use super::plan::{Member, On};
+use crate::csp::process::{Ended, Phases};
+use crate::error::Error;
+use crate::report::{EarlierProcesses, ProcessReport};
+use crate::safety::Emergency;
+use luna_executors::{Exit, Living, ProcessHandle};
+use luna_platform::current::ProcessId;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
+
+/// How many of those that have ended are remembered unless asked for.
+pub(super) const REMEMBERED: usize = 1024;
+
+/// Spreads numbers that are given out one after the other.
+#[derive(Default)]
+pub(super) struct Spread(u64);
+
+impl Hasher for Spread {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u32(byte.into());
+        }
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        // Fibonacci hashing; a table looks at the highest and the lowest bits.
+        let spread = (self.0 ^ u64::from(number)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        self.0 = spread.rotate_left(32);
+    }
+}
+
+/// By the numbers of processes.
+pub(super) type ById<T> = HashMap<ProcessId, T, BuildHasherDefault<Spread>>;
+
+/// What is still to be done for one that has ended, without the plan's lock.
+pub(super) struct Funeral {
+    pub(super) resident: Option<Box<dyn Phases>>,
+    /// It was ended for an overrun.
+    pub(super) was_sentenced: bool,
+    pub(super) error: Option<Error>,
+    /// One that is forgotten: what a panic threw is the user's, and is dropped with it.
+    pub(super) forgotten: Option<ProcessHandle>,
+}
+
+/// Where an error is from, and which it is.
+type Found = Option<(u64, Error)>;
+
+pub(crate) struct Register {
+    members: ById<Member>,
+    names: HashSet<Arc<str>>,
+    /// How many were ever started: the next one's place in the order.
+    started: u64,
+    /// Those with budgets, in the order of their start.
+    overseen: BTreeSet<(u64, ProcessId)>,
+    /// Those that ended before they were entered here.
+    premature: HashSet<ProcessId>,
+    funerals: VecDeque<Funeral>,
+    has_news: bool,
+    /// Those that have ended and may be forgotten, in the order of their ends.
+    ended: VecDeque<ProcessId>,
+    pub(super) most_ended: usize,
+    earlier: EarlierProcesses,
+    forgotten: Numbers,
+    first_error: Found,
+    first_panic: Found,
+}
+
+impl Default for Register {
+    fn default() -> Self {
+        Self {
+            members: ById::default(),
+            names: HashSet::new(),
+            started: 0,
+            overseen: BTreeSet::new(),
+            premature: HashSet::new(),
+            funerals: VecDeque::new(),
+            has_news: false,
+            ended: VecDeque::new(),
+            most_ended: REMEMBERED,
+            earlier: EarlierProcesses::default(),
+            forgotten: Numbers::default(),
+            first_error: None,
+            first_panic: None,
+        }
+    }
+}
+
+impl Register {
+    /// Takes a name, unless one who is remembered has it.
+    pub(super) fn take_name(&mut self, name: &Arc<str>) -> bool {
+        self.names.insert(name.clone())
+    }
+
+    pub(super) fn give_name_back(&mut self, name: &str) {
+        self.names.remove(name);
+    }
+
+    /// Makes room for as many more.
+    pub(super) fn reserve(&mut self, more: usize) {
+        self.members.reserve(more);
+    }
+
+    pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
+        member.order = self.started;
+        self.started += 1;
+        if member.ledger.is_some() {
+            self.overseen.insert((member.order, id));
+        }
+        self.members.insert(id, member);
+        if !self.premature.is_empty() && self.premature.remove(&id) {
+            self.note_end(id, emergency);
+        }
+    }
+
+    /// Forgets a process that ended and was not entered.
+    pub(super) fn never_entered(&mut self, id: ProcessId) {
+        self.premature.remove(&id);
+    }
+
+    /// Looks at those that have ended. O(their number).
+    pub(super) fn note_ends(&mut self, living: &Living, emergency: &Emergency) {
+        living.take_ended(|id| self.note_end(id, emergency));
+    }
+
+    /// Whether any end was noted since the last call.
+    pub(super) fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.has_news)
+    }
+
+    fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
+        let Some(member) = self.members.get_mut(&id) else {
+            self.premature.insert(id);
+            return;
+        };
+        member.buried = true;
+        self.has_news = true;
+        let exit = member.handle.exit();
+        // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
+        if matches!(exit, Some(Exit::Panicked(_))) {
+            emergency.trigger();
+        }
+        let was_sentenced = exit == Some(Exit::Cancelled)
+            && member
+                .ledger
+                .as_ref()
+                .is_some_and(|ledger| ledger.is_sentenced());
+        let error = exit.and_then(|exit| error_of(member, exit));
+        member.has_failed = error.is_some();
+        let mut resident = member.resident.take();
+        if member.handle.has_left_body() {
+            // The body that was left may still be found by others, and refers to it.
+            std::mem::forget(resident.take());
+        }
+        if let Some(error) = &error {
+            keep_first(&mut self.first_error, member.order, error);
+            if is_panic(error) {
+                keep_first(&mut self.first_panic, member.order, error);
+            }
+        }
+        if resident.is_some() || error.is_some() {
+            self.funerals.push_back(Funeral {
+                resident,
+                was_sentenced,
+                error,
+                forgotten: None,
+            });
+        }
+        if member.is_late && matches!(member.on, On::Executor(_)) {
+            self.ended.push_back(id);
+            if self.ended.len() > self.most_ended {
+                self.forget_one();
+            }
+        }
+    }
+
+    /// Forgets who ended first of those that are remembered.
+    fn forget_one(&mut self) {
+        let Some(id) = self.ended.pop_front() else {
+            return;
+        };
+        let Some(member) = self.members.get(&id) else {
+            return;
+        };
+        if let Some(ledger) = &member.ledger {
+            if ledger.has_news() || ledger.emergency().is_some() {
+                // There is something to be said of it yet.
+                self.ended.push_back(id);
+                return;
+            }
+            self.overseen.remove(&(member.order, id));
+        }
+        if let Some(member) = self.members.remove(&id) {
+            self.names.remove(&member.name);
+            self.earlier
+                .count(&process_report(&member), member.has_failed);
+            self.forgotten.insert(id.get());
+            if member.has_failed {
+                self.funerals.push_back(Funeral {
+                    resident: None,
+                    was_sentenced: false,
+                    error: None,
+                    forgotten: Some(member.handle),
+                });
+            }
+        }
+    }
+
+    /// The next thing that is to be done for one that has ended.
+    pub(super) fn next_funeral(&mut self) -> Option<Funeral> {
+        self.funerals.pop_front()
+    }
+
+    pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
+        self.members.get(&id).map(|member| member.handle.clone())
+    }
+
+    pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
+        self.members.get(&id).map(|member| &*member.name)
+    }
+
+    /// Whether a process of this number has ended and was forgotten.
+    pub(super) fn has_forgotten(&self, id: ProcessId) -> bool {
+        self.forgotten.contains(id.get())
+    }
+
+    /// All who are remembered, in the order of their start. O(n log n).
+    pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
+        let mut all: Vec<_> = self.members.iter().map(|(&id, one)| (id, one)).collect();
+        all.sort_unstable_by_key(|(_, one)| one.order);
+        all
+    }
+
+    /// Those with budgets, in the order of their start.
+    pub(super) fn overseen(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
+        let members = &self.members;
+        self.overseen
+            .iter()
+            .filter_map(|(_, id)| Some((*id, members.get(id)?)))
+    }
+
+    /// Those whose end nobody has learnt of.
+    pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
+        self.members.values_mut().filter(|member| !member.buried)
+    }
+
+    /// The overrun for which the system ends, if it does for one, with its culprit.
+    pub(super) fn overrun(&self) -> Option<Error> {
+        self.overseen().find_map(|(_, member)| {
+            let offence = member.ledger.as_ref()?.emergency()?;
+            Some(Error::from(offence).in_process(&member.name))
+        })
+    }
+
+    /// The panic of who was started first of those that panicked.
+    pub(super) fn first_panic(&self) -> Option<&Error> {
+        self.first_panic.as_ref().map(|(_, error)| error)
+    }
+
+    /// The error of who was started first of those that failed.
+    pub(super) fn first_error(&self) -> Option<&Error> {
+        self.first_error.as_ref().map(|(_, error)| error)
+    }
+
+    pub(super) fn reports(&self) -> Vec<ProcessReport> {
+        let all = self.in_order().into_iter();
+        all.map(|(_, member)| process_report(member)).collect()
+    }
+
+    pub(super) fn earlier(&self) -> EarlierProcesses {
+        self.earlier.clone()
+    }
+
+    /// How much is stored for processes, in whatever way.
+    #[cfg(test)]
+    pub(super) fn size(&self) -> usize {
+        self.members.len()
+            + self.names.len()
+            + self.overseen.len()
+            + self.premature.len()
+            + self.funerals.len()
+            + self.ended.len()
+            + self.forgotten.0.len()
+    }
+}
+
+fn keep_first(first: &mut Found, order: u64, error: &Error) {
+    if first.as_ref().is_none_or(|(other, _)| order < *other) {
+        *first = Some((order, error.clone()));
+    }
+}
+
+fn is_panic(error: &Error) -> bool {
+    matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)))
+}
+
+fn error_of(member: &Member, exit: Exit) -> Option<Error> {
+    let offence = member.ledger.as_ref().and_then(|ledger| ledger.offence());
+    let error = match (exit, member.verdict.take()) {
+        (Exit::Panicked(message), _) => Error::Panicked(message),
+        (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
+        (_, Some(Ended::Returned(Err(error)))) => error,
+        (_, Some(Ended::Failed(failure))) => failure.into(),
+        _ => return None,
+    };
+    Some(error.in_process(&member.name))
+}
+
+fn process_report(member: &Member) -> ProcessReport {
+    ProcessReport {
+        name: member.name.to_string(),
+        exit: member.handle.exit(),
+        polls: member.handle.polls(),
+        longest_poll: member.handle.longest_poll(),
+        budgets: member
+            .ledger
+            .as_ref()
+            .map(|ledger| ledger.reports())
+            .unwrap_or_default(),
+    }
+}
+
+/// A set of numbers as stretches without a gap, each from its first to its last: those of processes that come and go are few.
+#[derive(Default)]
+struct Numbers(BTreeMap<u32, u32>);
+
+impl Numbers {
+    fn insert(&mut self, number: u32) {
+        let mut first = number;
+        let mut last = number;
+        if let Some((&before, &its_last)) = self.0.range(..=number).next_back() {
+            if its_last >= number {
+                return;
+            }
+            if its_last + 1 == number {
+                first = before;
+            }
+        }
+        if let Some(next) = number.checked_add(1)
+            && let Some(its_last) = self.0.remove(&next)
+        {
+            last = its_last;
+        }
+        self.0.insert(first, last);
+    }
+
+    fn contains(&self, number: u32) -> bool {
+        let before = self.0.range(..=number).next_back();
+        before.is_some_and(|(_, &last)| last >= number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_of_numbers_grow_together() {
+        let mut numbers = Numbers::default();
+        for number in [5, 7, 1, u32::MAX, 6, 2, 6] {
+            numbers.insert(number);
+        }
+        let stretches: Vec<_> = numbers.0.iter().map(|(&a, &b)| (a, b)).collect();
+        assert_eq!(stretches, [(1, 2), (5, 7), (u32::MAX, u32::MAX)]);
+        for number in [1, 2, 5, 6, 7, u32::MAX] {
+            assert!(numbers.contains(number));
+        }
+        for number in [0, 3, 4, 8, u32::MAX - 1] {
+            assert!(!numbers.contains(number));
+        }
+    }
+}
