@@ -73,6 +73,9 @@ pub(crate) struct Register {
     forgotten: Numbers,
     first_error: Found,
     first_panic: Found,
+    /// How many members were looked at, one by one or all together.
+    #[cfg(test)]
+    looks: std::cell::Cell<usize>,
 }
 
 impl Default for Register {
@@ -91,6 +94,8 @@ impl Default for Register {
             forgotten: Numbers::default(),
             first_error: None,
             first_panic: None,
+            #[cfg(test)]
+            looks: std::cell::Cell::default(),
         }
     }
 }
@@ -138,6 +143,7 @@ impl Register {
     }
 
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
+        self.count_looks(1);
         let Some(member) = self.members.get_mut(&id) else {
             self.premature.insert(id);
             return;
@@ -235,6 +241,7 @@ impl Register {
 
     /// All who are remembered, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
+        self.count_looks(self.members.len());
         let mut all: Vec<_> = self.members.iter().map(|(&id, one)| (id, one)).collect();
         all.sort_unstable_by_key(|(_, one)| one.order);
         all
@@ -242,6 +249,7 @@ impl Register {
 
     /// Those with budgets, in the order of their start.
     pub(super) fn overseen(&self) -> impl Iterator<Item = (ProcessId, &Member)> {
+        self.count_looks(self.overseen.len());
         let members = &self.members;
         self.overseen
             .iter()
@@ -250,6 +258,7 @@ impl Register {
 
     /// Those whose end nobody has learnt of.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
+        self.count_looks(self.members.len());
         self.members.values_mut().filter(|member| !member.buried)
     }
 
@@ -278,6 +287,14 @@ impl Register {
 
     pub(super) fn earlier(&self) -> EarlierProcesses {
         self.earlier.clone()
+    }
+
+    #[cfg(not(test))]
+    fn count_looks(&self, _: usize) {}
+
+    #[cfg(test)]
+    fn count_looks(&self, looks: usize) {
+        self.looks.set(self.looks.get() + looks);
     }
 
     /// How much is stored for processes, in whatever way.
@@ -360,22 +377,4 @@ impl Numbers {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn stretches_of_numbers_grow_together() {
-        let mut numbers = Numbers::default();
-        for number in [5, 7, 1, u32::MAX, 6, 2, 6] {
-            numbers.insert(number);
-        }
-        let stretches: Vec<_> = numbers.0.iter().map(|(&a, &b)| (a, b)).collect();
-        assert_eq!(stretches, [(1, 2), (5, 7), (u32::MAX, u32::MAX)]);
-        for number in [1, 2, 5, 6, 7, u32::MAX] {
-            assert!(numbers.contains(number));
-        }
-        for number in [0, 3, 4, 8, u32::MAX - 1] {
-            assert!(!numbers.contains(number));
-        }
-    }
-}
+mod tests;
