@@ -3,7 +3,7 @@
 use crate::safety::BudgetReport;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Distribution, LoopReport, short};
-use luna_executors::Exit;
+use luna_executors::{Exit, ProcessHandle};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
@@ -148,17 +148,17 @@ impl EarlierProcesses {
     }
 
     /// Counts one that has ended, with an error of its own or without.
-    pub(crate) fn count(&mut self, process: &ProcessReport, has_failed: bool) {
-        let as_what = match process.exit {
+    pub(crate) fn count(&mut self, process: &ProcessHandle, has_failed: bool, overruns: u64) {
+        let as_what = match process.exit() {
             Some(Exit::Panicked(_)) => &mut self.panicked,
             Some(Exit::Cancelled) => &mut self.cancelled,
             _ if has_failed => &mut self.failed,
             _ => &mut self.completed,
         };
         *as_what += 1;
-        self.polls += process.polls;
-        self.longest_poll = self.longest_poll.max(process.longest_poll);
-        self.overruns += process.budgets.iter().map(|one| one.overruns).sum::<u64>();
+        self.polls += process.polls();
+        self.longest_poll = self.longest_poll.max(process.longest_poll());
+        self.overruns += overruns;
     }
 }
 

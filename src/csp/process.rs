@@ -18,6 +18,7 @@ use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// A process with three phases.
@@ -282,7 +283,10 @@ impl Frame {
 }
 
 /// How a body ended, if it was not cancelled and did not panic.
-pub(crate) struct Verdict(PiLock<Option<Ended>>);
+pub(crate) struct Verdict {
+    ended: PiLock<Option<Ended>>,
+    is_said: AtomicBool,
+}
 
 pub(crate) enum Ended {
     Returned(Result<()>),
@@ -291,11 +295,20 @@ pub(crate) enum Ended {
 
 impl Verdict {
     pub(crate) fn new() -> Arc<Self> {
-        Arc::new(Self(PiLock::new(None)))
+        Arc::new(Self {
+            ended: PiLock::new(None),
+            is_said: AtomicBool::new(false),
+        })
+    }
+
+    fn say(&self, ended: Ended) {
+        *self.ended.lock() = Some(ended);
+        self.is_said.store(true, Ordering::Release);
     }
 
     pub(crate) fn take(&self) -> Option<Ended> {
-        self.0.lock().take()
+        let is_said = self.is_said.load(Ordering::Acquire);
+        is_said.then(|| self.ended.lock().take())?
     }
 }
 
@@ -361,11 +374,14 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
         match polled {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
+                // That it returned without an error is what nothing said means.
                 if !matches!(ended, Ok(Ok(()))) {
+                    frame
+                        .verdict
+                        .say(ended.map_or_else(Ended::Failed, Ended::Returned));
                     // It is to be said of soon, and its own end is told to nobody who is not listening for any.
                     frame.common.living.announce_next();
                 }
-                *frame.verdict.0.lock() = Some(ended.map_or_else(Ended::Failed, Ended::Returned));
                 Poll::Ready(())
             }
         }

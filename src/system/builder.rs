@@ -181,7 +181,7 @@ impl Thread {
             .and_then(|()| self.plan.take_thread_name(&self.name))
             .map(|()| Place::Thread {
                 name: self.name,
-                attributes: self.attributes,
+                attributes: Box::new(self.attributes),
             });
         ProcessBuilder::new(self.plan, name, place)
     }

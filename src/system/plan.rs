@@ -39,7 +39,7 @@ pub(crate) enum Place {
     /// A thread of its own.
     Thread {
         name: String,
-        attributes: Attributes,
+        attributes: Box<Attributes>,
     },
 }
 
@@ -180,7 +180,7 @@ impl Running {
                 attributes,
             } => {
                 match starter.on_thread(
-                    attributes.mode(self.mode),
+                    (*attributes).mode(self.mode),
                     spec,
                     common.living.clone(),
                     frame,
@@ -345,10 +345,11 @@ impl Plan {
             return Ok(id);
         };
         let name = plan.name.clone();
-        self.start_late(members, &running, plan).inspect_err(|_| {
-            // It never was, so it may be tried again.
-            self.members().started.give_name_back(&name);
-        })?;
+        self.start_late(members, &running, plan, &name)
+            .inspect_err(|_| {
+                // It never was, so it may be tried again.
+                self.members().started.give_name_back(&name);
+            })?;
         Ok(id)
     }
 
@@ -358,11 +359,12 @@ impl Plan {
         mut members: MutexGuard<'a, Members>,
         running: &Running,
         mut plan: ProcessPlan,
+        name: &str,
     ) -> Result<()> {
-        let (id, name) = (plan.id, plan.name.clone());
+        let id = plan.id;
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
-            prepare(&mut **resident).map_err(|error| error.in_process(&name))?;
+            prepare(&mut **resident).map_err(|error| error.in_process(name))?;
             members = self.members();
         }
         let on_thread = matches!(plan.place, Place::Thread { .. });
@@ -374,7 +376,7 @@ impl Plan {
             // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.
             drop(members);
             clean_up(plan.prepared.resident);
-            return Err(self.ended(&name));
+            return Err(self.ended(name));
         } else {
             // Nothing of the user's runs there.
             return match running.start(plan) {
@@ -410,7 +412,7 @@ impl Plan {
             drop(thread);
             self.members().started.never_entered(id);
             clean_up(member.resident);
-            return Err(self.ended(&name));
+            return Err(self.ended(name));
         }
         members.enter_late(id, member, running);
         thread.1.release();

@@ -17,9 +17,18 @@ use std::sync::Arc;
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
 
-/// Spreads numbers that are given out one after the other.
+/// Spreads numbers that are given out one after the other, and names, which are the program's own: nothing here withstands ones that are chosen to collide.
 #[derive(Default)]
 pub(super) struct Spread(u64);
+
+impl Spread {
+    fn add(&mut self, number: u64) {
+        // Fibonacci hashing; a table looks at the highest and the lowest bits.
+        self.0 = (self.0 ^ number)
+            .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+            .rotate_left(32);
+    }
+}
 
 impl Hasher for Spread {
     fn finish(&self) -> u64 {
@@ -27,15 +36,21 @@ impl Hasher for Spread {
     }
 
     fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.write_u32(byte.into());
+        let mut words = bytes.chunks_exact(8);
+        for word in &mut words {
+            let word: [u8; 8] = word.try_into().unwrap_or_default();
+            self.add(u64::from_le_bytes(word));
         }
+        let rest = words.remainder().iter().rev();
+        self.add(rest.fold(0, |word, &byte| word << 8 | u64::from(byte)));
+    }
+
+    fn write_u8(&mut self, number: u8) {
+        self.add(number.into());
     }
 
     fn write_u32(&mut self, number: u32) {
-        // Fibonacci hashing; a table looks at the highest and the lowest bits.
-        let spread = (self.0 ^ u64::from(number)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        self.0 = spread.rotate_left(32);
+        self.add(number.into());
     }
 }
 
@@ -57,7 +72,7 @@ type Found = Option<(u64, Error)>;
 
 pub(crate) struct Register {
     members: ById<Member>,
-    names: HashSet<Arc<str>>,
+    names: HashSet<Arc<str>, BuildHasherDefault<Spread>>,
     /// How many were ever started: the next one's place in the order.
     started: u64,
     /// Those with budgets, in the order of their start.
@@ -82,7 +97,7 @@ impl Default for Register {
     fn default() -> Self {
         Self {
             members: ById::default(),
-            names: HashSet::new(),
+            names: HashSet::default(),
             started: 0,
             overseen: BTreeSet::new(),
             premature: HashSet::new(),
@@ -207,8 +222,11 @@ impl Register {
         }
         if let Some(member) = self.members.remove(&id) {
             self.names.remove(&member.name);
+            let overruns = member.ledger.as_ref().map_or(0, |ledger| {
+                ledger.reports().iter().map(|one| one.overruns).sum()
+            });
             self.earlier
-                .count(&process_report(&member), member.has_failed);
+                .count(&member.handle, member.has_failed, overruns);
             self.forgotten.insert(id.get());
             if member.has_failed {
                 self.funerals.push_back(Funeral {

@@ -4,7 +4,7 @@ use super::Exit;
 use super::record::Record;
 use luna_platform::current::{self, ProcessId, User, Wakeup};
 use luna_platform::wait_list::WaitNode;
-use std::cell::UnsafeCell;
+use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
@@ -30,12 +30,14 @@ pub(super) struct JoinNode {
 pub struct Join<'a> {
     record: &'a Record,
     node: UnsafeCell<JoinNode>,
+    /// Whether the node may be in the list. The future's own.
+    may_be_listed: Cell<bool>,
     _pinned: PhantomPinned,
 }
 
 // SAFETY: the node is guarded by the record's lock, wherever the future is.
 unsafe impl Send for Join<'_> {}
-// SAFETY: `&Join` gives access to nothing.
+// SAFETY: `&Join` gives access to nothing; the cell is for who has the future pinned, or drops it.
 unsafe impl Sync for Join<'_> {}
 
 impl<'a> Join<'a> {
@@ -46,6 +48,7 @@ impl<'a> Join<'a> {
                 wait: WaitNode::new(),
                 listed: false,
             }),
+            may_be_listed: Cell::new(false),
             _pinned: PhantomPinned,
         }
     }
@@ -57,8 +60,12 @@ impl Future for Join<'_> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
         let mut end = self.record.end.lock();
         if let Some(exit) = end.exit() {
+            let node = self.node.get();
+            // SAFETY: the lock is held. Who ended the process takes the nodes off one by one, perhaps not this one yet.
+            self.may_be_listed.set(unsafe { (*node).listed });
             return Poll::Ready(exit);
         }
+        self.may_be_listed.set(true);
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
         let former = unsafe {
@@ -80,6 +87,9 @@ impl Future for Join<'_> {
 
 impl Drop for Join<'_> {
     fn drop(&mut self) {
+        if !self.may_be_listed.get() {
+            return;
+        }
         let mut end = self.record.end.lock();
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held, and `listed` says whether the node is in the list.

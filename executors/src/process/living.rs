@@ -9,7 +9,7 @@ use luna_platform::futex::Futex;
 use luna_platform::path::{self, Call};
 use std::fmt;
 use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering, fence};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Counts the processes that have not ended, so that one thread can wait for the last; and knows their threads, so that it can see when
@@ -81,10 +81,11 @@ impl Living {
     }
 
     fn wait_as(&self, waiting: &AtomicUsize, seen: u32, deadline: Instant) {
-        waiting.fetch_add(1, Ordering::Relaxed);
-        // Either who changes the number sees that somebody waits, or that one sees the change.
-        fence(Ordering::SeqCst);
-        self.changes.wait(seen, deadline);
+        // In one order with `change`: either who changes the number sees that somebody waits, or that one sees the change.
+        waiting.fetch_add(1, Ordering::SeqCst);
+        if self.changes.word().load(Ordering::SeqCst) == seen {
+            self.changes.wait(seen, deadline);
+        }
         waiting.fetch_sub(1, Ordering::Relaxed);
     }
 
@@ -100,10 +101,9 @@ impl Living {
     }
 
     fn change(&self, in_a_hurry: bool) {
-        self.changes.word().fetch_add(1, Ordering::Release);
-        fence(Ordering::SeqCst);
-        let is_awaited = self.watchful.load(Ordering::Relaxed) > 0
-            || in_a_hurry && self.resting.load(Ordering::Relaxed) > 0;
+        self.changes.word().fetch_add(1, Ordering::SeqCst);
+        let is_awaited = self.watchful.load(Ordering::SeqCst) > 0
+            || in_a_hurry && self.resting.load(Ordering::SeqCst) > 0;
         if is_awaited {
             path::expected(Call::Wake, || self.changes.wake_all());
         }
@@ -276,10 +276,10 @@ impl Chain {
         let mut next = first;
         while let Some(record) = NonNull::new(next) {
             // SAFETY: a chain's records are owned by it, and this one was given away.
-            next = unsafe { record.as_ref() }
-                .after
-                .swap(behind, Ordering::Relaxed);
-            behind = record.as_ptr();
+            let record = unsafe { record.as_ref() };
+            next = record.after.load(Ordering::Relaxed);
+            record.after.store(behind, Ordering::Relaxed);
+            behind = ptr::from_ref(record).cast_mut();
         }
         Self(NonNull::new(behind))
     }
@@ -292,7 +292,7 @@ impl Iterator for Chain {
         let record = self.0?;
         // SAFETY: the invariant: it came from `Arc::into_raw`, and leaves the chain.
         let record = unsafe { Arc::from_raw(record.as_ptr().cast_const()) };
-        self.0 = NonNull::new(record.after.swap(ptr::null_mut(), Ordering::Relaxed));
+        self.0 = NonNull::new(record.after.load(Ordering::Relaxed));
         Some(record)
     }
 }

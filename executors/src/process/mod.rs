@@ -245,7 +245,7 @@ impl ProcessHandle {
 
     /// How it ended, if it has.
     pub fn exit(&self) -> Option<Exit> {
-        self.0.end.lock().exit()
+        self.0.exit()
     }
 }
 

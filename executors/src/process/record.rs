@@ -14,7 +14,7 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before anybody asked: the message of a panic is made off the real-time path.
@@ -22,6 +22,17 @@ pub(super) enum RawExit {
     Completed,
     Cancelled,
     Panicked(Box<dyn Any + Send>),
+}
+
+/// How a process has ended, for who does not want to lock.
+struct Outcome;
+
+impl Outcome {
+    const NONE: u8 = 0;
+    const COMPLETED: u8 = 1;
+    const CANCELLED: u8 = 2;
+    /// What was said is behind the lock.
+    const PANICKED: u8 = 3;
 }
 
 /// Why an executor looks twice at a process before it polls it.
@@ -75,7 +86,8 @@ pub(crate) struct Record {
     /// Whether its polls are timed, be it for the overseer's sake.
     pub(super) timed: bool,
     overseer: Option<Arc<dyn Overseer>>,
-    ended: AtomicBool,
+    /// One of [`Outcome`].
+    outcome: AtomicU8,
     /// Its thread has gone under with the body, which still refers to what it was made of.
     body_left: AtomicBool,
     pub(super) cancelled: AtomicBool,
@@ -109,7 +121,7 @@ impl Record {
             level: spec.level,
             timed: spec.timed || spec.overseer.is_some(),
             overseer: spec.overseer,
-            ended: AtomicBool::new(false),
+            outcome: AtomicU8::new(Outcome::NONE),
             body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             poisoned: AtomicBool::new(false),
@@ -149,7 +161,17 @@ impl Record {
     /// Whether the body has ended.
     #[inline]
     pub(crate) fn has_ended(&self) -> bool {
-        self.ended.load(Ordering::Acquire)
+        self.outcome.load(Ordering::Acquire) != Outcome::NONE
+    }
+
+    /// How it ended, if it has. The message of a panic is made here.
+    pub(super) fn exit(&self) -> Option<Exit> {
+        match self.outcome.load(Ordering::Acquire) {
+            Outcome::NONE => None,
+            Outcome::COMPLETED => Some(Exit::Completed),
+            Outcome::CANCELLED => Some(Exit::Cancelled),
+            _ => self.end.lock().exit(),
+        }
     }
 
     pub(crate) fn state(&self) -> ProcessState {
@@ -278,10 +300,17 @@ impl Record {
             return;
         }
         let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
+        let outcome = match exit {
+            RawExit::Completed => Outcome::COMPLETED,
+            RawExit::Cancelled => Outcome::CANCELLED,
+            RawExit::Panicked(_) => Outcome::PANICKED,
+        };
         end.exit = Some(exit);
-        self.ended.store(true, Ordering::Release);
+        self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = end.joining.pop() {
+            // Nobody comes any more.
+            let is_last = end.joining.is_empty();
             // SAFETY: a node in the list is live and guarded by the lock that is held; its join is pending until `gone` is set.
             let ready = unsafe {
                 let node = &mut *node.cast::<JoinNode>().as_ptr();
@@ -296,9 +325,17 @@ impl Record {
                 // A foreign waker's panic is its own matter: the others are told all the same. Dropping what it said could panic in turn.
                 std::mem::forget(payload);
             }
+            if is_last {
+                return self.tell(in_a_hurry);
+            }
             end = self.end.lock();
         }
         drop(end);
+        self.tell(in_a_hurry);
+    }
+
+    /// Tells who counts and lists the processes that this one has ended.
+    fn tell(self: &Arc<Self>, in_a_hurry: bool) {
         if self.listed {
             self.living.list_ended(self.clone());
         }

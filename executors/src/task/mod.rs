@@ -115,7 +115,10 @@ where
         let this = task.as_ref();
         this.process.set_waker(waker::new(task));
         this.process.set_owner(task.cast(), &METHODS);
-        this.process.notify(record.notices());
+        let notices = record.notices();
+        if notices != 0 {
+            this.process.notify(notices);
+        }
         record.set_process(waker::new(task), NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
         TASKS.set(TASKS.get() + 1);
