@@ -4,8 +4,10 @@
 
 mod support;
 
-use luna_executors::{Exit, Living, ProcessHandle, ProcessSpec, ProcessState, yield_now};
+use luna_executors::{Executor, Exit, Living, ProcessHandle, ProcessSpec, ProcessState, yield_now};
 use luna_platform::clock::Instant;
+use luna_platform::current::{User, user};
+use luna_platform::thread::Attributes;
 use luna_platform::timer_queue::Sleep;
 use std::future::{pending, poll_fn};
 use std::rc::Rc;
@@ -298,4 +300,42 @@ fn cancelled_by_a_process_of_its_own_executor_and_of_another() {
         );
         gate.open();
     }
+}
+
+#[test]
+fn announced_and_dropped_or_built_in_the_turn_of_another() {
+    let _watchdog = watchdog("announced_and_dropped_or_built_in_the_turn_of_another");
+    quiet_panics();
+    let living = Arc::new(Living::new());
+    let executor = Executor::start_counted(Attributes::new("announced"), living.clone()).unwrap();
+    executor.release();
+    let announced = executor
+        .handle()
+        .announce(ProcessSpec::new("dropped").listed());
+    let dropped = announced.handle();
+    assert_eq!((living.count(), dropped.exit()), (1, None));
+    drop(announced);
+    assert_eq!(dropped.wait(), Exit::Cancelled);
+
+    let own = executor.handle().clone();
+    let parent = executor.spawn(ProcessSpec::new("parent").listed(), move || async move {
+        let child = own.spawn(ProcessSpec::new("child").listed(), || {
+            if user() == User::Outside {
+                panic!("not mine");
+            }
+            async {}
+        });
+        // Built right there, and no part of the parent's turn: the panic is not the parent's.
+        assert_eq!(child.exit(), Some(Exit::Panicked("not mine".to_owned())));
+        assert_ne!(user(), User::Outside);
+        yield_now().await;
+    });
+    assert_eq!(parent.wait(), Exit::Completed);
+    // Who waits may be told before the end is listed.
+    executor.stop();
+    let mut ended = Vec::new();
+    living.take_ended(|id| ended.push(id));
+    assert_eq!(ended.len(), 3);
+    assert_eq!((ended[0], ended[2]), (dropped.id(), parent.id()));
+    living.take_ended(|id| panic!("{id} was listed twice"));
 }
