@@ -5,9 +5,10 @@ use crate::recorded::Figures;
 /// How much an operation's instructions may differ from the recorded ones, as a share of these.
 const TOLERANCE: f64 = 0.03;
 
-/// How much its atomic instructions may: half of the last digit that is recorded, and a thousandth for what allocates and shares locks.
+/// How much its atomic instructions may: half of the last digit that is recorded; and a fiftieth where there are many, of which those that free what
+/// others have left come now and then.
 fn rounding(atomics: f64) -> f64 {
-    0.006 + 0.001 * atomics
+    0.006 + atomics * if atomics < 10.0 { 0.001 } else { 0.02 }
 }
 
 /// What is said of an operation.

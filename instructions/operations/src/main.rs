@@ -63,12 +63,12 @@ static ALL: &[Operation] = &[
     operation("Alternative of 8", (512, 1), alternatives::registered::<8>),
     operation(
         "Alternative of 64",
-        (512, 1),
+        (2048, 1),
         alternatives::registered::<64>,
     ),
     operation(
         "Alternative of 1024",
-        (2048, 1),
+        (32_768, 1),
         alternatives::registered::<1024>,
     ),
     operation("switch", (500, 2), processes::switch),
