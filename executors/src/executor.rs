@@ -328,6 +328,7 @@ impl ExecutorHandle {
         Announced {
             record: Some(Record::new(spec, self.shared.living.clone())),
             shared: self.shared.clone(),
+            decided: None,
         }
     }
 }
@@ -338,6 +339,8 @@ pub struct Announced {
     /// There until it is started.
     record: Option<Arc<Record>>,
     shared: Arc<Shared>,
+    /// What [`is_built_here`](Self::is_built_here) has said.
+    decided: Option<bool>,
 }
 
 impl Announced {
@@ -350,8 +353,14 @@ impl Announced {
         )
     }
 
-    /// Whether [`start`](Self::start), called now, would build the process before it returns: then it calls what is the user's. Else it only hands it over.
-    pub fn is_built_here(&self) -> bool {
+    /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is the user's. If not, it only hands it over.
+    pub fn is_built_here(&mut self) -> bool {
+        let here = self.can_be_built_here();
+        self.decided = Some(here);
+        here
+    }
+
+    fn can_be_built_here(&self) -> bool {
         current::home() == Some(self.shared.home) && self.shared.phase() == Phase::RELEASED
     }
 
@@ -361,10 +370,12 @@ impl Announced {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
+        // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
+        let here = self.decided.unwrap_or(true) && self.can_be_built_here();
         let Some(record) = self.record.take() else {
             return;
         };
-        if self.is_built_here() {
+        if here {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
             let built = catch_unwind(AssertUnwindSafe(|| {
@@ -438,6 +449,8 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     // what that left half done, so it polls nobody any more: its processes have panicked with it, and their memory is not touched.
     if lived.is_err() {
         current::set_on_path(false);
+        // Whoever is spawned from here on is refused: nobody would poll it.
+        shared.advance(Phase::STOPPING);
         shared.close();
         for record in task::records() {
             record.leave_body();

@@ -117,7 +117,7 @@ pub(crate) struct Pending {
 
 impl Pending {
     /// Whether handing it over calls what is the user's.
-    fn is_built_here(&self) -> bool {
+    fn is_built_here(&mut self) -> bool {
         self.announced.is_built_here()
     }
 
@@ -354,6 +354,16 @@ impl Plan {
     }
 
     /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
+    /// Forgets a process that has ended before it was entered: its end is told before that.
+    fn never_entered(&self, running: &Running, id: ProcessId) {
+        let Common {
+            living, emergency, ..
+        } = &*running.common;
+        let mut members = self.members();
+        members.started.note_ends(living, emergency);
+        members.started.never_entered(id);
+    }
+
     fn start_late<'a>(
         &'a self,
         mut members: MutexGuard<'a, Members>,
@@ -380,7 +390,7 @@ impl Plan {
         } else {
             // Nothing of the user's runs there.
             return match running.start(plan) {
-                Ok((member, Started::OnExecutor(pending))) => {
+                Ok((member, Started::OnExecutor(mut pending))) => {
                     members.enter_late(id, member, running);
                     if pending.is_built_here() {
                         // The executor is in a process' turn, so it does not end meanwhile.
@@ -400,7 +410,7 @@ impl Plan {
             Ok((member, Started::OnThread(thread))) => (member, thread),
             Ok((_, Started::OnExecutor(_))) => unreachable!("its place is a thread"),
             Err(refused) => {
-                self.members().started.never_entered(id);
+                self.never_entered(running, id);
                 return Err(refused.clean_up());
             }
         };
@@ -410,7 +420,7 @@ impl Plan {
             drop(members);
             // Its body ends before it began.
             drop(thread);
-            self.members().started.never_entered(id);
+            self.never_entered(running, id);
             clean_up(member.resident);
             return Err(self.ended(name));
         }

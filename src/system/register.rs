@@ -198,8 +198,11 @@ impl Register {
         }
         if member.is_late && matches!(member.on, On::Executor(_)) {
             self.ended.push_back(id);
-            if self.ended.len() > self.most_ended {
-                self.forget_one();
+            // Two, so that one which is kept for its news is made up for.
+            for _ in 0..2 {
+                if self.ended.len() > self.most_ended {
+                    self.forget_one();
+                }
             }
         }
     }

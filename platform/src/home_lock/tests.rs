@@ -146,8 +146,6 @@ mod running {
         }
     }
 
-    /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
-    #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
     fn a_guard_that_is_kept_holds_the_lock_until_it_is_given_again() {
         let _home = enter();
@@ -194,6 +192,8 @@ mod running {
         assert_eq!(*lock.lock(), 1001);
     }
 
+    /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
+    #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
     fn who_finds_the_home_inside_waits_and_is_handed_over() {
         for _ in 0..20 {
