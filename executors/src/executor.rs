@@ -8,7 +8,9 @@ use crate::calls;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
-use crate::process::{Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
+use crate::process::{
+    Enrolled, Living, ProcessHandle, ProcessSpec, Record, overseer, prepare_thread,
+};
 use crate::task;
 use crate::watch;
 use luna_platform::clock::Instant;
@@ -302,7 +304,7 @@ impl ExecutorHandle {
     {
         let announced = self.announce(spec);
         let handle = announced.handle();
-        announced.start(build);
+        drop(announced.start(build));
         handle
     }
 
@@ -318,7 +320,7 @@ impl ExecutorHandle {
     /// let announced = executor.handle().announce(ProcessSpec::new("late"));
     /// let process = announced.handle();
     /// assert_eq!(process.state(), ProcessState::Created);
-    /// announced.start(|| async {});
+    /// assert!(announced.start(|| async {}).is_none(), "it was taken");
     /// assert_eq!(process.wait(), Exit::Completed);
     /// # Ok(()) }
     /// ```
@@ -360,21 +362,26 @@ impl Announced {
         here
     }
 
+    /// In a turn that is looked at, or that drops what was left, a builder would count as a part of it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
-        current::home() == Some(self.shared.home) && self.shared.phase() == Phase::RELEASED
+        current::home() == Some(self.shared.home)
+            && self.shared.phase() == Phase::RELEASED
+            && overseer().is_none()
+            && !current::is_abandoned()
+            && !current::dropped_ends_poison()
     }
 
-    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`].
-    pub fn start<B, F>(mut self, build: B)
+    /// Makes the process of the future that `build` returns: as [`ExecutorHandle::spawn`]. On an executor that has stopped, gives the builder back: it is the
+    /// user's, and is dropped with what is given.
+    #[must_use = "dropping it drops what is the user's, which is nothing to be done under a lock"]
+    pub fn start<B, F>(mut self, build: B) -> Option<Refused>
     where
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
         // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();
-        let Some(record) = self.record.take() else {
-            return;
-        };
+        let record = self.record.take()?;
         if here {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
@@ -385,7 +392,7 @@ impl Announced {
                 record.end_panicked(payload);
             }
             current::set_on_path(on_path);
-            return;
+            return None;
         }
         let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| {
             task::start(shared, record, build())
@@ -399,10 +406,28 @@ impl Announced {
                 arrivals.waiting.append(&mut arrival);
             }
         }
-        match arrival.pop_front() {
-            None => self.shared.inbound.ask_attention(),
-            Some(refused) => refused.refuse(),
+        let refused = arrival.pop_front();
+        if refused.is_none() {
+            self.shared.inbound.ask_attention();
         }
+        refused.map(|arrival| Refused(Some(arrival)))
+    }
+}
+
+/// A process that its executor did not take, since it has stopped. It ends as cancelled when this is dropped, with its builder.
+pub struct Refused(Option<Arrival>);
+
+impl Drop for Refused {
+    fn drop(&mut self) {
+        if let Some(arrival) = self.0.take() {
+            arrival.refuse();
+        }
+    }
+}
+
+impl fmt::Debug for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Refused")
     }
 }
 

@@ -5,7 +5,7 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
-use luna_executors::{Announced, Living, OsThread, ProcessSpec};
+use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused};
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -223,7 +223,7 @@ unsafe impl<P: Send> Send for Place<P> {}
 
 /// Starts a body of whatever type where it is to run, so that polling it goes through no virtual call.
 pub(crate) trait Start: Send {
-    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame);
+    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused>;
 
     fn on_thread(
         self: Box<Self>,
@@ -239,8 +239,8 @@ where
     B: FnOnce() -> F + Send + 'static,
     F: Future<Output = Result<()>> + 'static,
 {
-    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) {
-        announced.start(move || Supervised::make(self, frame));
+    fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused> {
+        announced.start(move || Supervised::make(self, frame))
     }
 
     fn on_thread(

@@ -54,7 +54,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
     let settings = std::mem::take(&mut *plan.settings());
     let living = Arc::new(Living::new());
     launch_described(plan, settings, executors, waiting, &living).inspect_err(|_| {
-        living.close_ended();
+        living.close_ended(|_| ());
         let mut members = plan.members();
         members.phase = Phase::Ended;
         let never_prepared = std::mem::take(&mut members.waiting);
@@ -241,7 +241,7 @@ impl Held {
                 Ok((member, started)) => {
                     self.members.push((id, member));
                     match started {
-                        Started::OnExecutor(pending) => pending.hand_over(),
+                        Started::OnExecutor(pending) => drop(pending.hand_over()),
                         Started::OnThread(thread) => self.threads.push(thread),
                     }
                 }

@@ -8,7 +8,7 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
 use crate::safety::{Function, Ledger};
-use luna_executors::{Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec};
+use luna_executors::{Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused};
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
@@ -121,8 +121,10 @@ impl Pending {
         self.announced.is_built_here()
     }
 
-    pub(crate) fn hand_over(self) {
-        self.starter.on_executor(self.announced, self.frame);
+    /// What is given is the user's: to be dropped without a lock.
+    #[must_use = "what was refused is dropped without a lock"]
+    pub(crate) fn hand_over(self) -> Option<Refused> {
+        self.starter.on_executor(self.announced, self.frame)
     }
 }
 
@@ -395,8 +397,12 @@ impl Plan {
                     if pending.is_built_here() {
                         // The executor is in a process' turn, so it does not end meanwhile.
                         drop(members);
+                        drop(pending.hand_over());
+                    } else {
+                        let refused = pending.hand_over();
+                        drop(members);
+                        drop(refused);
                     }
-                    pending.hand_over();
                     Ok(())
                 }
                 Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),

@@ -152,6 +152,11 @@ impl Register {
         living.take_ended(|id| self.note_end(id, emergency));
     }
 
+    /// As [`note_ends`](Self::note_ends), for the last time.
+    pub(super) fn note_last_ends(&mut self, living: &Living, emergency: &Emergency) {
+        living.close_ended(|id| self.note_end(id, emergency));
+    }
+
     /// Whether any end was noted since the last call.
     pub(super) fn take_news(&mut self) -> bool {
         std::mem::take(&mut self.has_news)

@@ -69,7 +69,9 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     let threads = end_threads(&end, executors, threads);
     end.bury();
-    living.close_ended();
+    // Who was left behind may have ended since.
+    plan.members().started.note_last_ends(living, emergency);
+    end.bury();
     let signal = guard.stop();
     stolen.sample();
 

@@ -3,6 +3,7 @@
 //! An alternative takes the locks of all its places here too, by plain stores, and holds them until it has chosen or is listed everywhere: what is said of
 //! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
 
+use super::at_home::{give_to_first, take_from_first};
 use super::{AtHome, Channel};
 use crate::alternative::{Entry, Look};
 use crate::place::{LastUser, Lists};
@@ -226,14 +227,9 @@ impl<T> Channel<T> {
                 return None;
             }
             let first = lists.senders.first()?;
-            let sender = first.cast::<Waiter<T>>();
-            let ready = Waiter::take_plain_wakeup(sender)?;
-            lists.receiver = LastUser::process(process.id());
-            lists.senders.remove_first(first);
-            let value = Waiter::take_value_of(sender);
-            Waiter::settle_plain(sender);
+            let taken = take_from_first(&mut lists, first, process)?;
             note(lists.senders.is_empty());
-            Some((value, ready))
+            Some(taken)
         }
     }
 
@@ -252,12 +248,8 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
-            let sender = first.cast::<Waiter<T>>();
-            let ready = Waiter::take_plain_wakeup(sender)?;
-            lists.receiver = LastUser::process(process.id());
-            lists.senders.remove_first(first);
-            Waiter::put_value_of(node, Waiter::take_value_of(sender));
-            Waiter::settle_plain(sender);
+            let (value, ready) = take_from_first(&mut lists, first, process)?;
+            Waiter::put_value_of(node, value);
             Some(ready)
         }
     }
@@ -277,13 +269,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.receivers.first()?;
-            let receiver = first.cast::<Waiter<T>>();
-            let ready = Waiter::take_plain_wakeup(receiver)?;
-            lists.sender = LastUser::process(process.id());
-            lists.receivers.remove_first(first);
-            Waiter::put_value_of(receiver, Waiter::take_value_of(node));
-            Waiter::settle_plain(receiver);
-            Some(ready)
+            give_to_first(&mut lists, first, node, process)
         }
     }
 

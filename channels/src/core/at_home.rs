@@ -11,8 +11,9 @@ use super::Channel;
 use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
-use luna_platform::current::{self, Process};
+use luna_platform::current::{self, PlainReady, Process};
 use luna_platform::home_lock::InsideGuard;
+use luna_platform::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -36,6 +37,54 @@ impl AtHome {
             true => AtHome::GaveWay,
             false => AtHome::Done,
         }
+    }
+}
+
+/// Gives the value of `offered` to the receiver that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has
+/// changed.
+///
+/// # Safety
+///
+/// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
+#[inline(always)]
+pub(super) unsafe fn give_to_first<T>(
+    lists: &mut Lists,
+    first: NonNull<WaitNode>,
+    offered: NonNull<Waiter<T>>,
+    process: &Process,
+) -> Option<PlainReady> {
+    // SAFETY: the contract; a listed receiver's node holds no value.
+    unsafe {
+        let receiver = first.cast::<Waiter<T>>();
+        let ready = Waiter::take_plain_wakeup(receiver)?;
+        lists.sender = LastUser::process(process.id());
+        lists.receivers.remove_first(first);
+        Waiter::put_value_of(receiver, Waiter::take_value_of(offered));
+        Waiter::settle_plain(receiver);
+        Some(ready)
+    }
+}
+
+/// Takes the value of the sender that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has changed.
+///
+/// # Safety
+///
+/// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
+#[inline(always)]
+pub(super) unsafe fn take_from_first<T>(
+    lists: &mut Lists,
+    first: NonNull<WaitNode>,
+    process: &Process,
+) -> Option<(T, PlainReady)> {
+    // SAFETY: the contract; a listed sender's node holds its value.
+    unsafe {
+        let sender = first.cast::<Waiter<T>>();
+        let ready = Waiter::take_plain_wakeup(sender)?;
+        lists.receiver = LastUser::process(process.id());
+        lists.senders.remove_first(first);
+        let value = Waiter::take_value_of(sender);
+        Waiter::settle_plain(sender);
+        Some((value, ready))
     }
 }
 
@@ -87,17 +136,12 @@ impl<T> Channel<T> {
                 lists.senders.insert_alone(node.cast());
                 return AtHome::Waits;
             };
-            let receiver = first.cast::<Waiter<T>>();
-            let Some(ready) = Waiter::take_plain_wakeup(receiver) else {
+            let Some(ready) = give_to_first::<T>(&mut lists, first, offered.cast(), process) else {
                 return match lists.is_rendezvous {
                     true => self.send_to_guard(lists, offered, process),
                     false => AtHome::No,
                 };
             };
-            lists.sender = LastUser::process(process.id());
-            lists.receivers.remove_first(first);
-            Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
-            Waiter::settle_plain(receiver);
             drop(lists);
             ready.wake();
         }
@@ -136,17 +180,13 @@ impl<T> Channel<T> {
                 lists.receivers.insert_alone(node.cast());
                 return AtHome::Waits;
             };
-            let sender = first.cast::<Waiter<T>>();
-            let Some(ready) = Waiter::take_plain_wakeup(sender) else {
+            let Some((value, ready)) = take_from_first(&mut lists, first, process) else {
                 return match lists.is_rendezvous {
                     true => self.recv_from_guard(lists, node, process),
                     false => AtHome::No,
                 };
             };
-            lists.receiver = LastUser::process(process.id());
-            lists.senders.remove_first(first);
-            Waiter::put_value_of(node, Waiter::take_value_of(sender));
-            Waiter::settle_plain(sender);
+            Waiter::put_value_of(node, value);
             drop(lists);
             ready.wake();
         }

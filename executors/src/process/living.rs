@@ -133,11 +133,13 @@ impl Living {
         }
     }
 
-    /// Lists nobody any more who ends: nobody will ask.
-    pub fn close_ended(&self) {
+    /// As [`take_ended`](Self::take_ended), for the last time: nobody is listed any more who ends.
+    pub fn close_ended(&self, mut each: impl FnMut(ProcessId)) {
         let ended = self.ended.swap(CLOSED, Ordering::Acquire);
-        if ended != CLOSED {
-            drop(Chain(NonNull::new(ended)));
+        if !ended.is_null() && ended != CLOSED {
+            for record in Chain::reversed(ended) {
+                each(record.id());
+            }
         }
     }
 
@@ -258,7 +260,7 @@ impl Living {
 
 impl Drop for Living {
     fn drop(&mut self) {
-        self.close_ended();
+        self.close_ended(|_| ());
     }
 }
 
