@@ -4,7 +4,9 @@
 
 mod support;
 
-use luna_executors::{Exit, ProcessSpec, ProcessState, yield_now};
+use luna_executors::{Exit, Overseer, ProcessSpec, ProcessState, Sentence, overseer, yield_now};
+use luna_platform::clock::Instant;
+use luna_platform::current;
 use std::future::pending;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -140,6 +142,77 @@ fn a_body_that_spawns_as_it_is_dropped() {
     executor.settle();
     executor.stop();
     assert_eq!(log.take(), [Exit::Cancelled]);
+}
+
+#[test]
+fn what_is_refused_is_dropped_where_its_spawner_likes() {
+    let _watchdog = watchdog("what_is_refused_is_dropped_where_its_spawner_likes");
+    let (executor, drops) = (executor(), Drops::default());
+    let announced = executor.handle().announce(ProcessSpec::new("late"));
+    let (process, token) = (announced.handle(), drops.token());
+    executor.stop();
+    let refused = announced.start(move || async move { drop(token) });
+    assert_eq!((drops.count(), process.exit()), (0, None));
+    drop(refused.expect("the executor has stopped"));
+    assert_eq!((drops.count(), process.exit()), (1, Some(Exit::Cancelled)));
+}
+
+/// Whether the turn that this is called in is looked at, is one in which a body is abandoned, or poisons what is dropped.
+fn turn_of_another() -> bool {
+    overseer().is_some() || current::is_abandoned() || current::dropped_ends_poison()
+}
+
+#[test]
+fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
+    struct LooksOn;
+    impl Overseer for LooksOn {
+        fn poll_begins(&self, _: Instant) {}
+        fn poll_ends(&self, _: Instant, _: Instant) -> Sentence {
+            Sentence::GoOn
+        }
+    }
+    let _watchdog = watchdog("a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own");
+    let (executor, log) = (executor(), Log::new());
+    let (handle, own) = (executor.handle().clone(), log.clone());
+    let spec = ProcessSpec::new("overseen").overseen(Arc::new(LooksOn));
+    let parent = executor.spawn(spec, move || async move {
+        assert!(turn_of_another());
+        let child = handle.spawn(ProcessSpec::new("child"), move || {
+            own.add(turn_of_another());
+            async {}
+        });
+        assert_eq!(child.join().await, Exit::Completed);
+    });
+    executor.release();
+    assert_eq!(parent.wait(), Exit::Completed);
+    assert_eq!(log.take(), [false]);
+}
+
+#[test]
+fn a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own() {
+    let _watchdog = watchdog("a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own");
+    struct SpawnsWhenDropped(luna_executors::ExecutorHandle, Log<bool>);
+    impl Drop for SpawnsWhenDropped {
+        fn drop(&mut self) {
+            assert!(turn_of_another());
+            let log = self.1.clone();
+            self.0.spawn(ProcessSpec::new("heir"), move || {
+                log.add(turn_of_another());
+                async {}
+            });
+        }
+    }
+    let (executor, log) = (executor(), Log::new());
+    let held = SpawnsWhenDropped(executor.handle().clone(), log.clone());
+    let parent = executor.spawn(ProcessSpec::new("abandoned"), move || async move {
+        let _held = held;
+        pending::<()>().await;
+    });
+    executor.release();
+    parent.cancel();
+    assert_eq!(parent.wait(), Exit::Cancelled);
+    executor.settle();
+    assert_eq!(log.take(), [false]);
 }
 
 #[test]
