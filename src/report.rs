@@ -67,6 +67,8 @@ pub enum End {
     /// A process overran a budget whose policy is [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all were
     /// cancelled.
     Overrun,
+    /// A process raised it by [`luna::emergency`](crate::emergency()): the emergency functions ran, then all others were cancelled.
+    Emergency,
 }
 
 /// An executor or OS thread.
@@ -212,6 +214,7 @@ impl fmt::Display for Report {
             End::Panic => "ended by a panic".to_owned(),
             End::Deadlock => "ended by a deadlock".to_owned(),
             End::Overrun => "ended by an overrun".to_owned(),
+            End::Emergency => "ended by an emergency".to_owned(),
         };
         writeln!(
             f,

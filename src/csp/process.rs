@@ -347,6 +347,7 @@ impl<F> Supervised<F> {
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.scope.enter_thread();
         frame.common.tree.enter_thread();
+        frame.common.emergency.enter_thread();
         ThreadUsage::prepare_thread();
         let alarm = Alarm(&frame.common.emergency);
         let body = make();

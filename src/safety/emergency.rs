@@ -3,9 +3,12 @@
 use crate::error::{Error, Result};
 use luna_executors::Living;
 use luna_platform::clock::Instant;
+use luna_platform::current::{self, ProcessId};
+use luna_platform::lock::PiLock;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
 use luna_platform::thread::{self, Attributes, EMERGENCY_PRIORITY, Policy, Thread};
+use std::cell::RefCell;
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -24,13 +27,82 @@ const ENDED: u8 = 3;
 pub(crate) struct Emergency {
     /// Only rises.
     phase: AtomicU8,
+    /// Who raised it by [`emergency`], and with what, if that was the first trigger.
+    cause: PiLock<Option<(ProcessId, Error)>>,
+}
+
+thread_local! {
+    /// Of the system whose processes run on this thread.
+    static OF_THREAD: RefCell<Option<Arc<Emergency>>> = const { RefCell::new(None) };
+}
+
+/// Raises an emergency with `cause`, and gives it back for the process to end with: `return Err(luna::emergency(cause))`.
+///
+/// For what must not go on, but is no bug to panic over: a sensor that is dead, a simulated plant that cannot be stepped. The functions of
+/// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest priority; then all processes are cancelled, and
+/// [`System::run`](crate::System::run) returns the cause with this process' name, whatever the others return on their way out. The report says
+/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its own cause stays.
+///
+/// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back.
+/// Real-time path: yes; O(1), one system call, and a clone of the cause.
+///
+/// ```
+/// use luna::{End, prelude::*};
+///
+/// let mut system = System::new("arm");
+/// system.on_emergency("brakes", || { /* engage them */ });
+/// let main = system.executor("main").build()?;
+/// main.process("encoder").spawn(async { Err(luna::emergency(luna::Error::other("no index pulse"))) })?;
+/// main.process("servo").spawn(std::future::pending::<luna::Result<()>>())?;
+/// assert_eq!(system.run().unwrap_err().to_string(), "process `encoder`: no index pulse");
+/// assert_eq!(system.report().unwrap().end, End::Emergency);
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[must_use = "the process is to end with it: return it as its error"]
+pub fn emergency(cause: Error) -> Error {
+    if let Some(process) = current::process(|process| process.map(|process| process.id()))
+        && let Some(emergency) = OF_THREAD.with(|of_thread| of_thread.borrow().clone())
+    {
+        emergency.raise(process, cause.clone());
+    }
+    cause
 }
 
 impl Emergency {
     pub(crate) fn new() -> Arc<Self> {
         Arc::new(Self {
             phase: AtomicU8::new(NORMAL),
+            cause: PiLock::new(None),
         })
+    }
+
+    /// Makes this the emergency that processes of the calling thread raise.
+    pub(crate) fn enter_thread(self: &Arc<Self>) {
+        OF_THREAD.with(|of_thread| {
+            let mut of_thread = of_thread.borrow_mut();
+            if !of_thread
+                .as_ref()
+                .is_some_and(|there| Arc::ptr_eq(there, self))
+            {
+                *of_thread = Some(self.clone());
+            }
+        });
+    }
+
+    fn raise(&self, process: ProcessId, error: Error) {
+        {
+            let mut cause = self.cause.lock();
+            // Whoever triggered it before is why the system ends.
+            if cause.is_none() && self.phase.load(Ordering::Acquire) == NORMAL {
+                *cause = Some((process, error));
+            }
+        }
+        self.trigger();
+    }
+
+    /// What a process raised it with.
+    pub(crate) fn cause(&self) -> Option<(ProcessId, Error)> {
+        self.cause.lock().clone()
     }
 
     /// Wakes the thread; the first trigger counts. From any thread, on the real-time path too: O(1), one system call.

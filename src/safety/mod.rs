@@ -7,5 +7,6 @@ mod watchdog;
 
 pub use budget::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub(crate) use budget::{Budgets, Ledger};
+pub use emergency::emergency;
 pub(crate) use emergency::{Emergency, EmergencyThread, Function};
 pub use watchdog::{Bite, Watchdog, WatchdogProcess};

@@ -95,6 +95,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         stolen,
     };
     let overrun = members.started.overrun();
+    let raised = emergency
+        .cause()
+        .map(|(process, error)| match members.started.name(process) {
+            Some(name) => error.in_process(name),
+            None => error,
+        });
     let report = Report {
         system: plan.name().to_owned(),
         end: match (
@@ -103,6 +109,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             members.started.first_panic().is_some(),
         ) {
             (Some(number), _, _) => End::Signal(number),
+            (None, true, _) if raised.is_some() => End::Emergency,
             (None, true, false) if deadlock.is_some() && running.mode == Mode::Strict => {
                 End::Deadlock
             }
@@ -118,7 +125,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         shortfalls,
         deadlock,
     };
-    let error = error_of_run(&members.started, overrun, &report);
+    let cause = if report.end == End::Emergency {
+        raised
+    } else {
+        overrun
+    };
+    let error = error_of_run(&members.started, cause, &report);
     members.report = Some(report.clone());
     match error {
         Some(error) => Err(error),
@@ -384,12 +396,12 @@ fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> 
 
 /// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
 /// processes return while they are being ended says nothing.
-fn error_of_run(started: &Register, overrun: Option<Error>, report: &Report) -> Option<Error> {
+fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
         // What they return while they are being ended says nothing.
         End::Signal(_) => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
-        End::Overrun => overrun,
+        End::Overrun | End::Emergency => cause,
         End::Panic => started.first_panic().cloned(),
         End::Completed => started.first_error().cloned(),
     }

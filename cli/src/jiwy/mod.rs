@@ -1,9 +1,7 @@
 //! Jiwy, the pan-tilt camera of the thesis (appendix A.1), with a simulated mechanism.
 
-pub(crate) mod encoder;
 pub(crate) mod network;
 pub(crate) mod pid;
-pub(crate) mod plant;
 mod processes;
 pub(crate) mod sanity;
 pub(crate) mod set_point;
@@ -13,6 +11,7 @@ pub(crate) mod tracking;
 mod tests;
 
 use crate::joystick::Deflection;
+use luna_plants::{MotorParameters, PAN, TILT};
 
 /// One axis with all that its processes need to know.
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +21,7 @@ pub(crate) struct Axis {
     /// Which part of the joystick moves it.
     pub(crate) stick: fn(Deflection) -> f64,
     /// The mechanism.
-    pub(crate) plant: plant::Parameters,
+    pub(crate) plant: MotorParameters,
     /// What the encoder's counter reads at angle 0.
     pub(crate) count_at_zero: i32,
     /// The controller.
@@ -40,7 +39,7 @@ pub(crate) static AXES: [Axis; 2] = [
     Axis {
         name: "pan",
         stick: |deflection| deflection.pan,
-        plant: plant::PAN,
+        plant: PAN,
         // Close to the counter's end, so that every run of the demo passes its wrap.
         count_at_zero: i32::MAX - 1000,
         tuning: pid::Tuning {
@@ -58,7 +57,7 @@ pub(crate) static AXES: [Axis; 2] = [
     Axis {
         name: "tilt",
         stick: |deflection| deflection.tilt,
-        plant: plant::TILT,
+        plant: TILT,
         count_at_zero: 0,
         tuning: pid::Tuning {
             bandwidth: 80.0,

@@ -28,9 +28,7 @@
 //! **No allocation.** Values are `Copy`, state lies in the processes, results are handed over in `post_run`.
 
 use super::AXES;
-use super::encoder::Encoder;
 use super::pid::{Gains, Pid};
-use super::plant::{Plant, State};
 use super::processes::{Controller, Joystick, Mechanism, Sanity, read_encoder, write_motor};
 use super::sanity::{Interventions, SanityCheck};
 use super::set_point::SetPoint;
@@ -38,6 +36,7 @@ use super::tracking::Tracking;
 use crate::joystick::Playback;
 use luna::Executor;
 use luna::prelude::*;
+use luna_plants::{Encoder, Motor, MotorState};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -59,7 +58,7 @@ pub(crate) struct Findings {
     /// The safety layer's.
     pub(crate) interventions: OnceLock<Interventions>,
     /// The mechanism's, after the motor was switched off.
-    pub(crate) state: OnceLock<State>,
+    pub(crate) state: OnceLock<MotorState>,
 }
 
 /// Where the processes run.
@@ -110,7 +109,7 @@ pub(crate) fn build(
             .spawn(Mechanism {
                 name: name("mechanism"),
                 period,
-                plant: Plant::new(axis.plant),
+                plant: Motor::new(axis.plant),
                 encoder: Encoder::new(axis.plant.gear_ratio, axis.count_at_zero),
                 enabled: Arc::clone(&enabled),
                 bridge,

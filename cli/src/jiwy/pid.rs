@@ -1,6 +1,6 @@
 //! The controller of one axis: a discrete PID.
 
-use super::plant::Parameters;
+use luna_plants::MotorParameters;
 
 /// The tuning of a controller, in continuous time: the sample time comes with each update.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +40,7 @@ impl Gains {
     ///
     /// Pole placement on the axis without its armature's time constant: `T θ'' + θ' = G duty`, with the mechanical time
     /// constant `T = J R / K²` and the speed at full duty `G = supply / K`. Slow sampling lowers the bandwidth.
-    pub(crate) fn place(axis: &Parameters, tuning: Tuning, sample_time: f64) -> Self {
+    pub(crate) fn place(axis: &MotorParameters, tuning: Tuning, sample_time: f64) -> Self {
         let k = axis.joint_constant();
         let time_constant = axis.inertia() * axis.resistance / (k * k);
         let speed = axis.supply / k;
@@ -105,14 +105,13 @@ impl Pid {
 
 #[cfg(test)]
 mod tests {
-    use super::super::encoder::{Decoder, Encoder};
-    use super::super::plant::Plant;
     use super::super::{AXES, Axis};
     use super::*;
+    use luna_plants::{Decoder, Encoder, Motor};
 
     /// A loop of plant, encoder and controller, with a sample of delay as between processes of their own.
     struct Loop {
-        plant: Plant,
+        plant: Motor,
         encoder: Encoder,
         decoder: Decoder,
         pid: Pid,
@@ -124,7 +123,7 @@ mod tests {
         fn new(axis: &Axis, rate: f64) -> Self {
             let gear = axis.plant.gear_ratio;
             Self {
-                plant: Plant::new(axis.plant),
+                plant: Motor::new(axis.plant),
                 encoder: Encoder::new(gear, axis.count_at_zero),
                 decoder: Decoder::new(gear, axis.count_at_zero),
                 pid: Pid::new(Gains::place(&axis.plant, axis.tuning, 1.0 / rate)),
@@ -140,7 +139,7 @@ mod tests {
             let next = self.pid.update(set_point, measured, self.sample_time);
             // The duty of this sample reaches the motor one sample later.
             self.plant
-                .step(std::mem::replace(&mut self.duty, next), self.sample_time);
+                .drive(std::mem::replace(&mut self.duty, next), self.sample_time);
             self.plant.state().angle
         }
     }

@@ -1,9 +1,7 @@
 //! The processes of Jiwy: what each of them does between the channels that `network` gives it.
 
-use super::encoder::{Decoder, Encoder};
 use super::network::Findings;
 use super::pid::Pid;
-use super::plant::Plant;
 use super::sanity::SanityCheck;
 use super::set_point::SetPoint;
 use super::tracking::Tracking;
@@ -11,6 +9,7 @@ use super::{AXES, Axis};
 use crate::joystick::Playback;
 use luna::prelude::*;
 use luna::{Instant, TryRecvError};
+use luna_plants::{Decoder, Encoder, Motor};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -109,7 +108,7 @@ impl Process for Sanity {
 pub(super) struct Mechanism {
     pub(super) name: String,
     pub(super) period: Duration,
-    pub(super) plant: Plant,
+    pub(super) plant: Motor,
     pub(super) encoder: Encoder,
     pub(super) enabled: Arc<AtomicBool>,
     pub(super) bridge: Receiver<f64>,
@@ -130,7 +129,7 @@ impl Process for Mechanism {
             } else {
                 0.0
             };
-            self.plant.step(applied, elapsed);
+            self.plant.drive(applied, elapsed);
             match self.bridge.try_recv() {
                 Ok(written) => duty = written,
                 Err(TryRecvError::Empty) => {}

@@ -83,8 +83,8 @@ impl SanityCheck {
 
 #[cfg(test)]
 mod tests {
-    use super::super::plant::{PAN, Plant};
     use super::*;
+    use luna_plants::{Motor, PAN};
 
     const LIMITS: Limits = Limits {
         duty: 0.8,
@@ -181,10 +181,10 @@ mod tests {
             duty: 0.2,
             ..LIMITS
         });
-        let mut plant = Plant::new(PAN);
+        let mut plant = Motor::new(PAN);
         for _ in 0..5000 {
             let duty = sanity.check(1.0, plant.state().angle, SAMPLE_TIME);
-            plant.step(duty, SAMPLE_TIME);
+            plant.drive(duty, SAMPLE_TIME);
         }
         assert!(plant.state().angle > LIMITS.guard);
         assert!(plant.state().angle < PAN.end_stop);

@@ -1,13 +1,12 @@
 //! The whole of Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
 
-use super::encoder::{Decoder, Encoder};
 use super::pid::{Gains, Pid};
-use super::plant::Plant;
 use super::sanity::{Interventions, SanityCheck};
 use super::set_point::SetPoint;
 use super::tracking::Tracking;
 use super::{AXES, Axis};
 use crate::joystick::{DEFAULT, Recording};
+use luna_plants::{Decoder, Encoder, Motor};
 
 /// Plays the default recording once; a duty reaches the motor one sample after its measurement.
 fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
@@ -17,7 +16,7 @@ fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
     let gear = axis.plant.gear_ratio;
     let encoder = Encoder::new(gear, axis.count_at_zero);
     let mut decoder = Decoder::new(gear, axis.count_at_zero);
-    let mut plant = Plant::new(axis.plant);
+    let mut plant = Motor::new(axis.plant);
     let mut set_point = SetPoint::new(axis.range, axis.max_speed);
     let mut pid = Pid::new(Gains::place(&axis.plant, axis.tuning, sample_time));
     let mut sanity = SanityCheck::new(axis.limits);
@@ -29,7 +28,7 @@ fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
         let angle = decoder.angle(encoder.count(plant.state().angle));
         tracking.add(target - angle);
         let next = sanity.check(pid.update(target, angle, sample_time), angle, sample_time);
-        plant.step(std::mem::replace(&mut duty, next), sample_time);
+        plant.drive(std::mem::replace(&mut duty, next), sample_time);
     }
     (tracking, sanity.interventions())
 }

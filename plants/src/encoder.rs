@@ -1,20 +1,20 @@
-//! The incremental encoder on a motor's shaft, its counter card, and the way back to radians.
+//! An incremental encoder on a motor's shaft, its counter card, and the way back to radians.
 
 use std::f64::consts::TAU;
 
 /// Edges for one turn of the motor: 500 lines, four edges each. A common size; the thesis gives none.
-pub(crate) const COUNTS_PER_MOTOR_TURN: f64 = 2000.0;
+pub const COUNTS_PER_MOTOR_TURN: f64 = 2000.0;
 
 /// The counter of one axis, as a card holds it: 32 bits that wrap, and that start anywhere when powered.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Encoder {
+pub struct Encoder {
     counts_per_rad: f64,
     at_zero: i32,
 }
 
 impl Encoder {
     /// Behind a gear of `gear_ratio`, on a counter that reads `at_zero` at angle 0.
-    pub(crate) fn new(gear_ratio: f64, at_zero: i32) -> Self {
+    pub fn new(gear_ratio: f64, at_zero: i32) -> Self {
         Self {
             counts_per_rad: counts_per_rad(gear_ratio),
             at_zero,
@@ -22,7 +22,7 @@ impl Encoder {
     }
 
     /// What the counter reads with the joint at `angle` (rad).
-    pub(crate) fn count(&self, angle: f64) -> i32 {
+    pub fn count(&self, angle: f64) -> i32 {
         // An edge is counted when it is passed: the largest whole number below. The low 32 bits are what a counter keeps.
         let edges = (angle * self.counts_per_rad).floor() as i64;
         self.at_zero.wrapping_add(edges as i32)
@@ -33,7 +33,7 @@ impl Encoder {
 ///
 /// Exact as long as the joint moves less than 2³¹ counts between two calls, which is thousands of turns.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Decoder {
+pub struct Decoder {
     rad_per_count: f64,
     last: i32,
     position: i64,
@@ -41,7 +41,7 @@ pub(crate) struct Decoder {
 
 impl Decoder {
     /// For an encoder behind a gear of `gear_ratio`; `at_zero` is what calibration read at angle 0.
-    pub(crate) fn new(gear_ratio: f64, at_zero: i32) -> Self {
+    pub fn new(gear_ratio: f64, at_zero: i32) -> Self {
         Self {
             rad_per_count: 1.0 / counts_per_rad(gear_ratio),
             last: at_zero,
@@ -50,7 +50,7 @@ impl Decoder {
     }
 
     /// The angle (rad) when the counter reads `count`: the middle of the count. O(1).
-    pub(crate) fn angle(&mut self, count: i32) -> f64 {
+    pub fn angle(&mut self, count: i32) -> f64 {
         self.position += i64::from(count.wrapping_sub(self.last));
         self.last = count;
         (self.position as f64 + 0.5) * self.rad_per_count

@@ -1,0 +1,238 @@
+//! Why a plant cannot be connected or goes on no longer.
+
+use crate::Port;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Which side of a plant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// What actuators apply to it.
+    Input,
+    /// What sensors read of it.
+    Output,
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Side::Input => "input",
+            Side::Output => "output",
+        })
+    }
+}
+
+/// Why a plant cannot be stepped, or its values are none. It is the end of the plant: see [`Checked`](crate::Checked).
+///
+/// Making one and cloning it allocates nothing, but what a plant of your own puts into [`Model`](PlantError::Model).
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum PlantError {
+    /// A value is not a number, or infinite where the range does not saturate.
+    NotFinite {
+        /// Of an input or an output.
+        side: Side,
+        /// Of which.
+        port: Arc<str>,
+        /// What it is.
+        value: f64,
+    },
+    /// A value is outside of a range that does not saturate.
+    OutOfRange {
+        /// Of an input or an output.
+        side: Side,
+        /// Of which, with its range.
+        port: Port,
+        /// What it is.
+        value: f64,
+    },
+    /// A value has no counterpart in the type of its channel: 300 in a `u8`, 0.5 in an integer.
+    DoesNotFit {
+        /// Of which output.
+        port: Arc<str>,
+        /// What it is.
+        value: f64,
+        /// The type.
+        into: &'static str,
+    },
+    /// A step is zero or longer than the plant can take.
+    Step {
+        /// How long it was to be.
+        step: Duration,
+        /// The longest.
+        longest: Duration,
+    },
+    /// More changes of the input lie within a dead time than there is room for: the steps are shorter than was said.
+    NoRoom {
+        /// How many there is room for.
+        room: usize,
+    },
+    /// The model's own.
+    Model(Arc<str>),
+}
+
+impl PlantError {
+    /// A failure of a model of your own, in words.
+    ///
+    /// ```
+    /// let error = luna_plants::PlantError::model("the tank has run over");
+    /// assert_eq!(error.to_string(), "the tank has run over");
+    /// ```
+    pub fn model(why: &str) -> PlantError {
+        PlantError::Model(Arc::from(why))
+    }
+}
+
+impl fmt::Display for PlantError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PlantError::NotFinite { side, port, value } => {
+                write!(f, "{side} `{port}` is {value}")
+            }
+            PlantError::OutOfRange { side, port, value } => write!(
+                f,
+                "{side} `{}` is {value} {unit}, outside of {} to {} {unit}",
+                port.name(),
+                port.min(),
+                port.max(),
+                unit = port.unit(),
+            ),
+            PlantError::DoesNotFit { port, value, into } => {
+                write!(f, "output `{port}` is {value}, which is no {into}")
+            }
+            PlantError::Step { step, longest } => write!(
+                f,
+                "a step of {step:?} was asked for; it takes more than zero and at most {longest:?}"
+            ),
+            PlantError::NoRoom { room } => write!(
+                f,
+                "more than {room} changes of the input lie within the dead time: state the shortest step that is made"
+            ),
+            PlantError::Model(why) => f.write_str(why),
+        }
+    }
+}
+
+impl std::error::Error for PlantError {}
+
+/// What ended the system: a plant that failed, with its name.
+///
+/// The process of a [`PlantLink`](crate::PlantLink) raises it as an emergency: it is the source in
+/// [`Error::Other`](luna::Error::Other).
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantFailure {
+    /// The plant's name.
+    pub plant: Arc<str>,
+    /// Why it failed.
+    pub error: PlantError,
+}
+
+impl fmt::Display for PlantFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "plant `{}` failed: {}", self.plant, self.error)
+    }
+}
+
+impl std::error::Error for PlantFailure {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        Some(&self.error)
+    }
+}
+
+/// Why a plant and channels cannot be connected.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ConnectError {
+    /// The plant has no port of that name.
+    NoSuchPort {
+        /// The plant's name.
+        plant: String,
+        /// On which side it was looked for.
+        side: Side,
+        /// The name.
+        port: String,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// An input has an actuator already.
+    Taken {
+        /// The plant's name.
+        plant: String,
+        /// The input.
+        port: String,
+    },
+    /// An input has no actuator, and nobody said that it keeps its value.
+    NotConnected {
+        /// The plant's name.
+        plant: String,
+        /// The inputs.
+        ports: Vec<String>,
+    },
+    /// A plant's outputs do not fit the inputs of the one behind it, in number or unit.
+    Mismatch {
+        /// The outputs, with units.
+        outputs: Vec<String>,
+        /// The inputs, with units.
+        inputs: Vec<String>,
+    },
+    /// A step of zero.
+    ZeroStep {
+        /// The plant's name.
+        plant: String,
+    },
+}
+
+impl fmt::Display for ConnectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ConnectError::NoSuchPort {
+                plant,
+                side,
+                port,
+                known,
+            } => write!(
+                f,
+                "plant `{plant}` has no {side} `{port}`; it has {}",
+                listed(known)
+            ),
+            ConnectError::Taken { plant, port } => write!(
+                f,
+                "input `{port}` of plant `{plant}` has an actuator already"
+            ),
+            ConnectError::NotConnected { plant, ports } => write!(
+                f,
+                "plant `{plant}` has inputs without an actuator: {}; connect them, or give them a value with `hold`",
+                listed(ports)
+            ),
+            ConnectError::Mismatch { outputs, inputs } => write!(
+                f,
+                "outputs ({}) do not fit inputs ({}): as many are needed, of the same units",
+                listed(outputs),
+                listed(inputs)
+            ),
+            ConnectError::ZeroStep { plant } => {
+                write!(
+                    f,
+                    "plant `{plant}` is to be stepped by zero; give it a time"
+                )
+            }
+        }
+    }
+}
+
+impl std::error::Error for ConnectError {}
+
+impl From<ConnectError> for luna::Error {
+    fn from(error: ConnectError) -> luna::Error {
+        luna::Error::other(error)
+    }
+}
+
+fn listed(names: &[String]) -> String {
+    if names.is_empty() {
+        return "none".to_owned();
+    }
+    let quoted: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    quoted.join(", ")
+}

@@ -1,0 +1,296 @@
+//! A DC motor and what it turns: supply, armature, gear, inertia, friction, end stops.
+//!
+//! All of it is seen from the joint (the camera's side of the gear). With `K` = torque constant × gear ratio:
+//!
+//! ```text
+//! L di/dt = duty·supply − R i − K ω                      the armature, with its back-EMF
+//! J dω/dt = K i − b ω − friction(ω) − stop(θ, ω)         J: load + rotor × gear²
+//!   dθ/dt = ω
+//! ```
+//!
+//! The three are integrated together by implicit Euler in sub-steps of at most [`MAX_SUB_STEP`]. That is only first order, but it is
+//! stable for every step, never adds energy, and has the exact steady states. Friction is part of the implicit step, so it is
+//! a set-valued law and needs no smoothing: below breakaway the speed is exactly zero and the angle does not creep (Moreau's
+//! time stepping; Acary & Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, chapter 10).
+//!
+//! The bridge limits the current by taking the voltage off for as long as it would grow beyond: the torque then is what the limit gives.
+//!
+//! Left out: the ripple of the PWM (the voltage is its average), play and elasticity in the gear, gravity (both axes are
+//! taken as balanced), heat.
+
+use crate::{Outside, Plant, PlantError, Port};
+use std::time::Duration;
+
+/// The longest sub-step, in seconds: a quarter of the time constant of the armatures of [`PAN`](crate::PAN) and [`TILT`](crate::TILT), a hundredth of their end stops' period.
+pub const MAX_SUB_STEP: f64 = 25e-6;
+
+/// The longest step that a motor takes as a [`Plant`], so that a step is bounded: 40 000 sub-steps a second of it.
+pub const LONGEST_STEP: Duration = Duration::from_secs(10);
+
+/// What a motor and its axis are made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorParameters {
+    /// The voltage at duty 1, in V.
+    pub supply: f64,
+    /// The most that the bridge lets through, in A; infinity if it has no limit.
+    pub current_limit: f64,
+    /// Of the armature, in Ω.
+    pub resistance: f64,
+    /// Of the armature, in H.
+    pub inductance: f64,
+    /// Torque by current at the rotor, in N·m/A; the back-EMF in V·s/rad is the same number.
+    pub torque_constant: f64,
+    /// Rotor turns for one turn of the joint.
+    pub gear_ratio: f64,
+    /// Of the rotor, in kg·m².
+    pub rotor_inertia: f64,
+    /// Of what the joint carries, in kg·m².
+    pub load_inertia: f64,
+    /// At the joint, in N·m·s/rad.
+    pub viscous_friction: f64,
+    /// At the joint while it moves, in N·m. The losses of the gear are in it.
+    pub coulomb_friction: f64,
+    /// The torque at the joint that breaks it loose from rest, in N·m; at least the Coulomb friction.
+    pub stiction: f64,
+    /// The stops stand at plus and minus this angle, in rad; at infinity if there are none.
+    pub end_stop: f64,
+    /// Of a stop, in N·m/rad.
+    pub stop_stiffness: f64,
+    /// Of a stop, in N·m·s/rad.
+    pub stop_damping: f64,
+}
+
+impl MotorParameters {
+    /// Torque at the joint by current, in N·m/A; back-EMF by joint speed, in V·s/rad.
+    pub fn joint_constant(&self) -> f64 {
+        self.torque_constant * self.gear_ratio
+    }
+
+    /// All that turns, seen from the joint, in kg·m².
+    pub fn inertia(&self) -> f64 {
+        self.load_inertia + self.rotor_inertia * self.gear_ratio * self.gear_ratio
+    }
+
+    /// The torque at the joint that full duty holds at rest, in N·m.
+    pub fn stall_torque(&self) -> f64 {
+        self.joint_constant() * self.supply / self.resistance
+    }
+}
+
+/// Where an axis is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotorState {
+    /// Of the joint, in rad; 0 is half way between the stops.
+    pub angle: f64,
+    /// Of the joint, in rad/s.
+    pub speed: f64,
+    /// In the armature, in A.
+    pub current: f64,
+}
+
+/// A motor in motion, with its axis.
+///
+/// As a [`Plant`] it has the input `duty` (−1 to 1 of the supply, saturates: a bridge cannot give more) and the outputs `angle` in rad, `speed` in rad/s and
+/// `current` in A. A step allocates nothing and is O(time / [`MAX_SUB_STEP`]): 40 sub-steps for a millisecond, each some 20 ns.
+///
+/// ```
+/// use luna_plants::{Checked, Motor, PAN};
+/// use std::time::Duration;
+///
+/// let mut motor = Checked::new(Motor::new(PAN));
+/// motor.set("duty", 0.5).unwrap();
+/// motor.step(Duration::from_millis(100)).unwrap();
+/// assert!(motor.get("angle").unwrap() > 0.1);
+/// ```
+#[derive(Debug, Clone)]
+pub struct Motor {
+    parameters: MotorParameters,
+    state: MotorState,
+    duty: f64,
+    ports: [Port; 4],
+}
+
+/// What a sub-step of one length always needs.
+#[derive(Debug, Clone, Copy)]
+struct Coefficients {
+    h: f64,
+    k: f64,
+    impedance: f64,
+    /// Of the free joint with the armature's reaction, and without it.
+    mass: f64,
+    mass_at_limit: f64,
+    /// What a stop adds to either.
+    mass_of_stop: f64,
+}
+
+impl Motor {
+    /// At rest at angle 0.
+    pub fn new(parameters: MotorParameters) -> Self {
+        Self {
+            parameters,
+            state: MotorState::default(),
+            duty: 0.0,
+            ports: [
+                Port::new("duty", "1")
+                    .range(-1.0, 1.0)
+                    .outside(Outside::Saturate),
+                Port::new("angle", "rad"),
+                Port::new("speed", "rad/s"),
+                Port::new("current", "A"),
+            ],
+        }
+    }
+
+    /// What it is made of.
+    pub fn parameters(&self) -> &MotorParameters {
+        &self.parameters
+    }
+
+    /// Where it is now.
+    pub fn state(&self) -> MotorState {
+        self.state
+    }
+
+    /// In another state.
+    #[must_use]
+    pub fn starting_at(mut self, state: MotorState) -> Self {
+        self.state = state;
+        self
+    }
+
+    /// Applies `duty` (−1 to 1 of the supply; a bridge cannot give more) for `time` seconds.
+    ///
+    /// O(time / [`MAX_SUB_STEP`]); allocates nothing. A duty that is no number is none, a time that is not positive no time.
+    pub fn drive(&mut self, duty: f64, time: f64) {
+        self.drive_by(duty, time, MAX_SUB_STEP);
+    }
+
+    fn drive_by(&mut self, duty: f64, time: f64, max_sub_step: f64) {
+        let duty = if duty.is_nan() {
+            0.0
+        } else {
+            duty.clamp(-1.0, 1.0)
+        };
+        // A cast of what is not positive, or not a number, gives 0.
+        let sub_steps = (time / max_sub_step).ceil() as u64;
+        let coefficients = self.coefficients(time / sub_steps as f64);
+        for _ in 0..sub_steps {
+            self.sub_step(duty * self.parameters.supply, &coefficients);
+        }
+    }
+
+    fn coefficients(&self, h: f64) -> Coefficients {
+        let p = &self.parameters;
+        let k = p.joint_constant();
+        let impedance = p.inductance + h * p.resistance;
+        let mass_at_limit = p.inertia() + h * p.viscous_friction;
+        Coefficients {
+            h,
+            k,
+            impedance,
+            mass: mass_at_limit + h * h * k * k / impedance,
+            mass_at_limit,
+            mass_of_stop: h * p.stop_damping + h * h * p.stop_stiffness,
+        }
+    }
+
+    /// One implicit step.
+    ///
+    /// With the new current eliminated, the new speed solves `mass·ω' = impulse − h·friction(ω')`. If the current would pass the limit, it is the limit, and
+    /// the speed is solved for once more.
+    fn sub_step(&mut self, voltage: f64, c: &Coefficients) {
+        let p = &self.parameters;
+        let MotorState { speed, current, .. } = self.state;
+        let driven = (p.inductance * current + c.h * voltage) / c.impedance;
+        let momentum = p.inertia() * speed;
+        let mut new_speed = self.solve(c.mass, momentum + c.h * c.k * driven, c);
+        let mut new_current = driven - c.h * c.k * new_speed / c.impedance;
+        if new_current.abs() > p.current_limit {
+            new_current = p.current_limit.copysign(new_current);
+            new_speed = self.solve(c.mass_at_limit, momentum + c.h * c.k * new_current, c);
+        }
+        self.state = MotorState {
+            angle: self.state.angle + c.h * new_speed,
+            speed: new_speed,
+            current: new_current,
+        };
+    }
+
+    /// The new speed: of the free joint, and if that would end in a stop, once more with the stop's spring and damper in `mass` and `impulse`.
+    fn solve(&self, mass: f64, impulse: f64, c: &Coefficients) -> f64 {
+        let p = &self.parameters;
+        let MotorState { angle, speed, .. } = self.state;
+        let friction = c.h
+            * if speed == 0.0 {
+                p.stiction
+            } else {
+                p.coulomb_friction
+            };
+        // Moves when the impulse exceeds friction, against Coulomb friction then; else sticks, at exactly zero speed.
+        let against_friction = |mass: f64, impulse: f64| {
+            if impulse.abs() <= friction {
+                0.0
+            } else {
+                (impulse - impulse.signum() * c.h * p.coulomb_friction) / mass
+            }
+        };
+        let free = against_friction(mass, impulse);
+        let new_angle = angle + c.h * free;
+        if new_angle.abs() <= p.end_stop {
+            return free;
+        }
+        let side = new_angle.signum();
+        let depth = angle - side * p.end_stop;
+        let touching = against_friction(
+            mass + c.mass_of_stop,
+            impulse - c.h * p.stop_stiffness * depth,
+        );
+        // A stop pushes but does not pull: rubber that springs back slower than the joint leaves lets it go.
+        let push = p.stop_stiffness * (depth + c.h * touching) + p.stop_damping * touching;
+        if push * side > 0.0 { touching } else { free }
+    }
+
+    /// What is stored in the armature, in motion and in a compressed stop, in J.
+    pub fn energy(&self) -> f64 {
+        let p = &self.parameters;
+        let s = &self.state;
+        let depth = (s.angle.abs() - p.end_stop).max(0.0);
+        0.5 * (p.inductance * s.current * s.current
+            + p.inertia() * s.speed * s.speed
+            + p.stop_stiffness * depth * depth)
+    }
+}
+
+impl Plant for Motor {
+    fn inputs(&self) -> &[Port] {
+        &self.ports[..1]
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.ports[1..]
+    }
+
+    fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
+        self.duty = inputs[0];
+        Ok(())
+    }
+
+    fn step(&mut self, time: Duration) -> Result<(), PlantError> {
+        if time.is_zero() || time > LONGEST_STEP {
+            return Err(PlantError::Step {
+                step: time,
+                longest: LONGEST_STEP,
+            });
+        }
+        self.drive(self.duty, time.as_secs_f64());
+        Ok(())
+    }
+
+    fn measure(&mut self, outputs: &mut [f64]) -> Result<(), PlantError> {
+        outputs.copy_from_slice(&[self.state.angle, self.state.speed, self.state.current]);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
