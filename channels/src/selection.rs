@@ -15,7 +15,7 @@
 //! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
-use luna_platform::clock::Instant;
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{PlainReady, Process, Ready, Wakeup};
 use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::sync::UnsafeCell;
@@ -48,6 +48,8 @@ pub struct Selection {
     /// and is what the owner chooses, though it may not have run yet.
     late_from: AtomicU64,
     first_late: AtomicU32,
+    /// Whose clock that is: a partner by another one cannot tell.
+    clock: AtomicUsize,
     wakeup: UnsafeCell<Option<Wakeup>>,
     /// Held around each claim where `gated` is set, so that who claims several sees all of them open at one instant.
     gate: HomeLock<()>,
@@ -65,6 +67,7 @@ impl Selection {
             has_plain_wakeup: AtomicBool::new(false),
             late_from: AtomicU64::new(u64::MAX),
             first_late: AtomicU32::new(0),
+            clock: AtomicUsize::new(0),
             wakeup: UnsafeCell::new(None),
             gate: HomeLock::new(()),
             entered: UnsafeCell::new(None),
@@ -88,6 +91,7 @@ impl Selection {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         if let Some((instant, first_late)) = limit {
             self.first_late.store(first_late, Ordering::Relaxed);
+            self.clock.store(Clock::number_here(), Ordering::Relaxed);
             self.late_from.store(instant.as_nanos(), Ordering::Relaxed);
         }
         // SAFETY: of a closed selection it is the owner's; nobody closes this one for the owner before it was opened.
@@ -224,6 +228,7 @@ impl Selection {
         let late_from = self.late_from.load(Ordering::Relaxed);
         late_from != u64::MAX
             && guard >= self.first_late.load(Ordering::Relaxed)
+            && self.clock.load(Ordering::Relaxed) == Clock::number_here()
             && Instant::now().as_nanos() >= late_from
     }
 

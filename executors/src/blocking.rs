@@ -151,7 +151,8 @@ enum CallState<T> {
 /// Makes a blocking call on a buddy thread and awaits its result.
 ///
 /// The call starts at the first poll. Cancel-safe in that dropping the future forgets the result; a call that has started runs to its
-/// end. The executor goes on meanwhile, and other processes run. Real-time path: no, since it allocates the call; the waiting itself
+/// end. The executor goes on meanwhile, and other processes run. On a virtual clock time stands until the call is done, and results come in the order in which
+/// the calls were begun. Real-time path: no, since it allocates the call; the waiting itself
 /// holds up nobody. The buddy has no real-time policy.
 ///
 /// # Panics
@@ -199,11 +200,14 @@ where
                 state: PiLock::new(CallState::Running(Some(Wakeup::of(cx)))),
             });
             self.running = Some(running.clone());
-            let under_way = UnderWay::begin();
+            // Ends after the wake, also if the call's result panics as it is dropped.
+            let mut under_way = UnderWay::begin();
             submit(Box::new(move || {
-                // Ends after the wake, also if the call's result panics as it is dropped.
-                let _under_way = under_way;
-                running.make(call);
+                let result = {
+                    let _clock = under_way.clock().enter();
+                    catch_unwind(AssertUnwindSafe(call))
+                };
+                under_way.deliver(move || running.finish(result));
             }));
             return Poll::Pending;
         }
@@ -236,8 +240,7 @@ where
 }
 
 impl<T> Call<T> {
-    fn make(&self, call: impl FnOnce() -> T) {
-        let result = catch_unwind(AssertUnwindSafe(call));
+    fn finish(&self, result: Result<T, Box<dyn Any + Send>>) {
         let ready = {
             let mut state = self.state.lock();
             match std::mem::replace(&mut *state, CallState::Done(result)) {

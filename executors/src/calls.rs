@@ -2,6 +2,8 @@
 
 use crate::presence::Presence;
 use crate::process::Living;
+use crate::simulation::Stage;
+use luna_platform::clock::Clock;
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -10,6 +12,8 @@ use std::sync::Arc;
 pub(crate) struct Desk {
     presence: Arc<Presence>,
     living: Option<Arc<Living>>,
+    /// Whose thread it is, if it is one that decides when a call's result comes.
+    stage: Option<Arc<Stage>>,
 }
 
 thread_local! {
@@ -19,7 +23,21 @@ thread_local! {
 
 /// Counts the calls of this thread in `presence` until the guard is dropped.
 pub(crate) fn enter(presence: Arc<Presence>, living: Option<Arc<Living>>) -> DeskGuard {
-    HERE.set(Some(Desk { presence, living }));
+    HERE.set(Some(Desk {
+        presence,
+        living,
+        stage: None,
+    }));
+    DeskGuard(())
+}
+
+/// The calls of this thread are those of `stage` until the guard is dropped.
+pub(crate) fn enter_simulated(stage: Arc<Stage>) -> DeskGuard {
+    HERE.set(Some(Desk {
+        presence: stage.presence().clone(),
+        living: Some(stage.living().clone()),
+        stage: Some(stage),
+    }));
     DeskGuard(())
 }
 
@@ -33,26 +51,61 @@ impl Drop for DeskGuard {
 }
 
 /// A call that is under way, from its beginning until after the wake that it leads to.
-pub(crate) struct UnderWay(Option<Desk>);
+pub(crate) struct UnderWay {
+    desk: Option<Desk>,
+    /// Its number among those of its stage, until it is delivered.
+    number: Option<u64>,
+}
 
 impl UnderWay {
     /// A call begins on this thread. One that no home has begun is counted nowhere.
     pub(crate) fn begin() -> Self {
         let desk = HERE.with_borrow(Clone::clone);
+        let mut number = None;
         if let Some(desk) = &desk {
             desk.presence.begin_call();
+            number = desk.stage.as_ref().map(|stage| stage.begin_call());
         }
-        Self(desk)
+        Self { desk, number }
+    }
+
+    /// The clock of who has made the call.
+    pub(crate) fn clock(&self) -> Clock {
+        let stage = self.desk.as_ref().and_then(|desk| desk.stage.as_ref());
+        stage.map_or(Clock::REAL, |stage| stage.clock())
+    }
+
+    /// Makes the `delivery` of its result; or leaves that to the stage, whose thread makes it when its turn has come.
+    pub(crate) fn deliver(&mut self, delivery: impl FnOnce() + Send + 'static) {
+        match self.stage_to_tell() {
+            None => delivery(),
+            Some((stage, number)) => stage.call_done(number, Box::new(delivery)),
+        }
+    }
+
+    fn stage_to_tell(&mut self) -> Option<(&Stage, u64)> {
+        let number = self.number.take()?;
+        Some((self.desk.as_ref()?.stage.as_deref()?, number))
     }
 }
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        if let Some(desk) = &self.0
+        // It was never made: nobody waits for it.
+        self.deliver_nothing();
+        if let Some(desk) = &self.desk
             && desk.presence.end_call()
             && let Some(living) = &desk.living
         {
             living.announce();
+        }
+    }
+}
+
+impl UnderWay {
+    fn deliver_nothing(&mut self) {
+        if let Some((stage, number)) = self.stage_to_tell() {
+            stage.call_done(number, Box::new(|| ()));
         }
     }
 }

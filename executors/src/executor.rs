@@ -11,6 +11,7 @@ use crate::presence::{Presence, Sleeper};
 use crate::process::{
     Enrolled, Living, ProcessHandle, ProcessSpec, Record, overseer, prepare_thread,
 };
+use crate::simulation::{SimulationHandle, Stage, is_stage};
 use crate::task;
 use crate::watch;
 use luna_platform::clock::Instant;
@@ -55,6 +56,10 @@ pub(crate) struct Shared {
     presence: Arc<Presence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
+    /// Whose thread it shares with others, if it has none of its own.
+    stage: Option<Arc<Stage>>,
+    /// Set when one on a stage has stopped.
+    stopped: Futex,
 }
 
 struct Arrivals {
@@ -96,18 +101,22 @@ impl Shared {
         &self.inbound
     }
 
-    fn phase(&self) -> u8 {
+    pub(crate) fn living(&self) -> &Arc<Living> {
+        &self.living
+    }
+
+    pub(crate) fn phase(&self) -> u8 {
         self.phase.load(Ordering::Acquire)
     }
 
     /// Goes on to `phase` unless a later one is reached already.
-    fn advance(&self, phase: u8) {
+    pub(crate) fn advance(&self, phase: u8) {
         self.phase.fetch_max(phase, Ordering::AcqRel);
         self.inbound.ask_attention();
     }
 
     /// Builds what has arrived. Allocates: off the real-time path.
-    fn take_in(self: &Arc<Self>) {
+    pub(crate) fn take_in(self: &Arc<Self>) {
         let arrived = std::mem::take(&mut self.arrivals.lock().waiting);
         if arrived.is_empty() {
             return;
@@ -122,8 +131,65 @@ impl Shared {
         self.settled.wake_all();
     }
 
+    /// One that is held, on a thread of its own or on a stage's.
+    fn new(
+        thread_priority: u8,
+        living: Arc<Living>,
+        presence: Arc<Presence>,
+        stage: Option<Arc<Stage>>,
+    ) -> Arc<Self> {
+        Arc::new(Shared {
+            home: Home::new(),
+            thread_priority: AtomicU8::new(thread_priority),
+            inbound: Inbound::new(),
+            phase: AtomicU8::new(Phase::HELD),
+            arrivals: PiLock::new(Arrivals {
+                waiting: LinkedList::new(),
+                announced: 0,
+                closed: false,
+            }),
+            settled: Futex::new(0),
+            living,
+            presence,
+            spin: AtomicU64::new(0),
+            stage,
+            stopped: Futex::new(0),
+        })
+    }
+
+    /// It has stopped, on a stage.
+    pub(crate) fn set_stopped(&self) {
+        self.stopped.word().store(1, Ordering::Release);
+        self.stopped.wake_all();
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stopped.word().load(Ordering::Acquire) != 0
+    }
+
+    /// Its stage had ended before it came.
+    pub(crate) fn refuse_all(&self) {
+        self.advance(Phase::STOPPING);
+        self.close();
+        self.set_stopped();
+    }
+
+    /// A panic that was no process' has ended its thread's work, who is its home now. Nobody knows what that left half done, so nobody is polled any more: its processes
+    /// have panicked with it, and their memory is not touched.
+    pub(crate) fn give_up(&self) {
+        // Whoever is spawned from here on is refused: nobody would poll it.
+        self.advance(Phase::STOPPING);
+        self.close();
+        for record in task::records() {
+            record.leave_body();
+            record.end_panicked(Box::new(
+                "the executor's thread panicked outside of any process",
+            ));
+        }
+    }
+
     /// Takes in no more; those that wait end unstarted.
-    fn close(&self) {
+    pub(crate) fn close(&self) {
         let refused = {
             let mut arrivals = self.arrivals.lock();
             arrivals.closed = true;
@@ -143,7 +209,15 @@ impl Shared {
 /// stops it. Example: [`ProcessHandle`].
 pub struct Executor {
     handle: ExecutorHandle,
-    thread: Option<Thread<()>>,
+    runs: Runs,
+}
+
+/// Where an executor runs, as its owner sees it.
+enum Runs {
+    OnThread(Thread<()>),
+    OnStage,
+    /// It was stopped, or is left to itself.
+    Nowhere,
 }
 
 /// Spawns processes on an executor, from anywhere. Cloning it is cheap; it does not keep the executor running.
@@ -175,21 +249,7 @@ impl Executor {
         attributes
             .validate_shared()
             .map_err(SpawnError::Attributes)?;
-        let shared = Arc::new(Shared {
-            home: Home::new(),
-            thread_priority: AtomicU8::new(0),
-            inbound: Inbound::new(),
-            phase: AtomicU8::new(Phase::HELD),
-            arrivals: PiLock::new(Arrivals {
-                waiting: LinkedList::new(),
-                announced: 0,
-                closed: false,
-            }),
-            settled: Futex::new(0),
-            living,
-            presence: Arc::new(Presence::new()),
-            spin: AtomicU64::new(0),
-        });
+        let shared = Shared::new(0, living, Arc::new(Presence::new()), None);
         let own = shared.clone();
         let thread = thread::spawn(
             attributes,
@@ -207,8 +267,27 @@ impl Executor {
         )?;
         Ok(Executor {
             handle: ExecutorHandle { shared },
-            thread: Some(thread),
+            runs: Runs::OnThread(thread),
         })
+    }
+
+    /// Starts one on the thread of a simulation, at once. Of its attributes only the policy counts: by its priority the simulation's executors come in their order.
+    /// Nothing is asked of the operating system.
+    pub fn start_simulated(simulation: &SimulationHandle, attributes: &Attributes) -> Executor {
+        let stage = &simulation.0;
+        let shared = Shared::new(
+            attributes.asked_policy().rank(),
+            stage.living().clone(),
+            stage.presence().clone(),
+            Some(stage.clone()),
+        );
+        if !stage.admit(shared.clone()) {
+            shared.refuse_all();
+        }
+        Executor {
+            handle: ExecutorHandle { shared },
+            runs: Runs::OnStage,
+        }
     }
 
     /// Spawns processes here, also when this `Executor` is elsewhere.
@@ -216,9 +295,12 @@ impl Executor {
         &self.handle
     }
 
-    /// What the thread got of the attributes that were asked for.
+    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
     pub fn obtained(&self) -> Option<&Obtained> {
-        self.thread.as_ref().map(Thread::obtained)
+        match &self.runs {
+            Runs::OnThread(thread) => Some(thread.obtained()),
+            Runs::OnStage | Runs::Nowhere => None,
+        }
     }
 
     /// As [`ExecutorHandle::spawn`].
@@ -230,7 +312,7 @@ impl Executor {
         self.handle.spawn(spec, build)
     }
 
-    /// Waits until all processes spawned so far are built.
+    /// Waits until all processes spawned so far are built. Not on the executor's own thread.
     pub fn settle(&self) {
         let shared = &self.handle.shared;
         let announced = shared.arrivals.lock().announced;
@@ -256,7 +338,11 @@ impl Executor {
 
     /// Whether the thread has ended.
     pub fn has_stopped(&self) -> bool {
-        self.thread.as_ref().is_none_or(Thread::is_finished)
+        match &self.runs {
+            Runs::OnThread(thread) => thread.is_finished(),
+            Runs::OnStage => self.handle.shared.is_stopped(),
+            Runs::Nowhere => true,
+        }
     }
 
     /// Cancels all processes, waits until they have ended, and ends the thread. A process that never awaits keeps it waiting.
@@ -266,16 +352,30 @@ impl Executor {
 
     /// Leaves the thread to itself: for one whose process hangs.
     pub fn abandon(mut self) {
-        self.thread = None;
+        self.runs = Runs::Nowhere;
     }
 
     fn join(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            self.request_stop();
-            // The run loop catches panics of processes; one of its own was reported by the panic hook.
-            let _ = thread.join();
-            reclaim::collect();
+        match std::mem::replace(&mut self.runs, Runs::Nowhere) {
+            Runs::OnThread(thread) => {
+                self.request_stop();
+                // The run loop catches panics of processes; one of its own was reported by the panic hook.
+                let _ = thread.join();
+            }
+            Runs::OnStage => {
+                self.request_stop();
+                let shared = &self.handle.shared;
+                // A process of the simulation that waited here would wait for itself.
+                if shared.stage.as_ref().is_some_and(|stage| is_stage(stage)) {
+                    return;
+                }
+                while !shared.is_stopped() {
+                    shared.stopped.wait(0, Instant::NEVER);
+                }
+            }
+            Runs::Nowhere => return,
         }
+        reclaim::collect();
     }
 }
 
@@ -470,19 +570,10 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers)));
-    // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say. The thread cannot know
-    // what that left half done, so it polls nobody any more: its processes have panicked with it, and their memory is not touched.
+    // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say.
     if lived.is_err() {
         current::set_on_path(false);
-        // Whoever is spawned from here on is refused: nobody would poll it.
-        shared.advance(Phase::STOPPING);
-        shared.close();
-        for record in task::records() {
-            record.leave_body();
-            record.end_panicked(Box::new(
-                "the executor's thread panicked outside of any process",
-            ));
-        }
+        shared.give_up();
     }
 }
 
@@ -515,7 +606,7 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
 }
 
 /// Runs rounds; ends the process that panics in one. Catching it here and not around each poll saves that.
-fn turns(rounds: impl FnOnce()) {
+pub(crate) fn turns(rounds: impl FnOnce()) {
     if let Err(payload) = catch_unwind(AssertUnwindSafe(rounds))
         && let Err(own) = task::interrupted(payload)
     {
@@ -609,7 +700,13 @@ fn sleep(shared: &Shared, deadline: Instant) {
 impl fmt::Debug for Executor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Executor")
-            .field("thread", &self.thread.as_ref().map(Thread::name))
+            .field(
+                "thread",
+                &match &self.runs {
+                    Runs::OnThread(thread) => Some(thread.name()),
+                    Runs::OnStage | Runs::Nowhere => None,
+                },
+            )
             .finish_non_exhaustive()
     }
 }

@@ -163,6 +163,19 @@ impl Inbound {
         );
     }
 
+    /// The owner, who has others beside this, is about to sleep in something that whoever signals rings; `false` if somebody has signalled. Owner only; an
+    /// [`awake`](Self::awake) follows.
+    pub(crate) fn fall_asleep(&self) -> bool {
+        self.signals
+            .compare_exchange(0, ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
+            .is_ok()
+    }
+
+    /// The owner is awake again. Owner only, after [`fall_asleep`](Self::fall_asleep).
+    pub(crate) fn awake(&self) {
+        self.signals.fetch_and(!ASLEEP, Ordering::AcqRel);
+    }
+
     /// Sleeps, with `before` when others know it already, and `after` when what they have signalled is not taken yet.
     #[inline]
     fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {

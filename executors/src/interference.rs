@@ -73,6 +73,11 @@ pub(crate) fn look(now: Instant) {
     });
 }
 
+/// Who was polled last on this thread, since it looked at the clock.
+pub(crate) fn last_polled() -> Option<ProcessId> {
+    MEMORY.with(|memory| memory.process())
+}
+
 /// Says that the thread does something else than polling: what has passed since the last look is nobody's.
 pub(crate) fn rest() {
     MEMORY.with(|memory| {

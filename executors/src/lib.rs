@@ -47,6 +47,8 @@ mod os_thread;
 #[cfg(not(loom))]
 mod process;
 #[cfg(not(loom))]
+mod simulation;
+#[cfg(not(loom))]
 mod task;
 #[cfg(all(unix, not(loom)))]
 mod watch;
@@ -79,6 +81,9 @@ pub use {
     process::{
         Exit, Join, Living, Overseer, ProcessHandle, ProcessSpec, ProcessState, Sentence,
         Stillness, overseer, panic_message,
+    },
+    simulation::{
+        ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,
     },
     yield_now::{YieldNow, yield_now},
 };

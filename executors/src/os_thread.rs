@@ -5,7 +5,7 @@ use crate::executor::Phase;
 use crate::presence::{Presence, Sleeper};
 use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
 use crate::watch;
-use luna_platform::clock::Instant;
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{self, Home, ProcessId};
 use luna_platform::park::{self, Parker};
 use luna_platform::reclaim::{self, Shared};
@@ -114,6 +114,8 @@ fn run_here<F: Future>(
     future: F,
     mut sleep: impl FnMut(ProcessId, &Presence, &Parker, Instant) -> bool,
 ) -> F::Output {
+    // Where a blocking call of a process on a virtual clock runs this, time stands until it is over.
+    let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell());
     let presence = Arc::new(Presence::new());

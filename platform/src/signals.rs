@@ -169,7 +169,7 @@ pub(crate) enum Noted {
 /// Notes the signal `number`. Async-signal-safe: atomics, the clock, and one futex wake.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 pub(crate) fn note(number: i32) -> Noted {
-    let now = Instant::now();
+    let now = Instant::now_real();
     // Acquire and release: who sees the number sees what came before the signal's sender, as far as there is an order.
     if RECEIVED
         .compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire)

@@ -9,7 +9,7 @@ use luna_platform::futex::Futex;
 use luna_platform::path::{self, Call};
 use std::fmt;
 use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Counts the processes that have not ended, so that one thread can wait for the last; and knows their threads, so that it can see when
@@ -21,6 +21,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct Living {
     count: AtomicUsize,
     changes: Futex,
+    /// How many ends were in a hurry.
+    hurried: AtomicU64,
     /// How many threads wait that any end wakes.
     watchful: AtomicUsize,
     /// How many threads wait that an end which is in no hurry does not wake.
@@ -50,6 +52,7 @@ impl Living {
         Self {
             count: AtomicUsize::new(0),
             changes: Futex::new(0),
+            hurried: AtomicU64::new(0),
             watchful: AtomicUsize::new(0),
             resting: AtomicUsize::new(0),
             is_urgent: AtomicBool::new(false),
@@ -61,6 +64,11 @@ impl Living {
     /// How many have not ended.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::Acquire)
+    }
+
+    /// How many processes have ended that are in a hurry: that are not [unhurried](crate::ProcessSpec::unhurried). Who reads it sees their ends.
+    pub fn hurried(&self) -> u64 {
+        self.hurried.load(Ordering::Acquire)
     }
 
     /// A number that changes whenever a process ends, [`announce`](Self::announce) is called, or a thread falls still that
@@ -251,6 +259,9 @@ impl Living {
 
     /// A process that has ended goes: nobody else is told about one that is in no hurry, but who waits for any, or for the last.
     pub(super) fn leave(&self, in_a_hurry: bool) {
+        if in_a_hurry {
+            self.hurried.fetch_add(1, Ordering::Release);
+        }
         let was_last = self.count.fetch_sub(1, Ordering::AcqRel) == 1;
         let was_announced =
             self.is_urgent.load(Ordering::Relaxed) && self.is_urgent.swap(false, Ordering::Relaxed);

@@ -39,6 +39,32 @@ thread_local! {
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
+/// The tasks of one of several executors that share a thread, while another has its turn.
+pub(crate) struct Tasks {
+    seats: Seats<NonNull<Task>>,
+    count: usize,
+}
+
+impl Tasks {
+    pub(crate) const fn new() -> Self {
+        Self {
+            seats: Seats::new(),
+            count: 0,
+        }
+    }
+
+    /// How many have not been retired.
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Makes these the thread's, and keeps those that were: before a turn and after it.
+    pub(crate) fn exchange(&mut self) {
+        SEATS.with_borrow_mut(|seats| std::mem::swap(seats, &mut self.seats));
+        self.count = TASKS.replace(self.count);
+    }
+}
+
 static METHODS: Methods = Methods {
     ready_elsewhere,
     free,

@@ -81,6 +81,13 @@ impl HomeThread {
         Self::of_calling(false)
     }
 
+    /// One that is lent no priority: its processes are, the thread is not told.
+    pub(super) fn unlent() -> Arc<Self> {
+        let thread = Self::of_calling(false);
+        thread.lent.lock().left = true;
+        thread
+    }
+
     fn of_calling(is_plain: bool) -> Arc<Self> {
         let own = boost::scheduling();
         let thread = Arc::new(Self {

@@ -5,6 +5,7 @@
 //! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
 
 mod branches;
+mod guest;
 mod heir;
 mod home_thread;
 mod inheritance;
@@ -16,6 +17,7 @@ mod run_queue;
 mod wakeup;
 
 pub use branches::Branches;
+pub use guest::Guest;
 pub use heir::Heir;
 #[cfg(not(loom))]
 pub use home_thread::{RefusedBoosts, refused_boosts};

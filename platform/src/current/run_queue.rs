@@ -76,6 +76,22 @@ impl RunQueue {
         self.bits.set(bits);
     }
 
+    /// Becomes what `other` is, which is empty from then on. O(1); a few stores if it is empty already.
+    pub(super) fn take_over(&self, other: &RunQueue) {
+        debug_assert_eq!(self.bits(), 0, "who is ready here is forgotten");
+        self.slot.set(other.slot.take());
+        self.slot_bit.set(other.slot_bit.replace(0));
+        let bits = other.bits.replace(0);
+        self.bits.set(bits);
+        // By the invariant the ends of a level are not looked at while there is none.
+        if bits != 0 {
+            for (own, level) in self.levels.iter().zip(&other.levels) {
+                own.first.set(level.first.get());
+                own.last.set(level.last.get());
+            }
+        }
+    }
+
     #[inline]
     fn level(&self, level: u8) -> &Level {
         &self.levels[usize::from(level % LEVELS)]
@@ -277,6 +293,26 @@ mod tests {
             .collect();
         assert_eq!(order, [1, 4, 2, 3, 0, 5]);
         assert_eq!(queue.bits(), 0);
+    }
+
+    #[test]
+    fn a_queue_that_takes_over_has_the_same_order() {
+        let links: Vec<Link> = (0..5).map(|_| Link::new()).collect();
+        let (queue, other) = (RunQueue::new(), RunQueue::new());
+        for (link, level) in links.iter().zip([4, 9, 4, 9, 31]) {
+            // SAFETY: the links outlive the queue and are pushed once.
+            unsafe { other.push_back(level, NonNull::from(link)) };
+        }
+        let bits = other.bits();
+        queue.take_over(&other);
+        assert_eq!((other.bits(), queue.bits()), (0, bits));
+        let order: Vec<NonNull<Link>> = std::iter::from_fn(|| queue.pop()).collect();
+        assert_eq!(
+            order,
+            [4, 1, 3, 0, 2].map(|index| NonNull::from(&links[index]))
+        );
+        other.take_over(&queue);
+        assert_eq!(other.pop(), None);
     }
 
     #[test]

@@ -147,7 +147,7 @@ impl Reactor {
     ) -> Result<Ended, ReactorError> {
         let mut events = [EpollEvent::empty(); EVENTS];
         loop {
-            let is_due = deadline <= Instant::now();
+            let is_due = deadline <= Instant::now_real();
             if !is_due
                 && deadline != Instant::NEVER
                 && self.armed.load(Ordering::Relaxed) != deadline.as_nanos()
@@ -176,7 +176,7 @@ impl Reactor {
                     TIMER => {
                         self.armed
                             .store(Instant::NEVER.as_nanos(), Ordering::Relaxed);
-                        ended.timed_out |= deadline <= Instant::now();
+                        ended.timed_out |= deadline <= Instant::now_real();
                     }
                     token => {
                         ended.files += 1;

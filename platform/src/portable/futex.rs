@@ -54,7 +54,7 @@ impl Futex {
             );
             return Waited::Woken;
         }
-        let left: Duration = deadline - Instant::now();
+        let left: Duration = deadline - Instant::now_real();
         if left.is_zero() {
             return Waited::TimedOut;
         }
@@ -64,7 +64,7 @@ impl Futex {
             .unwrap_or_else(PoisonError::into_inner);
         drop(guard);
         // The clock of the caller decides, not the condition variable's.
-        if outcome.timed_out() && Instant::now() >= deadline {
+        if outcome.timed_out() && Instant::now_real() >= deadline {
             Waited::TimedOut
         } else {
             Waited::Woken

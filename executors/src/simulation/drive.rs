@@ -1,0 +1,251 @@
+//! A clock that moves only as its driver says: lock-step with a simulator.
+
+use luna_platform::clock::{Instant, VirtualClock};
+use luna_platform::park::Parker;
+use luna_platform::reclaim::Shared;
+use std::fmt;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// What the driver and the simulation's thread share. Plain locks: neither is on a real-time path.
+pub(super) struct Drive {
+    pub(super) clock: Arc<VirtualClock>,
+    pub(super) parker: Shared<Parker>,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+struct State {
+    /// How often the driver has asked for something, and up to which of that all is done.
+    requests: u64,
+    served: u64,
+    /// How far time may go.
+    limit: Instant,
+    /// The earliest deadline when all was at rest.
+    next: Instant,
+    has_ended: bool,
+    is_undriven: bool,
+}
+
+/// What the thread is to do at rest.
+pub(super) enum Order {
+    /// Something has been asked since it looked.
+    LookAgain,
+    /// Move time, and look again.
+    MoveTo(Instant),
+    /// All that was asked is done.
+    Rest,
+    /// Nobody will move time any more.
+    Undriven,
+}
+
+impl Drive {
+    fn new() -> Self {
+        Self {
+            clock: Arc::new(VirtualClock::new()),
+            parker: Shared::new(Parker::new()),
+            state: Mutex::new(State {
+                requests: 0,
+                served: 0,
+                limit: VirtualClock::ORIGIN,
+                next: Instant::NEVER,
+                has_ended: false,
+                is_undriven: false,
+            }),
+            changed: Condvar::new(),
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How often something was asked: to be read before a look at who can run.
+    pub(super) fn requests(&self) -> u64 {
+        self.state().requests
+    }
+
+    /// Nobody could run after `requests` were asked; the earliest deadline is `next`.
+    pub(super) fn at_rest(&self, requests: u64, next: Instant) -> Order {
+        let mut state = self.state();
+        if state.requests != requests {
+            return Order::LookAgain;
+        }
+        if next <= state.limit {
+            return Order::MoveTo(next);
+        }
+        if self.clock.now() < state.limit {
+            return Order::MoveTo(state.limit);
+        }
+        state.next = next;
+        if state.served != requests {
+            state.served = requests;
+            self.changed.notify_all();
+        }
+        if state.is_undriven {
+            Order::Undriven
+        } else {
+            Order::Rest
+        }
+    }
+
+    pub(super) fn end(&self) {
+        self.state().has_ended = true;
+        self.changed.notify_all();
+    }
+}
+
+/// A driven clock on the side of what it is the clock of. When it is dropped, its driver is told that all is over.
+pub struct DrivenClock(pub(super) Arc<Drive>);
+
+impl Drop for DrivenClock {
+    fn drop(&mut self) {
+        self.0.end();
+    }
+}
+
+impl fmt::Debug for DrivenClock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("DrivenClock").field(&self.0.clock).finish()
+    }
+}
+
+/// Moves the time of a system, step by step: the simulator's side of lock-step co-simulation.
+///
+/// The system's processes run on a thread of their own, the driver is wherever the simulator is. Time stands between two calls, and each call returns when every process
+/// has come to rest at the instant that was asked for: nobody can run before time moves on, or something comes from outside. All deadlines up to that instant, it
+/// included, have been served in their order, each at its own instant. What the simulator and the processes exchange meanwhile (through channels, or variables) is thus
+/// the same in each run.
+///
+/// When the driver is dropped nobody can move time any more: the processes that still live are cancelled, and the system ends in good order.
+///
+/// `System::driven_clock` of the crate `luna-rt` makes one, and shows an example.
+pub struct ClockDriver {
+    drive: Arc<Drive>,
+}
+
+/// Why time could not be moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum DriveError {
+    /// The system has ended, or will never run: it was dropped, or its start has failed.
+    Ended {
+        /// The time on its clock.
+        now: Instant,
+    },
+    /// Time does not go back.
+    Past {
+        /// What was asked for.
+        asked: Instant,
+        /// The time on the clock.
+        now: Instant,
+    },
+}
+
+impl fmt::Display for DriveError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            DriveError::Ended { now } => {
+                write!(f, "the system has ended; its clock stands at {now:?}")
+            }
+            DriveError::Past { asked, now } => write!(
+                f,
+                "time does not go back to {asked:?}: the clock stands at {now:?}"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for DriveError {}
+
+impl ClockDriver {
+    /// A driver, and the clock that it drives.
+    pub fn new() -> (ClockDriver, DrivenClock) {
+        let drive = Arc::new(Drive::new());
+        (
+            ClockDriver {
+                drive: drive.clone(),
+            },
+            DrivenClock(drive),
+        )
+    }
+
+    /// The time on the system's clock, also before its start and after its end.
+    pub fn now(&self) -> Instant {
+        self.drive.clock.now()
+    }
+
+    /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the system's start, if that is still to come; and for blocking calls
+    /// that processes make, as long as they take. Blocks the calling thread; not for a process.
+    ///
+    /// # Errors
+    ///
+    /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the way, or had before: the clock then stands where the last one did.
+    pub fn advance_to(&mut self, instant: Instant) -> Result<(), DriveError> {
+        let mut state = self.drive.state();
+        let now = self.now();
+        if state.has_ended {
+            return Err(DriveError::Ended { now });
+        }
+        if instant < now {
+            return Err(DriveError::Past {
+                asked: instant,
+                now,
+            });
+        }
+        state.limit = instant;
+        state.requests += 1;
+        let request = state.requests;
+        self.drive.parker.unpark();
+        while state.served < request && !state.has_ended {
+            state = self
+                .drive
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+        if state.served < request {
+            return Err(DriveError::Ended { now: self.now() });
+        }
+        Ok(())
+    }
+
+    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it lets those run whom something from outside has woken.
+    ///
+    /// # Errors
+    ///
+    /// [`DriveError::Ended`], as for `advance_to`.
+    pub fn advance_by(&mut self, duration: Duration) -> Result<(), DriveError> {
+        self.advance_to(self.now() + duration)
+    }
+
+    /// When the next deadline of a process comes, once all are at rest at the present instant; `None` if nobody waits for the time. A simulator with steps of its own
+    /// choice need not stop before that.
+    ///
+    /// # Errors
+    ///
+    /// [`DriveError::Ended`], as for `advance_to`.
+    pub fn next_deadline(&mut self) -> Result<Option<Instant>, DriveError> {
+        self.advance_by(Duration::ZERO)?;
+        let next = self.drive.state().next;
+        Ok((next != Instant::NEVER).then_some(next))
+    }
+}
+
+impl Drop for ClockDriver {
+    fn drop(&mut self) {
+        let mut state = self.drive.state();
+        state.is_undriven = true;
+        state.requests += 1;
+        drop(state);
+        self.drive.parker.unpark();
+    }
+}
+
+impl fmt::Debug for ClockDriver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ClockDriver")
+            .field("now", &self.now())
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,186 @@
+//! One executor of a simulation.
+
+use crate::executor::{Phase, Shared, turns};
+use crate::process::Enrolled;
+use crate::task::{self, Tasks};
+use luna_platform::clock::Instant;
+use luna_platform::current::{self, Guest};
+use luna_platform::timer_queue::TimerQueue;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+/// How many turns an executor has before the others get theirs.
+const TURNS: u64 = 256;
+
+/// An executor, on the simulation's thread.
+pub(super) struct Member {
+    pub(super) shared: Arc<Shared>,
+    timers: Arc<TimerQueue>,
+    guest: Guest,
+    tasks: Tasks,
+    /// How many turns it has left until all have had theirs.
+    left: u64,
+    /// It takes nobody in any more, and its processes are cancelled.
+    is_closed: bool,
+    _enrolled: Enrolled,
+    /// Last, so that who waits for its end waits for all of the above.
+    _end: End,
+}
+
+/// Says that an executor has stopped.
+struct End(Arc<Shared>);
+
+impl Drop for End {
+    fn drop(&mut self) {
+        self.0.set_stopped();
+    }
+}
+
+impl Member {
+    pub(super) fn new(shared: Arc<Shared>) -> Self {
+        let timers = Arc::new(TimerQueue::new());
+        let enrolled = shared.living().enroll(shared.home(), shared.clone());
+        Self {
+            guest: Guest::new(shared.home(), timers.clone()),
+            timers,
+            _end: End(shared.clone()),
+            shared,
+            tasks: Tasks::new(),
+            left: TURNS,
+            is_closed: false,
+            _enrolled: enrolled,
+        }
+    }
+
+    pub(super) fn outranks(&self, other: &Member) -> bool {
+        self.shared.thread_priority() > other.shared.thread_priority()
+    }
+
+    pub(super) fn next_deadline(&self) -> Instant {
+        self.timers.next_deadline()
+    }
+
+    fn is_running(&self) -> bool {
+        self.shared.phase() != Phase::HELD
+    }
+
+    /// Whether there is anything to do for it at `now`; processes run only once all are `released`.
+    #[inline]
+    pub(super) fn has_work(&self, now: Instant, released: bool) -> bool {
+        self.shared.inbound().is_signalled()
+            || released
+                && self.is_running()
+                && (self.guest.ready_levels() != 0 || self.next_deadline() <= now)
+    }
+
+    #[inline]
+    pub(super) fn has_turns(&self) -> bool {
+        self.left > 0
+    }
+
+    #[inline]
+    pub(super) fn give_turns(&mut self) {
+        self.left = TURNS;
+    }
+
+    fn enter(&mut self) {
+        self.guest.enter();
+        self.tasks.exchange();
+    }
+
+    fn leave(&mut self) {
+        self.tasks.exchange();
+        self.guest.leave();
+    }
+
+    /// Polls its processes until none is ready, its turns are up, `most` have been taken, or `is_outdone`. Gives how many were taken, and whether the executor goes
+    /// on: not after a panic outside of any process.
+    pub(super) fn serve(
+        &mut self,
+        now: Instant,
+        released: bool,
+        most: u64,
+        is_outdone: impl Fn(&Member) -> bool,
+    ) -> (u64, bool) {
+        self.enter();
+        let (mut taken, most) = (0, most.min(self.left));
+        let runs = released && self.is_running();
+        let lived = catch_unwind(AssertUnwindSafe(|| {
+            turns(|| {
+                loop {
+                    self.look_outside();
+                    if !runs {
+                        break;
+                    }
+                    if self.timers.next_deadline() <= now {
+                        self.timers.expire(now);
+                    }
+                    let Some(owner) = current::next_ready() else {
+                        break;
+                    };
+                    taken += 1;
+                    // SAFETY: it was just popped from this thread's queue, where only live tasks are: those of this executor, which is entered.
+                    unsafe { task::run(owner) };
+                    if taken >= most || is_outdone(self) {
+                        break;
+                    }
+                }
+            });
+        }));
+        current::set_on_path(false);
+        // Also a turn that ended in a panic was one.
+        self.left = self.left.saturating_sub(taken);
+        if lived.is_err() {
+            self.give_up();
+        }
+        self.leave();
+        (taken, lived.is_ok())
+    }
+
+    /// Takes in what came from elsewhere: new processes, and wakes that are not less urgent than who is ready here.
+    #[inline]
+    fn look_outside(&self) {
+        let shared = &self.shared;
+        let signals = shared.inbound().signals();
+        if signals.is_empty() {
+            return;
+        }
+        if signals.attention() {
+            shared.inbound().take_attention();
+            current::set_on_path(false);
+            shared.take_in();
+        }
+        let is_held = shared.phase() == Phase::HELD;
+        current::set_on_path(!is_held);
+        // A signal that is left would keep the thread from its sleep.
+        while let Some(level) = shared.inbound().signals().highest_level()
+            && (is_held || current::ready_levels() >> level <= 1)
+        {
+            task::take_in(shared, level);
+        }
+    }
+
+    /// Takes nobody in any more, and cancels its processes; does nothing the second time. Says whether all of them have ended.
+    pub(super) fn close(&mut self) -> bool {
+        if !std::mem::replace(&mut self.is_closed, true) {
+            self.shared.advance(Phase::STOPPING);
+            self.shared.close();
+            self.enter();
+            for record in task::records() {
+                record.cancel();
+            }
+            self.leave();
+        }
+        self.tasks.count() == 0
+    }
+
+    pub(super) fn is_closed(&self) -> bool {
+        self.is_closed
+    }
+
+    /// Its processes have panicked with what has: see the executors of real threads.
+    fn give_up(&mut self) {
+        self.is_closed = true;
+        self.shared.give_up();
+    }
+}

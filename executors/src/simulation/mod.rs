@@ -1,0 +1,195 @@
+//! Executors on a clock of their own: one thread runs all their processes in a fixed order, and time moves only when none can run.
+//!
+//! ```text
+//!   take in new executors and processes
+//!     |
+//!     v
+//!   who can run? --- the first executor that has turns left ---> serve it: expire its deadlines, poll its processes
+//!     | nobody                                                    until it rests, its turns are up, or a more urgent one is woken
+//!     v
+//!   at rest: in this order
+//!     a request to stop, the release, the burial of processes that ended    wait for it
+//!     blocking calls under way                                              wait for the oldest
+//!     an emergency                                                          time stands for good
+//!     a deadline (and, driven: the driver's leave)                          time jumps there, and all have their turns again
+//!     nothing                                                               sleep: only somebody from outside can go on
+//! ```
+//!
+//! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how long anything took: not the machine's clock, not
+//! addresses, not the order in which threads happen to run. Other threads come in at rest alone: results of blocking calls in the order of their
+//! beginnings, burials before time goes on, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
+//! processes when they will.
+//!
+//! `Stage::rest` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
+
+mod calls;
+mod drive;
+mod member;
+mod stage;
+
+pub use drive::{ClockDriver, DriveError, DrivenClock};
+pub(crate) use stage::{Stage, is_stage};
+
+use crate::process::Living;
+use luna_platform::clock::Clock;
+use luna_platform::current::ProcessId;
+use luna_platform::thread::{Attributes, SpawnError, Thread};
+use std::convert::Infallible;
+use std::fmt;
+use std::sync::Arc;
+
+/// How the time of a [`Simulation`] moves.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum Pace {
+    /// It jumps to the next deadline when no process can run.
+    Jumping,
+    /// As its driver says.
+    Driven(DrivenClock),
+}
+
+/// Why a simulation does not go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Standstill {
+    /// Its driver is gone.
+    Undriven,
+    /// So many turns were taken without any time passing, the last one by this process.
+    Livelock {
+        /// Who had the last turn.
+        process: ProcessId,
+        /// How many there were.
+        turns: u64,
+    },
+}
+
+/// One thread that runs all executors which are [started](crate::Executor::start_simulated) on it, on a virtual clock, in a fixed order: the same in each run.
+///
+/// The executor whose thread would have the highest priority comes first, of equals the one that was started first; each has so many turns at a
+/// time that one whose processes never wait does not keep the others from theirs. Dropping it cancels all processes, and waits for their end.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// use luna_executors::{Executor, Living, Pace, ProcessSpec, Simulation};
+/// use luna_platform::{clock::Instant, thread::Attributes, timer_queue::Sleep};
+/// use std::{sync::Arc, time::Duration};
+///
+/// let simulation = Simulation::start(Pace::Jumping, Arc::new(Living::new()), u64::MAX)?;
+/// let executor = Executor::start_simulated(&simulation.handle(), &Attributes::new("main"));
+/// let process = executor.spawn(ProcessSpec::new("patient"), || async {
+///     Sleep::until(Instant::now() + Duration::from_secs(3600)).await;
+/// });
+/// executor.release();
+/// let began = simulation.handle().clock().now();
+/// simulation.release();
+/// process.wait(); // takes a moment
+/// assert_eq!(simulation.handle().clock().now() - began, Duration::from_secs(3600));
+/// # Ok(()) }
+/// ```
+pub struct Simulation {
+    stage: Arc<Stage>,
+    thread: Option<Thread<()>>,
+}
+
+/// A simulation, for those who start executors on it. Cloning it is cheap; it does not keep the simulation running.
+#[derive(Clone)]
+pub struct SimulationHandle(pub(crate) Arc<Stage>);
+
+impl Simulation {
+    /// Starts the thread. No process runs before [`release`](Self::release). After `most_turns` polls at one instant it comes to a [`Standstill`].
+    ///
+    /// # Errors
+    ///
+    /// The system has no thread to give.
+    pub fn start(
+        pace: Pace,
+        living: Arc<Living>,
+        most_turns: u64,
+    ) -> Result<Simulation, SpawnError<Infallible>> {
+        let stage = Stage::new(pace, living, most_turns);
+        let own = stage.clone();
+        let thread = luna_platform::thread::spawn(
+            Attributes::new("luna-virtual"),
+            |_| Ok::<(), Infallible>(()),
+            move |()| stage::run(&own),
+        )?;
+        Ok(Simulation {
+            stage,
+            thread: Some(thread),
+        })
+    }
+
+    /// For those who start executors on it.
+    pub fn handle(&self) -> SimulationHandle {
+        SimulationHandle(self.stage.clone())
+    }
+
+    /// Lets the processes of those executors run that have been released.
+    pub fn release(&self) {
+        self.stage.release();
+    }
+
+    /// Asks the thread to cancel all processes and end, without waiting for it: as soon as nobody can run.
+    pub fn request_stop(&self) {
+        self.stage.request_stop();
+    }
+
+    /// Leaves the thread to itself: for one whose process hangs.
+    pub fn abandon(mut self) {
+        self.thread = None;
+    }
+}
+
+impl Drop for Simulation {
+    fn drop(&mut self) {
+        self.stage.request_stop();
+        if let Some(thread) = self.thread.take() {
+            // It catches the panics of processes; one of its own was reported by the panic hook.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl SimulationHandle {
+    /// Its clock.
+    pub fn clock(&self) -> Clock {
+        self.0.clock()
+    }
+
+    /// Time stands from now on: for an emergency, in which only what happens at this instant is of use. From any thread; one atomic operation.
+    pub fn stop_time(&self) {
+        self.0.stop_time();
+    }
+
+    /// Says that somebody looks after processes that end in a hurry ([`Living::hurried`]), as those whose ends others are to see: time waits until that was
+    /// [done](Self::attended).
+    pub fn attend(&self) {
+        self.0.attend();
+    }
+
+    /// The first so many of those were looked after.
+    pub fn attended(&self, ends: u64) {
+        self.0.attended(ends);
+    }
+
+    /// Why it does not go on, if it does not.
+    pub fn standstill(&self) -> Option<Standstill> {
+        self.0.standstill()
+    }
+}
+
+impl fmt::Debug for Simulation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Simulation")
+            .field("clock", &self.stage.clock())
+            .finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for SimulationHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("SimulationHandle")
+            .field(&self.clock())
+            .finish()
+    }
+}

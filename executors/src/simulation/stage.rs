@@ -1,0 +1,469 @@
+//! The thread of a simulation, and what others share with it.
+
+use super::calls::{CallsUnderWay, Delivery, Oldest};
+use super::drive::{DrivenClock, Order};
+use super::member::Member;
+use super::{Pace, Standstill};
+use crate::calls;
+use crate::executor::{Phase, Shared as ExecutorShared};
+use crate::interference;
+use crate::presence::Presence;
+use crate::process::{Living, prepare_thread};
+use crate::watch;
+use luna_platform::bell::Watch;
+use luna_platform::clock::{Clock, Instant, VirtualClock};
+use luna_platform::futex::Waited;
+use luna_platform::park::Parker;
+use luna_platform::reclaim::{self, Shared};
+use std::cell::Cell;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// How many turns are taken after a request to stop until it is followed though somebody can still run.
+const TURNS_TO_STOP: u64 = 100_000;
+
+/// What others share with a simulation's thread. Each change is followed by a wake of the thread.
+pub(crate) struct Stage {
+    clock: Arc<VirtualClock>,
+    driven: Option<DrivenClock>,
+    parker: Shared<Parker>,
+    presence: Arc<Presence>,
+    living: Arc<Living>,
+    /// Executors that are to be taken in; none any more once the thread has ended.
+    arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
+    has_arrivals: AtomicBool,
+    is_released: AtomicBool,
+    is_stopping: AtomicBool,
+    time_stands: AtomicBool,
+    /// How many ends have been looked after; all there will be, if nobody does.
+    attended: AtomicU64,
+    calls: CallsUnderWay,
+    most_turns: u64,
+    standstill: Mutex<Option<Standstill>>,
+}
+
+thread_local! {
+    /// The stage whose thread this is.
+    static HERE: Cell<*const Stage> = const { Cell::new(ptr::null()) };
+}
+
+/// Whether the calling thread is that of `stage`.
+pub(crate) fn is_stage(stage: &Stage) -> bool {
+    ptr::eq(HERE.get(), stage)
+}
+
+/// What rings instead of an executor's own bell.
+#[derive(Debug)]
+struct Forward(Shared<Parker>);
+
+impl Watch for Forward {
+    fn sleep(&self, deadline: Instant) -> Waited {
+        if self.0.park(deadline) {
+            Waited::Woken
+        } else {
+            Waited::TimedOut
+        }
+    }
+
+    fn ring(&self) {
+        self.0.unpark();
+    }
+
+    fn glance(&self) {}
+}
+
+impl Stage {
+    pub(super) fn new(pace: Pace, living: Arc<Living>, most_turns: u64) -> Arc<Self> {
+        let driven = match pace {
+            Pace::Jumping => None,
+            Pace::Driven(clock) => Some(clock),
+        };
+        let (clock, parker) = match &driven {
+            None => (
+                Arc::new(VirtualClock::new()),
+                Shared::new(Parker::new()),
+            ),
+            Some(driven) => (driven.0.clock.clone(), driven.0.parker.clone()),
+        };
+        Arc::new(Self {
+            clock,
+            driven,
+            parker,
+            presence: Arc::new(Presence::new()),
+            living,
+            arrivals: Mutex::new(Some(Vec::new())),
+            has_arrivals: AtomicBool::new(false),
+            is_released: AtomicBool::new(false),
+            is_stopping: AtomicBool::new(false),
+            time_stands: AtomicBool::new(false),
+            attended: AtomicU64::new(u64::MAX),
+            calls: CallsUnderWay::default(),
+            most_turns,
+            standstill: Mutex::new(None),
+        })
+    }
+
+    pub(crate) fn clock(&self) -> Clock {
+        Clock::from(self.clock.clone())
+    }
+
+    pub(crate) fn presence(&self) -> &Arc<Presence> {
+        &self.presence
+    }
+
+    pub(crate) fn living(&self) -> &Arc<Living> {
+        &self.living
+    }
+
+    fn arrivals(&self) -> MutexGuard<'_, Option<Vec<Arc<ExecutorShared>>>> {
+        self.arrivals.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes an executor in, as soon as the thread comes to it; `false` if it has ended.
+    pub(crate) fn admit(&self, executor: Arc<ExecutorShared>) -> bool {
+        let bell = executor.inbound().bell();
+        bell.hook().hang(Arc::new(Forward(self.parker.clone())));
+        match &mut *self.arrivals() {
+            None => return false,
+            Some(arrivals) => arrivals.push(executor),
+        }
+        self.has_arrivals.store(true, Ordering::Release);
+        self.parker.unpark();
+        true
+    }
+
+    pub(super) fn release(&self) {
+        self.is_released.store(true, Ordering::Release);
+        self.parker.unpark();
+    }
+
+    pub(super) fn request_stop(&self) {
+        self.is_stopping.store(true, Ordering::Release);
+        self.parker.unpark();
+    }
+
+    pub(super) fn stop_time(&self) {
+        self.time_stands.store(true, Ordering::Release);
+    }
+
+    pub(super) fn attend(&self) {
+        self.attended.store(0, Ordering::Release);
+    }
+
+    pub(super) fn attended(&self, ends: u64) {
+        if self.attended.fetch_max(ends, Ordering::AcqRel) < ends {
+            self.parker.unpark();
+        }
+    }
+
+    pub(super) fn standstill(&self) -> Option<Standstill> {
+        *self
+            .standstill
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says once why nothing goes on.
+    fn stand_still(&self, why: Standstill) {
+        let mut standstill = self
+            .standstill
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if standstill.is_none() {
+            *standstill = Some(why);
+            drop(standstill);
+            self.living.announce();
+        }
+    }
+
+    /// A process of this simulation begins a call on the pool.
+    pub(crate) fn begin_call(&self) -> u64 {
+        self.calls.begin()
+    }
+
+    /// It is done: `delivery` is made by the simulation's thread when its turn has come.
+    pub(crate) fn call_done(&self, number: u64, delivery: Delivery) {
+        self.calls.done(number, delivery);
+        self.parker.unpark();
+    }
+}
+
+impl fmt::Debug for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Stage")
+            .field("clock", &self.clock)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The life of the thread.
+pub(super) fn run(stage: &Arc<Stage>) {
+    let _clock = stage.clock().enter();
+    let _files = watch::enter(stage.parker.bell());
+    let _calls = calls::enter_simulated(stage.clone());
+    HERE.set(Arc::as_ptr(stage));
+    prepare_thread();
+    Play {
+        stage,
+        members: Vec::new(),
+        turns: 0,
+        turns_to_stop: 0,
+    }
+    .play();
+    // Whoever comes now is refused.
+    let late = stage.arrivals().take();
+    for executor in late.into_iter().flatten() {
+        executor.refuse_all();
+    }
+    if let Some(driven) = &stage.driven {
+        driven.0.end();
+    }
+    HERE.set(ptr::null());
+    reclaim::collect();
+}
+
+/// What the thread itself knows.
+struct Play<'a> {
+    stage: &'a Arc<Stage>,
+    /// The most urgent first, of equals the one that came first.
+    members: Vec<Member>,
+    /// How many turns were taken at this instant.
+    turns: u64,
+    /// How many since a request to stop was seen.
+    turns_to_stop: u64,
+}
+
+impl Play<'_> {
+    fn play(mut self) {
+        loop {
+            // Before the look at who can run: what was asked for then is done if nobody can.
+            let asked = self.stage.driven.as_ref().map_or(0, |d| d.0.requests());
+            self.take_in();
+            let can_go_on = self.turns < self.stage.most_turns;
+            if can_go_on
+                && self.turns_to_stop < TURNS_TO_STOP
+                && let Some(index) = self.pick()
+            {
+                self.serve(index);
+            } else if !self.rest(asked) {
+                return;
+            }
+        }
+    }
+
+    /// Takes in executors that were started.
+    fn take_in(&mut self) {
+        if !self.stage.has_arrivals.load(Ordering::Relaxed)
+            || !self.stage.has_arrivals.swap(false, Ordering::Acquire)
+        {
+            return;
+        }
+        let arrived = self.stage.arrivals().as_mut().map(std::mem::take);
+        for executor in arrived.into_iter().flatten() {
+            let member = Member::new(executor);
+            let place = self.members.partition_point(|one| !member.outranks(one));
+            self.members.insert(place, member);
+        }
+    }
+
+    fn is_released(&self) -> bool {
+        self.stage.is_released.load(Ordering::Acquire)
+    }
+
+    /// The first that has something to do and turns left; if only turns are lacking, all get theirs.
+    fn pick(&mut self) -> Option<usize> {
+        let (now, released) = (self.stage.clock.now(), self.is_released());
+        let mut is_up = false;
+        for (index, member) in self.members.iter().enumerate() {
+            if member.has_work(now, released) {
+                if member.has_turns() {
+                    return Some(index);
+                }
+                is_up = true;
+            }
+        }
+        if !is_up {
+            return None;
+        }
+        self.members.iter_mut().for_each(Member::give_turns);
+        let mut members = self.members.iter();
+        members.position(|member| member.has_work(now, released))
+    }
+
+    fn serve(&mut self, index: usize) {
+        let (now, released) = (self.stage.clock.now(), self.is_released());
+        let (above, others) = self.members.split_at_mut(index);
+        let above = &*above;
+        let is_outdone = |member: &Member| {
+            above.iter().any(|one| {
+                one.has_turns() && one.outranks(member) && one.shared.inbound().is_signalled()
+            })
+        };
+        let most = self.stage.most_turns - self.turns;
+        let (taken, goes_on) = others[0].serve(now, released, most, is_outdone);
+        self.turns += taken;
+        if self.is_to_stop() {
+            self.turns_to_stop += taken.max(1);
+        }
+        if !goes_on {
+            self.members.remove(index);
+        }
+    }
+
+    fn is_to_stop(&self) -> bool {
+        self.stage.is_stopping.load(Ordering::Acquire)
+            || self.members.iter().any(|one| one.shared.is_stopping())
+    }
+
+    /// Nobody can run, or is to. `false` if this is the end.
+    fn rest(&mut self, asked: u64) -> bool {
+        if self.is_to_stop() {
+            return self.stop();
+        }
+        if !self.is_released() {
+            self.sleep(false);
+            return true;
+        }
+        if self.turns >= self.stage.most_turns {
+            if let Some(process) = interference::last_polled() {
+                let turns = self.turns;
+                self.stage
+                    .stand_still(Standstill::Livelock { process, turns });
+            }
+            self.sleep(false);
+            return true;
+        }
+        if self.stage.living.hurried() > self.stage.attended.load(Ordering::Acquire) {
+            self.sleep(false);
+            return true;
+        }
+        match self.stage.calls.oldest() {
+            Oldest::None => {}
+            Oldest::UnderWay => {
+                self.sleep(false);
+                return true;
+            }
+            Oldest::Done(delivery) => {
+                // What it drops may be the user's, whose panic is nobody's here.
+                if let Err(payload) = catch_unwind(AssertUnwindSafe(delivery)) {
+                    std::mem::forget(payload);
+                }
+                return true;
+            }
+        }
+        watch::glance(self.stage.parker.bell());
+        if self.stage.time_stands.load(Ordering::Acquire) {
+            self.sleep(false);
+            return true;
+        }
+        let next = self.members.iter().map(Member::next_deadline).min();
+        let next = next.unwrap_or(Instant::NEVER);
+        match &self.stage.driven {
+            None if next == Instant::NEVER => {
+                self.sleep(!watch::is_waiting(self.stage.parker.bell()));
+            }
+            None => self.move_to(next),
+            Some(driven) => {
+                if self.stage.living.count() == 0 {
+                    driven.0.end();
+                }
+                match driven.0.at_rest(asked, next) {
+                    Order::LookAgain => {}
+                    Order::MoveTo(instant) => self.move_to(instant),
+                    // Its driver may come with something, so this is no deadlock.
+                    Order::Rest => self.sleep(false),
+                    Order::Undriven => {
+                        self.stage.stand_still(Standstill::Undriven);
+                        self.sleep(false);
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    fn move_to(&mut self, instant: Instant) {
+        self.stage.clock.move_to(instant);
+        interference::rest();
+        self.turns = 0;
+        self.members.iter_mut().for_each(Member::give_turns);
+    }
+
+    /// Ends what is asked to end; `false` when that was all. Time stands meanwhile.
+    fn stop(&mut self) -> bool {
+        let all = self.stage.is_stopping.load(Ordering::Acquire);
+        let was_closed = self.closed();
+        let mut index = 0;
+        while index < self.members.len() {
+            let member = &mut self.members[index];
+            if (all || member.shared.is_stopping()) && member.close() {
+                self.members.remove(index);
+            } else {
+                index += 1;
+            }
+        }
+        self.turns = 0;
+        self.turns_to_stop = 0;
+        if all && self.members.is_empty() {
+            return self.stage.has_arrivals.load(Ordering::Acquire);
+        }
+        // Those who are cancelled end at their next turn, also if they were never released; who does not has a wake under way from elsewhere.
+        let now = self.stage.clock.now();
+        let mut closed = self.members.iter().filter(|one| one.is_closed());
+        if closed.any(|one| one.has_work(now, true)) {
+            self.serve_cancelled();
+        } else if self.closed() == was_closed {
+            self.sleep(false);
+        }
+        true
+    }
+
+    fn closed(&self) -> usize {
+        self.members.iter().filter(|one| one.is_closed()).count()
+    }
+
+    /// Gives everybody who was cancelled a turn, released or not.
+    fn serve_cancelled(&mut self) {
+        let now = self.stage.clock.now();
+        for index in (0..self.members.len()).rev() {
+            let member = &mut self.members[index];
+            member.give_turns();
+            if member.is_closed() && !member.serve(now, true, u64::MAX, |_| false).1 {
+                self.members.remove(index);
+            }
+        }
+    }
+
+    /// Sleeps until somebody signals. If `still`, only others can end it, which who looks after the system is to know.
+    fn sleep(&self, still: bool) {
+        let asleep = self.members.iter();
+        let asleep = asleep.take_while(|one| one.shared.inbound().fall_asleep());
+        let asleep = asleep.count();
+        if asleep == self.members.len() {
+            let stage = self.stage;
+            let before = || {
+                if still && stage.presence.fall_still() {
+                    stage.living.announce();
+                }
+            };
+            let after = || {
+                if still {
+                    stage.presence.wake();
+                }
+            };
+            stage.parker.park_between(Instant::NEVER, before, after);
+        }
+        for member in &self.members[..asleep] {
+            member.shared.inbound().awake();
+        }
+    }
+}
+
+impl ExecutorShared {
+    fn is_stopping(&self) -> bool {
+        self.phase() == Phase::STOPPING
+    }
+}
