@@ -63,7 +63,8 @@ pub use luna_channels::{
     SyncOp,
 };
 pub use luna_executors::{
-    Blocking, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking, yield_now,
+    Blocking, ClockDriver, DriveError, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking,
+    yield_now,
 };
 #[cfg(unix)]
 pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
@@ -77,7 +78,7 @@ pub use safety::emergency;
 pub use safety::{Bite, Watchdog, WatchdogProcess};
 pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};
-pub use system::{Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
+pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
     Cycle, Distribution, Expiry, Instant, LateCycle, LoopReport, NextTick, Overrun, Periodic,
     RanInstead, Tick, Ticks, Timer, UsageSince, now, periodic, ticks,

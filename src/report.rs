@@ -1,6 +1,7 @@
 //! What a system did, told when it has ended.
 
 use crate::safety::BudgetReport;
+use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Distribution, LoopReport, short};
 use luna_executors::{Exit, ProcessHandle};
@@ -34,8 +35,12 @@ pub struct Report {
     pub system: String,
     /// How the system came to its end.
     pub end: End,
-    /// From the release of the processes until the last one had ended.
+    /// Which clock it went by.
+    pub clock: ClockKind,
+    /// From the release of the processes until the last one had ended, on the system's clock.
     pub elapsed: Duration,
+    /// The same on the machine's: what a system on a virtual clock really took.
+    pub really_elapsed: Duration,
     /// The executors and OS threads, in the order of their making, with what they obtained.
     pub threads: Vec<ThreadReport>,
     /// The processes, in the order of their spawning; but those that were spawned on an executor while the system ran and ended long before its end
@@ -69,6 +74,10 @@ pub enum End {
     Overrun,
     /// A process raised it by [`luna::emergency`](crate::emergency()): the emergency functions ran, then all others were cancelled.
     Emergency,
+    /// The [`ClockDriver`](crate::ClockDriver) was dropped, so time would never have gone on: the processes that still lived were cancelled.
+    Undriven,
+    /// More turns were taken at one instant of a virtual clock than [allowed](crate::System::most_turns_at_an_instant): all processes were cancelled.
+    Livelock,
 }
 
 /// An executor or OS thread.
@@ -215,14 +224,33 @@ impl fmt::Display for Report {
             End::Deadlock => "ended by a deadlock".to_owned(),
             End::Overrun => "ended by an overrun".to_owned(),
             End::Emergency => "ended by an emergency".to_owned(),
+            End::Undriven => "ended with the driver of its clock".to_owned(),
+            End::Livelock => "ended by a livelock".to_owned(),
         };
-        writeln!(
+        write!(
             f,
             "system `{}`: {end} after {:.3} s",
             self.system,
             self.elapsed.as_secs_f64()
         )?;
+        if self.clock.is_virtual() {
+            write!(
+                f,
+                " on a {} clock, which took {:.3} s; policies, cores and locked memory were not asked for",
+                self.clock,
+                self.really_elapsed.as_secs_f64()
+            )?;
+        }
+        writeln!(f)?;
         for thread in &self.threads {
+            if self.clock.is_virtual() && !thread.abandoned {
+                writeln!(
+                    f,
+                    "  {:<16} on the thread of the {} clock",
+                    thread.name, self.clock
+                )?;
+                continue;
+            }
             let core = thread
                 .core
                 .map_or("any core".to_owned(), |core| format!("core {core}"));

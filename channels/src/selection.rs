@@ -19,7 +19,7 @@ use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{PlainReady, Process, Ready, Wakeup};
 use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::sync::UnsafeCell;
-use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::ptr::NonNull;
 
 /// Nobody can claim it: the owner does not wait.

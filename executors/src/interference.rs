@@ -75,7 +75,7 @@ pub(crate) fn look(now: Instant) {
 
 /// Who was polled last on this thread, since it looked at the clock.
 pub(crate) fn last_polled() -> Option<ProcessId> {
-    MEMORY.with(|memory| memory.process())
+    MEMORY.with(|memory| ProcessId::from_number(memory.polled.get()))
 }
 
 /// Says that the thread does something else than polling: what has passed since the last look is nobody's.

@@ -1,9 +1,10 @@
 //! OS-thread processes: one process blocked on its own thread.
 
 use crate::calls;
-use crate::executor::Phase;
+use crate::executor::{Executor, Phase};
 use crate::presence::{Presence, Sleeper};
 use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
+use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{self, Home, ProcessId};
@@ -206,8 +207,16 @@ fn run<F: Future>(
 /// ```
 pub struct OsThread {
     process: ProcessHandle,
-    shared: Arc<Held>,
-    thread: Option<Thread<()>>,
+    runs: Runs,
+}
+
+/// Where its process runs.
+enum Runs {
+    OnThread(Arc<Held>, Thread<()>),
+    /// On an executor of its own, which a simulation's thread runs.
+    OnStage(Executor),
+    /// It is left to itself.
+    Nowhere,
 }
 
 /// What the thread shares with its owner.
@@ -309,8 +318,7 @@ impl OsThread {
         match started {
             Ok(thread) => Ok(OsThread {
                 process,
-                shared,
-                thread: Some(thread),
+                runs: Runs::OnThread(shared, thread),
             }),
             Err(error) => {
                 record.end_unstarted();
@@ -319,49 +327,95 @@ impl OsThread {
         }
     }
 
+    /// Starts the process on the thread of a simulation, as the only one of an [executor](Executor::start_simulated) of its own: it must not make blocking calls
+    /// there but through [`blocking`](crate::blocking). Returns when it is built; on the simulation's thread, where that cannot be waited for, before that.
+    pub fn start_simulated<B, F>(
+        simulation: &SimulationHandle,
+        attributes: &Attributes,
+        spec: ProcessSpec,
+        build: B,
+    ) -> OsThread
+    where
+        B: FnOnce() -> F + Send + 'static,
+        F: Future<Output = ()> + 'static,
+    {
+        let executor = Executor::start_simulated(simulation, attributes);
+        let process = executor.spawn(spec, build);
+        if !is_stage(&simulation.0) {
+            executor.settle();
+        }
+        OsThread {
+            process,
+            runs: Runs::OnStage(executor),
+        }
+    }
+
     /// The process.
     pub fn process(&self) -> &ProcessHandle {
         &self.process
     }
 
-    /// What the thread got of the attributes that were asked for.
+    /// What the thread got of the attributes that were asked for; nothing on a simulation's.
     pub fn obtained(&self) -> Option<&Obtained> {
-        self.thread.as_ref().map(Thread::obtained)
+        match &self.runs {
+            Runs::OnThread(_, thread) => Some(thread.obtained()),
+            Runs::OnStage(_) | Runs::Nowhere => None,
+        }
     }
 
     /// As [`ExecutorHandle::end_spin`](crate::ExecutorHandle::end_spin).
     pub fn end_spin(&self) -> bool {
-        self.shared.spin.swap(0, Ordering::Relaxed) > 0
+        match &self.runs {
+            Runs::OnThread(shared, _) => shared.spin.swap(0, Ordering::Relaxed) > 0,
+            Runs::OnStage(_) | Runs::Nowhere => false,
+        }
     }
 
     /// Lets the process run.
     pub fn release(&self) {
-        self.advance(Phase::RELEASED);
+        match &self.runs {
+            Runs::OnThread(shared, _) => shared.advance(Phase::RELEASED),
+            Runs::OnStage(executor) => executor.release(),
+            Runs::Nowhere => {}
+        }
     }
 
     /// Asks the process to end, without waiting for it. A blocking call in it ends by itself or not at all.
     pub fn request_stop(&self) {
-        self.process.cancel();
-        self.advance(Phase::STOPPING);
+        match &self.runs {
+            Runs::OnThread(shared, _) => {
+                self.process.cancel();
+                shared.advance(Phase::STOPPING);
+            }
+            // When nobody can run: so it is the same in each run.
+            Runs::OnStage(executor) => executor.request_stop(),
+            Runs::Nowhere => {}
+        }
     }
 
     /// Whether the thread has ended.
     pub fn has_stopped(&self) -> bool {
-        self.thread.as_ref().is_none_or(Thread::is_finished)
+        match &self.runs {
+            Runs::OnThread(_, thread) => thread.is_finished(),
+            Runs::OnStage(executor) => executor.has_stopped(),
+            Runs::Nowhere => true,
+        }
     }
 
     /// Leaves the thread to itself: for one whose process hangs in a blocking call.
     pub fn abandon(mut self) {
-        self.thread = None;
-    }
-
-    fn advance(&self, phase: u8) {
-        self.shared.phase.fetch_max(phase, Ordering::AcqRel);
-        self.shared.parker.unpark();
+        if let Runs::OnStage(executor) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
+            executor.abandon();
+        }
     }
 }
 
 impl Held {
+    fn advance(&self, phase: u8) {
+        self.phase.fetch_max(phase, Ordering::AcqRel);
+        self.parker.unpark();
+    }
+
     fn run<F: Future<Output = ()>>(
         self: &Arc<Self>,
         record: Arc<Record>,
@@ -430,8 +484,9 @@ impl Held {
 
 impl Drop for OsThread {
     fn drop(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            self.request_stop();
+        self.request_stop();
+        // An executor is stopped by its own drop.
+        if let Runs::OnThread(_, thread) = std::mem::replace(&mut self.runs, Runs::Nowhere) {
             // The body catches its process' panic; one of the thread's own was reported by the panic hook.
             let _ = thread.join();
         }

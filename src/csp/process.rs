@@ -5,7 +5,8 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
-use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused};
+use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
+use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -229,7 +230,7 @@ pub(crate) trait Start: Send {
         self: Box<Self>,
         attributes: Attributes,
         spec: ProcessSpec,
-        living: Arc<Living>,
+        simulation: Option<&SimulationHandle>,
         frame: Frame,
     ) -> Result<OsThread, SpawnError<Infallible>>;
 }
@@ -247,15 +248,20 @@ where
         self: Box<Self>,
         attributes: Attributes,
         spec: ProcessSpec,
-        living: Arc<Living>,
+        simulation: Option<&SimulationHandle>,
         frame: Frame,
     ) -> Result<OsThread, SpawnError<Infallible>> {
-        OsThread::start_counted(
-            attributes,
-            spec,
-            move || Supervised::make(self, frame),
-            living,
-        )
+        let living = frame.common.living.clone();
+        let build = move || Supervised::make(self, frame);
+        match simulation {
+            None => OsThread::start_counted(attributes, spec, build, living),
+            Some(simulation) => Ok(OsThread::start_simulated(
+                simulation,
+                &attributes,
+                spec,
+                build,
+            )),
+        }
     }
 }
 
@@ -265,6 +271,7 @@ pub(crate) struct Common {
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) tree: Arc<Tree>,
     pub(crate) living: Arc<Living>,
+    pub(crate) clock: Clock,
 }
 
 /// What the framework gives a body on its way.

@@ -10,7 +10,7 @@ pub use several::{Errors, Several};
 
 use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
-use crate::time::LoopName;
+use crate::time::{Instant, LoopName};
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -70,6 +70,16 @@ pub enum Error {
     },
     /// Every process of a [`strict`](crate::System::strict) system waited for another one.
     Deadlock(Box<Deadlock>),
+    /// So many turns were taken at one instant of a virtual clock: see
+    /// [`System::most_turns_at_an_instant`](crate::System::most_turns_at_an_instant).
+    Livelock {
+        /// The process that had the last turn.
+        process: String,
+        /// How many there were.
+        turns: u64,
+        /// The instant.
+        at: Instant,
+    },
     /// What was asked for cannot be set up.
     Setup(SetupError),
     /// Several branches of a parallel construct failed: see [`Error::errors`].
@@ -189,6 +199,11 @@ impl fmt::Display for Error {
                  executor of lower priority"
             ),
             Error::Deadlock(deadlock) => deadlock.fmt(f),
+            Error::Livelock { process, turns, at } => write!(
+                f,
+                "{turns} turns were taken at one instant, {at:?}, the last one by process `{process}`: time does not move while \
+                 anybody can run, so wait for something (or allow more turns by `most_turns_at_an_instant`)"
+            ),
             Error::Setup(error) => error.fmt(f),
             Error::Several(several) => several.fmt(f),
             #[cfg(unix)]

@@ -1,8 +1,8 @@
 //! The emergency manager: a thread above all others that waits for an emergency and then brings the machine to safety.
 
 use crate::error::{Error, Result};
-use luna_executors::Living;
-use luna_platform::clock::Instant;
+use luna_executors::{Living, SimulationHandle};
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
 use luna_platform::shortfall::Shortfall;
@@ -29,6 +29,8 @@ pub(crate) struct Emergency {
     phase: AtomicU8,
     /// Who raised it by [`emergency`], and with what, if that was the first trigger.
     cause: PiLock<Option<(ProcessId, Error)>>,
+    /// Where the processes run, if time is virtual there.
+    simulation: Option<SimulationHandle>,
 }
 
 thread_local! {
@@ -69,10 +71,11 @@ pub fn emergency(cause: Error) -> Error {
 }
 
 impl Emergency {
-    pub(crate) fn new() -> Arc<Self> {
+    pub(crate) fn new(simulation: Option<SimulationHandle>) -> Arc<Self> {
         Arc::new(Self {
             phase: AtomicU8::new(NORMAL),
             cause: PiLock::new(None),
+            simulation,
         })
     }
 
@@ -107,8 +110,23 @@ impl Emergency {
 
     /// Wakes the thread; the first trigger counts. From any thread, on the real-time path too: O(1), one system call.
     pub(crate) fn trigger(&self) {
-        self.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
+        self.begin();
         signals::announce_event();
+    }
+
+    fn begin(&self) {
+        if let Some(simulation) = &self.simulation {
+            // How far it would go until the functions have run is another in each run.
+            simulation.stop_time();
+        }
+        self.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
+    }
+
+    /// The system's clock.
+    fn clock(&self) -> Clock {
+        self.simulation
+            .as_ref()
+            .map_or(Clock::REAL, SimulationHandle::clock)
     }
 
     /// Whether there is an emergency: the functions have run, or will.
@@ -215,7 +233,8 @@ fn watch_over(
         }
         seen = signals::wait_for_event(seen, Instant::NEVER);
     }
-    emergency.phase.fetch_max(TRIGGERED, Ordering::AcqRel);
+    emergency.begin();
+    let clock = emergency.clock().enter();
     let mut panicked = Vec::new();
     for Function { name, run } in &mut functions {
         // The others must run whatever this one does.
@@ -225,6 +244,7 @@ fn watch_over(
             panicked.push(name.as_str());
         }
     }
+    drop(clock);
     emergency.phase.fetch_max(SAFE, Ordering::AcqRel);
     living.announce();
     // Only now: standard error may be a pipe that nobody reads.

@@ -13,8 +13,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Whether the machine has the core that was asked for. Whether this program may use it, the start will show.
-fn check_core(of: &str, core: Option<usize>) -> Result<()> {
+fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
     let Some(core) = core else { return Ok(()) };
+    if plan.settings().clock.kind().is_virtual() {
+        // It is not asked for: what is simulated may be a larger machine.
+        return Ok(());
+    }
     // Where the machine does not tell its cores, the start will.
     let Some(available) = SystemFacts::gather().online_cores else {
         return Ok(());
@@ -118,7 +122,7 @@ impl ExecutorBuilder {
     /// ```
     pub fn build(self) -> Result<Executor> {
         self.attributes.validate_shared()?;
-        check_core(&self.name, self.core)?;
+        check_core(&self.plan, &self.name, self.core)?;
         let number = self.plan.add_executor(ExecutorPlan {
             name: self.name,
             attributes: self.attributes,
@@ -177,7 +181,7 @@ impl Thread {
             .attributes
             .validate()
             .map_err(Into::into)
-            .and_then(|()| check_core(&self.name, self.core))
+            .and_then(|()| check_core(&self.plan, &self.name, self.core))
             .and_then(|()| self.plan.take_thread_name(&self.name))
             .map(|()| Place::Thread {
                 name: self.name,

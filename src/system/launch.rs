@@ -1,5 +1,6 @@
 //! The start: threads first, then every `pre_run`, then the release of all bodies.
 
+use super::clock::ClockKind;
 use super::neighbours;
 use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Running, Started};
 use crate::csp::composition::{ThreadKind, ThreadPart};
@@ -7,7 +8,8 @@ use crate::csp::process::{Common, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
 use crate::time::Scope;
-use luna_executors::{Executor, Living};
+use luna_executors::{Executor, Living, Simulation, SimulationHandle};
+use luna_platform::clock::Clock;
 use luna_platform::current::ProcessId;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
@@ -26,6 +28,9 @@ const MOST_LOOPS: usize = 256;
 
 /// A system whose processes are ready to be released.
 pub(super) struct Launched {
+    pub(super) clock: ClockKind,
+    /// What runs the executors, if their time is virtual.
+    pub(super) simulation: Option<Simulation>,
     pub(super) executors: Vec<(String, Executor)>,
     pub(super) running: Arc<Running>,
     pub(super) emergency: EmergencyThread,
@@ -71,20 +76,32 @@ fn launch_described(
     mut waiting: Vec<ProcessPlan>,
     living: &Arc<Living>,
 ) -> Result<Launched> {
-    neighbours::settle(&mut executor_plans, &mut waiting);
+    let clock_kind = settings.clock.kind();
+    let is_virtual = clock_kind.is_virtual();
+    let simulation = std::mem::take(&mut settings.clock).start(living, settings.most_turns)?;
+    let handle = simulation.as_ref().map(Simulation::handle);
+    let clock = handle.as_ref().map_or(Clock::REAL, SimulationHandle::clock);
+    // What runs of the user's on this thread until the release sees the system's time.
+    let _clock = clock.enter();
+    if !is_virtual {
+        neighbours::settle(&mut executor_plans, &mut waiting);
+    }
     let mode = if settings.strict {
         Mode::Strict
     } else {
         Mode::BestEffort
     };
-    let real_time = executor_plans
-        .iter()
-        .any(|executor| executor.attributes.asked_policy().is_real_time())
-        || waiting
+    // On a clock of its own nothing has to come in time, so nothing is asked of the machine for that.
+    let real_time = !is_virtual
+        && (executor_plans
             .iter()
-            .any(|process| policy_of(process).is_real_time());
+            .any(|executor| executor.attributes.asked_policy().is_real_time())
+            || waiting
+                .iter()
+                .any(|process| policy_of(process).is_real_time()));
 
     let mut shortfalls = Vec::new();
+    settings.lock_memory &= !is_virtual;
     let memory = lock_memory(&settings, &mut shortfalls)?;
     // Asked for by nobody, so its lack is no reason not to start.
     let latency = if real_time {
@@ -96,7 +113,7 @@ fn launch_described(
         message: error.to_string(),
     })?;
 
-    let emergency = Emergency::new();
+    let emergency = Emergency::new(handle.clone());
     let functions = std::mem::take(&mut settings.functions);
     let guard = EmergencyThread::start(emergency.clone(), functions, living.clone(), real_time)?;
     shortfalls.extend_from_slice(guard.shortfalls());
@@ -104,11 +121,14 @@ fn launch_described(
     let loops = settings
         .max_loops
         .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
-    let scope = Scope::with_room_for(loops, living.clone());
+    let scope = Scope::with_room_for(loops, living.clone(), clock.clone());
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
-        let started = Executor::start_counted(executor.attributes.mode(mode), living.clone())
-            .map_err(|error| Error::not_started(&executor.name, error))?;
+        let started = match &handle {
+            None => Executor::start_counted(executor.attributes.mode(mode), living.clone())
+                .map_err(|error| Error::not_started(&executor.name, error))?,
+            Some(simulation) => Executor::start_simulated(simulation, &executor.attributes),
+        };
         executors.push((executor.name, started));
     }
     let places: Vec<ThreadPart> = executors
@@ -129,8 +149,10 @@ fn launch_described(
             emergency,
             tree: plan.tree().clone(),
             living: living.clone(),
+            clock: clock.clone(),
         }),
         mode,
+        simulation: handle,
     });
 
     let mut held = Held::default();
@@ -162,6 +184,8 @@ fn launch_described(
         }
     }
     Ok(Launched {
+        clock: clock_kind,
+        simulation,
         executors,
         running,
         emergency: guard,
@@ -235,7 +259,9 @@ impl Held {
     ) -> Result<()> {
         let mut prepared = prepared.into_iter();
         while let Some(mut process) = prepared.next() {
-            neighbours::join(&mut process, &running.executors, places, &self.threads);
+            if running.simulation.is_none() {
+                neighbours::join(&mut process, &running.executors, places, &self.threads);
+            }
             let id = process.id;
             match running.start(process) {
                 Ok((member, started)) => {

@@ -1,6 +1,7 @@
 //! The system: which processes there are, where each runs, and their common start and end.
 
 mod builder;
+mod clock;
 mod compose;
 pub mod deadlock;
 mod launch;
@@ -13,12 +14,14 @@ mod supervise;
 mod warnings;
 
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};
+pub use clock::ClockKind;
 pub use compose::Observer;
 
 use crate::csp::composition::Composition;
 use crate::error::Result;
 use crate::report::Report;
-use luna_executors::ProcessHandle;
+use clock::ClockPlan;
+use luna_executors::{ClockDriver, ProcessHandle};
 use luna_platform::current::ProcessId;
 use plan::Plan;
 use std::fmt;
@@ -85,6 +88,101 @@ impl System {
     /// So a system whose processes come and go for ever does not grow.
     pub fn remember_ended(&mut self, processes: usize) -> &mut Self {
         self.plan.settings().remembered = Some(processes);
+        self
+    }
+
+    /// Runs the system on a clock of its own: when no process can run, time jumps to the next deadline, so hours take moments, and every run is the same.
+    ///
+    /// Processes, loops, delays and timeouts are as ever; only the threads differ: one runs all executors and OS-thread processes, the one of the highest policy first, of
+    /// equals the one that was described first. Computing takes no time. Policies, cores and locked memory are not asked for. A blocking call within an OS-thread process
+    /// stops all, so it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on an executor. `docs/time.md` says what else there is to know.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("simulated");
+    /// system.virtual_clock();
+    /// let main = system.executor("main").build()?;
+    /// main.process("patient").spawn(async {
+    ///     luna::after(Duration::from_secs(24 * 3600)).await;
+    ///     Ok(())
+    /// })?;
+    /// assert_eq!(system.run()?.elapsed, Duration::from_secs(24 * 3600));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn virtual_clock(&mut self) -> &mut Self {
+        self.plan.settings().clock = ClockPlan::Virtual;
+        self
+    }
+
+    /// Runs the system on a clock that moves only as a simulator says, in lock-step with it; the rest is as with a [virtual clock](Self::virtual_clock). The
+    /// simulator keeps the driver. If that is dropped, the processes that still live are cancelled, and the system ends as [`End::Undriven`](crate::End::Undriven). A
+    /// second call makes a new clock; the driver of the first is told that its system has ended.
+    ///
+    /// ```
+    /// use luna::{End, prelude::*};
+    /// use std::sync::Arc;
+    /// use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+    /// use std::time::Duration;
+    ///
+    /// let period = Duration::from_millis(1);
+    /// let mut system = System::new("plant and controller");
+    /// let mut driver = system.driven_clock();
+    /// let cycles = Arc::new(AtomicU64::new(0));
+    /// let counted = cycles.clone();
+    /// let main = system.executor("main").build()?;
+    /// main.process("controller").spawn(async move {
+    ///     let mut tick = luna::periodic("control", period)?;
+    ///     loop {
+    ///         tick.next().await;
+    ///         counted.fetch_add(1, Relaxed);
+    ///     }
+    /// })?;
+    /// let simulator = std::thread::spawn(move || {
+    ///     for step in 1..=1000 {
+    ///         driver.advance_by(period)?;
+    ///         assert_eq!(cycles.load(Relaxed), step);
+    ///     }
+    ///     Ok::<(), luna::DriveError>(())
+    /// });
+    /// let report = system.run()?;
+    /// simulator.join().unwrap().unwrap();
+    /// assert_eq!((report.end, report.elapsed), (End::Undriven, Duration::from_secs(1)));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn driven_clock(&mut self) -> ClockDriver {
+        let (driver, clock) = ClockDriver::new();
+        let former = std::mem::replace(&mut self.plan.settings().clock, ClockPlan::Driven(clock));
+        drop(former);
+        if self.plan.has_begun() {
+            // Nobody will ever take it: its driver is to know.
+            self.plan.settings().clock = ClockPlan::Real;
+        }
+        driver
+    }
+
+    /// Allows so many polls at one instant of a virtual clock, at least one; 1 000 000 000 if not stated. Since time does not move while any process can run, one that yields for
+    /// ever would else stop it for good: after so many the system ends with [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
+    ///
+    /// ```
+    /// use luna::{Error, prelude::*};
+    ///
+    /// let mut system = System::new("restless");
+    /// system.virtual_clock().most_turns_at_an_instant(1000);
+    /// let main = system.executor("main").build()?;
+    /// main.process("spinner").spawn(async {
+    ///     let start = luna::now();
+    ///     while luna::now() == start {
+    ///         luna::yield_now().await;
+    ///     }
+    ///     Ok(())
+    /// })?;
+    /// assert!(matches!(system.run(), Err(Error::Livelock { turns: 1000, .. })));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn most_turns_at_an_instant(&mut self, turns: u64) -> &mut Self {
+        self.plan.settings().most_turns = Some(turns.max(1));
         self
     }
 

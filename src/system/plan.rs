@@ -1,5 +1,6 @@
 //! What a system is to be, and what it has become: shared by its handles.
 
+use super::clock::ClockPlan;
 use super::neighbours;
 use super::register::Register;
 use crate::csp::composition::{ThreadKind, ThreadPart};
@@ -8,7 +9,10 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
 use crate::safety::{Function, Ledger};
-use luna_executors::{Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused};
+use luna_executors::{
+    Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused, SimulationHandle,
+    Standstill,
+};
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
@@ -30,6 +34,9 @@ pub(crate) struct Settings {
     /// Of how many that have ended more than their number is known.
     pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,
+    pub(crate) clock: ClockPlan,
+    /// How many turns may be taken at one instant of a virtual clock; as many as stated.
+    pub(crate) most_turns: Option<u64>,
 }
 
 /// Where a process is to run.
@@ -97,6 +104,8 @@ pub(crate) struct Running {
     pub(crate) executors: Vec<ExecutorHandle>,
     pub(crate) common: Arc<Common>,
     pub(crate) mode: Mode,
+    /// What runs them, if their time is virtual.
+    pub(crate) simulation: Option<SimulationHandle>,
 }
 
 /// An OS thread with its name.
@@ -135,12 +144,18 @@ pub(crate) enum Started {
 }
 
 impl Running {
-    /// Whether there is nothing more to wait for: all processes have ended, and an emergency, if there is one, is over.
+    /// Whether there is nothing more to wait for: all processes have ended or time does not go on, and an emergency, if there is one, is over.
     pub(crate) fn is_over(&self) -> bool {
         let Common {
             emergency, living, ..
         } = &*self.common;
-        emergency.is_safe() || living.count() == 0 && !emergency.has_begun()
+        emergency.is_safe()
+            || !emergency.has_begun() && (living.count() == 0 || self.standstill().is_some())
+    }
+
+    /// Why time does not go on, if it does not.
+    pub(crate) fn standstill(&self) -> Option<Standstill> {
+        self.simulation.as_ref()?.standstill()
     }
 
     /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
@@ -184,7 +199,7 @@ impl Running {
                 match starter.on_thread(
                     (*attributes).mode(self.mode),
                     spec,
-                    common.living.clone(),
+                    self.simulation.as_ref(),
                     frame,
                 ) {
                     Ok(thread) => {
@@ -306,6 +321,11 @@ impl Plan {
         self.members.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Whether the system has been run.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.members().phase != Phase::Described
+    }
+
     /// Adds an executor; gives its number.
     pub(crate) fn add_executor(&self, executor: ExecutorPlan) -> Result<usize> {
         let mut members = self.members();
@@ -374,6 +394,7 @@ impl Plan {
         name: &str,
     ) -> Result<()> {
         let id = plan.id;
+        let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             prepare(&mut **resident).map_err(|error| error.in_process(name))?;
@@ -381,8 +402,10 @@ impl Plan {
         }
         let on_thread = matches!(plan.place, Place::Thread { .. });
         if on_thread {
-            let places = &members.places;
-            neighbours::join(&mut plan, &running.executors, places, &members.threads);
+            if running.simulation.is_none() {
+                let places = &members.places;
+                neighbours::join(&mut plan, &running.executors, places, &members.threads);
+            }
             drop(members);
         } else if members.phase == Phase::Ended {
             // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.

@@ -2,7 +2,7 @@
 
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
-use super::plan::{NamedThread, Phase, Plan};
+use super::plan::{NamedThread, Phase, Plan, Running};
 use super::quiet::Lookout;
 use super::register::{Funeral, Register};
 use super::stolen::Stolen;
@@ -11,8 +11,8 @@ use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, Report, ThreadReport};
 use crate::time::Witness;
-use luna_executors::{Executor, ProcessState};
-use luna_platform::clock::Instant;
+use luna_executors::{Executor, ProcessState, Standstill};
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Mode, Obtained, Policy};
 use luna_platform::{current, reclaim};
@@ -31,6 +31,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if current::home().is_some() {
         return Err(SetupError::Nested.into());
     }
+    // Also in a blocking call of a process whose time is virtual: this system has a clock of its own.
+    let _clock = Clock::REAL.enter();
     let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
@@ -39,9 +41,13 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         scope,
         emergency,
         living,
+        clock,
         ..
     } = &*running.common;
-    let started = scope.begin();
+    let (started, really_started) = (scope.begin(), Instant::now());
+    if let Some(simulation) = &running.simulation {
+        simulation.attend();
+    }
     // What an emergency has brought to safety before the start is not set in motion.
     if !emergency.has_begun() {
         for (_, executor) in &launched.executors {
@@ -51,12 +57,19 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             thread.release();
         }
     }
+    if let Some(simulation) = &launched.simulation {
+        // All at once, in their order.
+        simulation.release();
+    }
 
     let mut stolen = Stolen::begin();
     let (threads, deadlock) = watch(plan, &launched, &mut stolen);
     let was_emergency = emergency.is_safe();
-    let elapsed = Instant::now() - started;
+    let standstill = running.standstill().filter(|_| !was_emergency);
+    let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
     let Launched {
+        clock: clock_kind,
+        simulation,
         executors,
         emergency: guard,
         shortfalls,
@@ -64,10 +77,20 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     } = launched;
     let end = Burial {
         plan,
-        common: &running.common,
+        running: &running,
         tells: false,
     };
+    if let Some(simulation) = &simulation {
+        simulation.request_stop();
+    }
     let threads = end_threads(&end, executors, threads);
+    if let Some(simulation) = simulation {
+        if threads.iter().any(|thread| thread.abandoned) {
+            simulation.abandon();
+        } else {
+            drop(simulation);
+        }
+    }
     end.bury();
     // Who was left behind may have ended since.
     plan.members().started.note_last_ends(living, emergency);
@@ -115,9 +138,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
             }
             (None, true, false) if overrun.is_some() => End::Overrun,
             (None, true, _) => End::Panic,
-            (None, false, _) => End::Completed,
+            (None, false, _) => match standstill {
+                Some(Standstill::Livelock { .. }) => End::Livelock,
+                Some(_) => End::Undriven,
+                None => End::Completed,
+            },
         },
+        clock: clock_kind,
         elapsed,
+        really_elapsed,
         threads,
         processes,
         earlier: members.started.earlier(),
@@ -130,7 +159,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     } else {
         overrun
     };
-    let error = error_of_run(&members.started, cause, &report);
+    let livelock = livelock(&members.started, standstill, clock.now());
+    let error = error_of_run(&members.started, cause, livelock, &report);
     members.report = Some(report.clone());
     match error {
         Some(error) => Err(error),
@@ -201,7 +231,7 @@ fn watch(
     } = &*running.common;
     let burial = Burial {
         plan,
-        common: &running.common,
+        running,
         tells: true,
     };
     let mut lookout = Lookout::new();
@@ -230,7 +260,8 @@ fn watch(
         for line in lines {
             eprintln!("{line}");
         }
-        let next_sample = if scope.has_loops() {
+        // What a hypervisor takes makes nobody late where time stands meanwhile.
+        let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
             stolen.sample_if_due()
         } else {
             Instant::NEVER
@@ -279,7 +310,7 @@ impl Witness for Known<'_> {
 /// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
 struct Burial<'a> {
     plan: &'a Plan,
-    common: &'a Common,
+    running: &'a Running,
     /// Whether errors are told.
     tells: bool,
 }
@@ -288,13 +319,18 @@ impl Burial<'_> {
     /// Whether anybody has ended since the last time, or there is another reason to come again soon. O(their number).
     fn bury(&self) -> bool {
         let mut have_ended = false;
+        let Common {
+            living,
+            emergency,
+            clock,
+            ..
+        } = &*self.running.common;
+        let hurried = living.hurried();
+        let clock = clock.enter();
         loop {
             // One at a time and without the lock, since `post_run` may take long, and spawn.
             let next = {
                 let mut members = self.plan.members();
-                let Common {
-                    living, emergency, ..
-                } = self.common;
                 members.started.note_ends(living, emergency);
                 have_ended |= members.started.take_news();
                 members.started.next_funeral()
@@ -322,6 +358,10 @@ impl Burial<'_> {
             }
         }
         reclaim::collect();
+        drop(clock);
+        if let Some(simulation) = &self.running.simulation {
+            simulation.attended(hurried);
+        }
         have_ended
     }
 }
@@ -394,15 +434,33 @@ fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> 
     }
 }
 
+/// The livelock that a virtual clock has come to, if it has, at `now`.
+fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) -> Option<Error> {
+    match standstill? {
+        Standstill::Livelock { process, turns } => Some(Error::Livelock {
+            process: started.name(process).unwrap_or_default().to_owned(),
+            turns,
+            at: now,
+        }),
+        _ => None,
+    }
+}
+
 /// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
 /// processes return while they are being ended says nothing.
-fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
+fn error_of_run(
+    started: &Register,
+    cause: Option<Error>,
+    livelock: Option<Error>,
+    report: &Report,
+) -> Option<Error> {
     match report.end {
         // What they return while they are being ended says nothing.
         End::Signal(_) => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
         End::Overrun | End::Emergency => cause,
+        End::Livelock => livelock,
         End::Panic => started.first_panic().cloned(),
-        End::Completed => started.first_error().cloned(),
+        End::Completed | End::Undriven => started.first_error().cloned(),
     }
 }

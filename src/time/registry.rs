@@ -4,7 +4,7 @@ use super::late::Witness;
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
 use luna_executors::Living;
-use luna_platform::clock::Instant;
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::lock::PiLock;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -67,6 +67,7 @@ pub(crate) struct Scope {
     has_loops: AtomicBool,
     /// Who runs the system is told through this of the first loop.
     living: Option<Arc<Living>>,
+    clock: Clock,
 }
 
 #[expect(
@@ -88,7 +89,7 @@ thread_local! {
 
 impl Scope {
     /// Sets room for `most` loops aside.
-    pub(crate) fn with_room_for(most: usize, living: Arc<Living>) -> Arc<Self> {
+    pub(crate) fn with_room_for(most: usize, living: Arc<Living>, clock: Clock) -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
                 free: (0..most).map(|_| Statistics::new()).collect(),
@@ -97,9 +98,10 @@ impl Scope {
             }),
             grows: false,
             most,
-            start: AtomicU64::new(Instant::now().as_nanos()),
+            start: AtomicU64::new(clock.now().as_nanos()),
             has_loops: AtomicBool::new(false),
             living: Some(living),
+            clock,
         })
     }
 
@@ -116,12 +118,13 @@ impl Scope {
             start: AtomicU64::new(Instant::now().as_nanos()),
             has_loops: AtomicBool::new(false),
             living: None,
+            clock: Clock::REAL,
         })
     }
 
     /// The processes start now. To be said before the first of them runs.
     pub(crate) fn begin(&self) -> Instant {
-        let now = Instant::now();
+        let now = self.clock.now();
         // Whoever is released sees what came before the release.
         self.start.store(now.as_nanos(), Ordering::Relaxed);
         now

@@ -82,10 +82,7 @@ impl Stage {
             Pace::Driven(clock) => Some(clock),
         };
         let (clock, parker) = match &driven {
-            None => (
-                Arc::new(VirtualClock::new()),
-                Shared::new(Parker::new()),
-            ),
+            None => (Arc::new(VirtualClock::new()), Shared::new(Parker::new())),
             Some(driven) => (driven.0.clock.clone(), driven.0.parker.clone()),
         };
         Arc::new(Self {
