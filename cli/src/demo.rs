@@ -2,12 +2,13 @@
 
 use crate::alloc::Counting;
 use crate::failure::Failure;
-use crate::jiwy::AXES;
-use crate::jiwy::network::{self, Executors, Findings};
-use crate::joystick::{self, Recording};
 use crate::output::{Axis, Demo, FinalState, TrackingError};
 use crate::{args, place, report, text};
 use luna::prelude::*;
+use luna_jiwy::joystick::Recording;
+use luna_jiwy::network::LOOP;
+use luna_jiwy::{AXES, Executors, Findings, Settings, Start, hardware, network};
+use luna_plants::MotorState;
 use std::io::Write;
 
 const CONTROL: &str = "control";
@@ -15,33 +16,41 @@ const CONTROL: &str = "control";
 /// Runs the demo and prints what came of it. Gives whether the run was complete.
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
     let recording = match &arguments.joystick {
-        Some(path) => Recording::read(path).map_err(|error| (path.clone(), error)),
-        None => Recording::parse(joystick::DEFAULT.as_bytes())
-            .map_err(|error| ("built in".into(), error)),
+        Some(path) => Recording::read(path).map_err(|error| {
+            let path = path.clone();
+            Failure::Joystick { path, error }
+        })?,
+        None => Recording::built_in(),
     };
-    let recording = recording.map_err(|(path, error)| Failure::Joystick { path, error })?;
+    let settings = Settings {
+        period: arguments.period(),
+        cycles: arguments.cycles(),
+        start: match arguments.calibrated {
+            true => Start::Calibrated,
+            false => Start::Calibrate,
+        },
+        joystick: recording.play(),
+    };
 
     let mut system = System::new("jiwy");
     system.lock_memory();
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
-    let findings = network::build(
-        &mut system,
-        &executors,
-        arguments.period(),
-        arguments.cycles(),
-        recording.play(),
-    );
-    let findings = findings.map_err(Failure::Luna)?;
+    let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
+        .map_err(Failure::Luna)?;
+    let findings =
+        network::build(&executors, machine.registers, settings).map_err(Failure::Luna)?;
     drop(executors);
 
     let report = system.run().map_err(Failure::Luna)?;
-    let control_loops = AXES.map(|axis| axis.name);
     let demo = Demo {
-        measurement: report::measurement(&report, CONTROL, &control_loops, allocator.counts()),
+        measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
         axes: AXES
             .iter()
-            .zip(&findings)
-            .map(|(axis, findings)| found(axis.name, findings))
+            .zip(findings.iter().zip(&machine.states))
+            .map(|(axis, (findings, state))| {
+                let state = state.get().copied().unwrap_or_default();
+                found(axis.name, findings, state)
+            })
             .collect(),
     };
 
@@ -57,10 +66,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
             head + &text::header(&demo.measurement),
             report.to_string(),
             text::tracking(&demo.axes),
-            text::latency(
-                control_loops[0],
-                report::latencies(&report, control_loops[0]),
-            ),
+            text::latency(LOOP, report::latencies(&report, LOOP)),
             text::memory(&demo.measurement) + text::ending(&demo.measurement),
         ];
         print_parts(&mut out, &parts)
@@ -89,9 +95,8 @@ fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Execu
 }
 
 /// What the processes of an axis left behind; zeroes where one of them never got to run.
-fn found(name: &'static str, findings: &Findings) -> Axis {
+fn found(name: &'static str, findings: &Findings, state: MotorState) -> Axis {
     let tracking = findings.tracking.get().copied().unwrap_or_default();
-    let state = findings.state.get().copied().unwrap_or_default();
     Axis {
         name,
         tracking_error_deg: TrackingError {
@@ -103,7 +108,7 @@ fn found(name: &'static str, findings: &Findings) -> Axis {
             speed_deg_per_s: state.speed.to_degrees(),
             current_a: state.current,
         },
-        sanity: findings.interventions.get().copied().unwrap_or_default(),
+        sanity: findings.interventions(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Why a command did not do what it was asked for, and the exit code that says so.
 
-use crate::joystick;
 use luna::SetupError;
+use luna_jiwy::joystick;
 use luna_platform::facts::parse::write_core_list;
 use std::fmt;
 use std::path::PathBuf;

@@ -8,8 +8,6 @@ mod doctor;
 mod failure;
 mod histogram_text;
 mod jitter;
-mod jiwy;
-mod joystick;
 mod output;
 mod place;
 mod report;

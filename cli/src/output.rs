@@ -1,6 +1,6 @@
 //! What a command found: as one JSON object.
 
-use crate::jiwy::sanity::Interventions;
+use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 
 /// What every measurement says of itself.

@@ -71,8 +71,8 @@ pub(crate) fn ending(measurement: &Measurement) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jiwy::sanity::Interventions;
     use crate::output::{FinalState, Missing, TrackingError};
+    use luna_jiwy::parts::sanity::Interventions;
 
     fn missing(what: &str) -> Missing {
         Missing {

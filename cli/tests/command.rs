@@ -55,7 +55,7 @@ fn check_loop(report: &Value) {
 
 #[test]
 fn demo_prints_json() {
-    let demo = json(&["demo", "--seconds", "0.5", "--json"]);
+    let demo = json(&["demo", "--seconds", "0.5", "--calibrated", "--json"]);
     assert_eq!(demo["complete"], true);
     for count in ["allocations", "reallocations", "frees"] {
         assert_eq!(demo[count], 0, "{count} on the real-time path");
@@ -66,15 +66,10 @@ fn demo_prints_json() {
         .iter()
         .filter_map(|report| report["name"].as_str())
         .collect();
-    assert_eq!(
-        names,
-        ["pan", "tilt", "joystick", "pan mechanism", "tilt mechanism"]
-    );
+    assert_eq!(names, ["timer", "joystick", "pan bridge", "tilt bridge"]);
     loops.iter().for_each(check_loop);
-    for control in &loops[..2] {
-        assert_eq!(control["period_ns"], 1_000_000);
-        assert_eq!(control["slots_kept"], 500);
-    }
+    assert_eq!(loops[0]["period_ns"], 1_000_000);
+    assert_eq!(loops[0]["slots_kept"], 500);
     for (axis, name) in ["pan", "tilt"].iter().enumerate() {
         let axis = &demo["axes"][axis];
         assert_eq!(axis["name"], *name);
@@ -94,9 +89,9 @@ fn demo_prints_text() {
     for part in [
         "500 Hz",
         "policy other",
-        "pan mechanism",
+        "pan bridge",
         "tracking error",
-        "wake-up latency of pan",
+        "wake-up latency of timer",
         "#",
         "allocations",
     ] {
@@ -112,6 +107,7 @@ fn demo_takes_a_recording() {
         "demo",
         "--seconds",
         "1.5",
+        "--calibrated",
         "--json",
         "--joystick",
         path.to_str().expect("a path"),

@@ -1,36 +1,49 @@
 //! The whole of Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
 
 use super::pid::{Gains, Pid};
-use super::sanity::{Interventions, SanityCheck};
+use super::sanity::{EndStopGuard, Interventions, Limit, Slew};
 use super::set_point::SetPoint;
 use super::tracking::Tracking;
-use super::{AXES, Axis};
-use crate::joystick::{DEFAULT, Recording};
-use luna_plants::{Decoder, Encoder, Motor};
+use crate::joystick::Recording;
+use crate::{AXES, Axis};
+use luna_plants::Motor;
+use luna_plants::{Decoder, Encoder};
 
-/// Plays the default recording once; a duty reaches the motor one sample after its measurement.
+/// Plays the built-in recording once; a duty reaches the motor one sample after its measurement.
 fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
-    let recording = Recording::parse(DEFAULT.as_bytes()).unwrap();
+    let recording = Recording::built_in();
     let cycles = (recording.length() * rate) as u32;
     let (mut playback, sample_time) = (recording.play(), 1.0 / rate);
     let gear = axis.plant.gear_ratio;
     let encoder = Encoder::new(gear, axis.count_at_zero);
     let mut decoder = Decoder::new(gear, axis.count_at_zero);
     let mut plant = Motor::new(axis.plant);
-    let mut set_point = SetPoint::new(axis.range, axis.max_speed);
+    let mut set_point = SetPoint::new(axis.max_speed);
     let mut pid = Pid::new(Gains::place(&axis.plant, axis.tuning, sample_time));
-    let mut sanity = SanityCheck::new(axis.limits);
+    let (mut limit, mut slew, mut guard) = (
+        Limit::new(axis.limits.duty),
+        Slew::new(axis.limits.slew),
+        EndStopGuard::new(axis.limits.guard),
+    );
     let (mut tracking, mut duty) = (Tracking::default(), 0.0);
     for n in 0..cycles {
         // The joystick is read at 100 Hz, whatever the rate of control.
         let read_at = (f64::from(n) * sample_time * 100.0 + 1e-6).floor() / 100.0;
-        let target = set_point.follow((axis.stick)(playback.at(read_at)), sample_time);
+        let wanted = axis.range * (axis.stick)(playback.at(read_at));
+        let target = set_point.follow(wanted, sample_time);
         let angle = decoder.angle(encoder.count(plant.state().angle));
         tracking.add(target - angle);
-        let next = sanity.check(pid.update(target, angle, sample_time), angle, sample_time);
+        let asked = limit.check(pid.update(target, angle, sample_time), angle);
+        let next = guard.check(slew.check(asked, sample_time), angle);
         plant.drive(std::mem::replace(&mut duty, next), sample_time);
     }
-    (tracking, sanity.interventions())
+    let interventions = Interventions {
+        not_finite: limit.not_finite,
+        limited: limit.limited,
+        slewed: slew.slewed,
+        guarded: guard.guarded,
+    };
+    (tracking, interventions)
 }
 
 #[test]

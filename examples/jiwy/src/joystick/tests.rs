@@ -161,7 +161,7 @@ fn single_sample_lasts() {
 
 #[test]
 fn default_recording_is_as_its_readme_says() {
-    let recording = parse(DEFAULT).unwrap();
+    let recording = Recording::built_in();
     assert!(recording.length() >= 20.0, "{} s", recording.length());
     assert!(
         recording

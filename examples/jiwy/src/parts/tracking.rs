@@ -2,7 +2,7 @@
 
 /// The error of an axis, summed up as it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Tracking {
+pub struct Tracking {
     samples: u64,
     squares: f64,
     max: f64,
@@ -10,19 +10,19 @@ pub(crate) struct Tracking {
 
 impl Tracking {
     /// Takes in one error. O(1); allocates nothing.
-    pub(crate) fn add(&mut self, error: f64) {
+    pub fn add(&mut self, error: f64) {
         self.samples += 1;
         self.squares += error * error;
         self.max = self.max.max(error.abs());
     }
 
     /// The root of the mean square, in the unit of what was added; 0 without any.
-    pub(crate) fn rms(&self) -> f64 {
+    pub fn rms(&self) -> f64 {
         (self.squares / self.samples.max(1) as f64).sqrt()
     }
 
     /// The largest, either way.
-    pub(crate) fn max(&self) -> f64 {
+    pub fn max(&self) -> f64 {
         self.max
     }
 }

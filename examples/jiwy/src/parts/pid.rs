@@ -4,26 +4,26 @@ use luna_plants::MotorParameters;
 
 /// The tuning of a controller, in continuous time: the sample time comes with each update.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Gains {
+pub struct Gains {
     /// Duty by error, in 1/rad.
-    pub(crate) proportional: f64,
+    pub proportional: f64,
     /// Duty by the error's integral, in 1/(rad·s).
-    pub(crate) integral: f64,
+    pub integral: f64,
     /// Duty by the measured speed, in s/rad.
-    pub(crate) derivative: f64,
+    pub derivative: f64,
     /// The time constant of the filter on the measured speed, in s.
-    pub(crate) filter: f64,
+    pub filter: f64,
     /// The output stays within plus and minus this duty.
-    pub(crate) limit: f64,
+    pub limit: f64,
 }
 
 /// What an axis is asked for at high rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Tuning {
+pub struct Tuning {
     /// The natural frequency of the closed loop, in rad/s.
-    pub(crate) bandwidth: f64,
+    pub bandwidth: f64,
     /// The output stays within plus and minus this duty.
-    pub(crate) limit: f64,
+    pub limit: f64,
 }
 
 /// Damping of the closed loop: no overshoot with some margin for the delay of sampling.
@@ -40,7 +40,7 @@ impl Gains {
     ///
     /// Pole placement on the axis without its armature's time constant: `T θ'' + θ' = G duty`, with the mechanical time
     /// constant `T = J R / K²` and the speed at full duty `G = supply / K`. Slow sampling lowers the bandwidth.
-    pub(crate) fn place(axis: &MotorParameters, tuning: Tuning, sample_time: f64) -> Self {
+    pub fn place(axis: &MotorParameters, tuning: Tuning, sample_time: f64) -> Self {
         let k = axis.joint_constant();
         let time_constant = axis.inertia() * axis.resistance / (k * k);
         let speed = axis.supply / k;
@@ -62,7 +62,7 @@ impl Gains {
 /// The derivative acts on the measurement, filtered, so a step of the set-point gives no kick. The integral neither grows while the
 /// output is at its limit in the error's direction, nor ever beyond what the output can give.
 #[derive(Debug, Clone)]
-pub(crate) struct Pid {
+pub struct Pid {
     gains: Gains,
     integral: f64,
     speed: f64,
@@ -71,7 +71,7 @@ pub(crate) struct Pid {
 
 impl Pid {
     /// A controller at rest.
-    pub(crate) fn new(gains: Gains) -> Self {
+    pub fn new(gains: Gains) -> Self {
         Self {
             gains,
             integral: 0.0,
@@ -83,7 +83,7 @@ impl Pid {
     /// The duty for a measurement taken `sample_time` seconds after the one before. O(1); allocates nothing.
     ///
     /// A sample time that is not positive leaves integral and speed as they are.
-    pub(crate) fn update(&mut self, set_point: f64, measured: f64, sample_time: f64) -> f64 {
+    pub fn update(&mut self, set_point: f64, measured: f64, sample_time: f64) -> f64 {
         let gains = self.gains;
         let error = set_point - measured;
         if sample_time > 0.0 {
@@ -105,9 +105,10 @@ impl Pid {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AXES, Axis};
     use super::*;
-    use luna_plants::{Decoder, Encoder, Motor};
+    use crate::{AXES, Axis};
+    use luna_plants::Motor;
+    use luna_plants::{Decoder, Encoder};
 
     /// A loop of plant, encoder and controller, with a sample of delay as between processes of their own.
     struct Loop {

@@ -2,23 +2,23 @@
 
 mod playback;
 
-pub(crate) use playback::Playback;
+pub use playback::Playback;
 
 use std::fmt;
 use std::path::Path;
 
-/// The recording inside the program, so that the demo runs from any folder. `examples/data/README.md` says how it was made.
-pub(crate) const DEFAULT: &str = include_str!("../../examples/data/joystick.csv");
+/// The recording inside the program, so that the demo runs from any folder. `data/README.md` says how it was made.
+const BUILT_IN: &str = include_str!("../data/joystick.csv");
 
 const COLUMNS: [&str; 3] = ["time", "pan", "tilt"];
 
 /// How far the joystick is deflected, −1 to 1 on either axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Deflection {
+pub struct Deflection {
     /// Of the lower axis.
-    pub(crate) pan: f64,
+    pub pan: f64,
     /// Of the upper axis.
-    pub(crate) tilt: f64,
+    pub tilt: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,19 +29,24 @@ struct Sample {
 
 /// What was recorded, at least one sample, in order of time.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Recording {
+pub struct Recording {
     samples: Vec<Sample>,
 }
 
 impl Recording {
+    /// The one inside the program.
+    pub fn built_in() -> Self {
+        Self::parse(BUILT_IN.as_bytes()).expect("it is tested")
+    }
+
     /// Reads the file at `path`.
-    pub(crate) fn read(path: &Path) -> Result<Self, Error> {
+    pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read(path).map_err(Error::File)?;
         Self::parse(&text)
     }
 
     /// Reads a recording's text. Columns are found by their names, others are left alone, empty lines too.
-    pub(crate) fn parse(text: &[u8]) -> Result<Self, Error> {
+    pub fn parse(text: &[u8]) -> Result<Self, Error> {
         let mut reader = csv::ReaderBuilder::new()
             .flexible(true)
             .trim(csv::Trim::All)
@@ -110,19 +115,19 @@ impl Recording {
     }
 
     /// Seconds from the first sample to the last.
-    pub(crate) fn length(&self) -> f64 {
+    pub fn length(&self) -> f64 {
         self.samples[self.samples.len() - 1].time - self.samples[0].time
     }
 
     /// Plays it from its start.
-    pub(crate) fn play(self) -> Playback {
+    pub fn play(self) -> Playback {
         Playback::new(self)
     }
 }
 
 /// Why a recording cannot be read.
 #[derive(Debug)]
-pub(crate) enum Error {
+pub enum Error {
     /// The file itself.
     File(std::io::Error),
     /// Nothing but, at most, a header.
@@ -144,7 +149,7 @@ impl Error {
 
 /// What is wrong with a line.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Fault {
+pub enum Fault {
     /// The header, or this line, ends before it.
     MissingColumn(&'static str),
     /// Text where a number belongs.

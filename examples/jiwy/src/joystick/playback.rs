@@ -4,7 +4,7 @@ use super::{Deflection, Recording};
 
 /// A recording being played: linear between samples, and from the start again after its last one. A single sample lasts for ever.
 #[derive(Debug, Clone)]
-pub(crate) struct Playback {
+pub struct Playback {
     recording: Recording,
     /// At least 0.
     length: f64,
@@ -27,7 +27,7 @@ impl Playback {
 
     /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while `time` advances by less than
     /// the recording's length, and O(its samples) otherwise. Time that runs backwards is time 0 of the current repetition.
-    pub(crate) fn at(&mut self, time: f64) -> Deflection {
+    pub fn at(&mut self, time: f64) -> Deflection {
         let samples = &self.recording.samples;
         let first = samples[0];
         let mut within = (time - self.start).max(0.0);

@@ -1,41 +1,32 @@
-//! Jiwy, the pan-tilt camera of the thesis (appendix A.1), with a simulated mechanism.
-
-pub(crate) mod network;
-pub(crate) mod pid;
-mod processes;
-pub(crate) mod sanity;
-pub(crate) mod set_point;
-pub(crate) mod tracking;
-
-#[cfg(test)]
-mod tests;
+//! The two axes, and all figures that are chosen for them.
 
 use crate::joystick::Deflection;
+use crate::parts::{pid, sanity};
 use luna_plants::{MotorParameters, PAN, TILT};
 
 /// One axis with all that its processes need to know.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Axis {
+pub struct Axis {
     /// What it is called in reports.
-    pub(crate) name: &'static str,
+    pub name: &'static str,
     /// Which part of the joystick moves it.
-    pub(crate) stick: fn(Deflection) -> f64,
+    pub stick: fn(Deflection) -> f64,
     /// The mechanism.
-    pub(crate) plant: MotorParameters,
+    pub plant: MotorParameters,
     /// What the encoder's counter reads at angle 0.
-    pub(crate) count_at_zero: i32,
+    pub count_at_zero: i32,
     /// The controller.
-    pub(crate) tuning: pid::Tuning,
+    pub tuning: pid::Tuning,
     /// The safety layer.
-    pub(crate) limits: sanity::Limits,
+    pub limits: sanity::Limits,
     /// Full deflection of the joystick, in rad.
-    pub(crate) range: f64,
+    pub range: f64,
     /// The fastest that the set-point moves, in rad/s.
-    pub(crate) max_speed: f64,
+    pub max_speed: f64,
 }
 
 /// The two axes. Set-points end 0.2 and 0.1 rad before the stops, the guard begins 0.03 rad before them.
-pub(crate) static AXES: [Axis; 2] = [
+pub static AXES: [Axis; 2] = [
     Axis {
         name: "pan",
         stick: |deflection| deflection.pan,

@@ -1,0 +1,51 @@
+//! What the processes see of the machine: for each axis the registers of a card.
+//!
+//! A register is a buffer of one that forgets the older value: it is read and written without waiting, like that of a real card. Who is behind it is chosen at
+//! set-up: [`simulated`] processes, or a simulator that [holds the other ends](Bench).
+
+mod simulated;
+
+pub use simulated::{Simulated, simulated};
+
+use luna::prelude::*;
+
+/// The registers of one axis, on the side of the processes that control it.
+#[derive(Debug)]
+pub struct Registers {
+    /// What the encoder's counter reads: 32 bits that wrap.
+    pub count: Receiver<i32>,
+    /// The bridge's duty, −1 to 1.
+    pub pwm: Sender<f64>,
+    /// Whether the bridge is switched on.
+    pub enable: Sender<bool>,
+}
+
+/// The registers of one axis, on the side of the hardware.
+#[derive(Debug)]
+pub struct Bench {
+    /// What the encoder's counter reads.
+    pub count: Sender<i32>,
+    /// The bridge's duty.
+    pub pwm: Receiver<f64>,
+    /// Whether the bridge is switched on.
+    pub enable: Receiver<bool>,
+}
+
+/// Both sides of one axis' registers.
+pub fn registers() -> (Registers, Bench) {
+    let (count, counts) = luna::buffered(Buffer::overwrite_oldest(1));
+    let (pwm, duties) = luna::buffered(Buffer::overwrite_oldest(1));
+    let (enable, enables) = luna::buffered(Buffer::overwrite_oldest(1));
+    (
+        Registers {
+            count: counts,
+            pwm,
+            enable,
+        },
+        Bench {
+            count,
+            pwm: duties,
+            enable: enables,
+        },
+    )
+}

@@ -1,0 +1,351 @@
+//! Jiwy's model: which processes there are, and who communicates with whom. After the thesis' figures A.2 and H.1.
+//!
+//! ```text
+//!                                  one axis (pan; tilt is the same)
+//!
+//!                        ╭──> position in ──> position scaling ──┬──────────────> encoder watch ──────╮
+//!                        │        ~ count                        ╰─╮                                  │
+//!  timer ──> timer in ───┤                                         v                                  │
+//!                        │                                    calibration ──> set-point ──> controller ──> tracking
+//!                        │        ~ stick                          ^                            │     │
+//!                        ╰──> joystick in ──> joystick scaling ────╯                            v     │
+//!                                                                                        output scaling
+//!                                                                                               │     │
+//!   ╭─────────────────────────────────────────── command out <──────────────────────────────────╯     │
+//!   v                                                                                                 v
+//!  command in ──> limit ──> slew ──> end-stop guard ──> gate ──> motor out ──┬──> enable out ~      safety
+//!                                                      ~ │                   ╰──> pwm out ~           │
+//!                                                      | ╰──> motion watch ──> (safety)               │
+//!                                                      ╰~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~╯
+//!
+//!                                   the machine, simulated                           the operator
+//!
+//!                     pwm, enable ~> bridge ──> joint ──> counter ~> count           joystick ~> stick, stick
+//!
+//!  ──> rendezvous channel      ~> register: a buffer of one that forgets the older value, never waited for
+//! ```
+//!
+//! 51 processes: 21 of each axis, the timer, safety, the joystick, and 3 of the machine for each axis; one more than the picture shows, since each axis has a `timer in`
+//! that starts its readers. There is **one loop**, as in the thesis: `timer` stalls the whole model until the next period, and all else is woken by
+//! what it receives. A cycle is 44 rendezvous. (The machine has its own time, and the joystick is sampled at 100 Hz.)
+//!
+//! **Levels.** All processes of an axis have one level, pan's is above tilt's, both are above the timer's: so a cycle of pan is through, from its encoder to its motor, before
+//! tilt's begins. Safety is above all.
+//!
+//! **No deadlock.** Within a cycle values flow one way, from the timer to the writers. Where ways part and meet again (timer in to calibration, position scaling to
+//! calibration and its watch), who sends does so in one order, and who receives from two takes the position first, then the target: each waits for one that waits for
+//! nothing behind it. What goes back, from safety to the gates and through the machine to the counters, goes through registers, where nobody waits.
+//!
+//! **The end.** The timer returns after its number of cycles and drops its ends. Each process returns when what it reads is closed; the last of an axis write
+//! that the bridge is off. The same follows if any of them fails.
+//!
+//! **No allocation** after the start: values are `Copy`, state lies in the processes, results are handed over in `post_run`.
+
+use crate::hardware::Registers;
+use crate::joystick::Playback;
+use crate::parts::calibration::Calibration;
+use crate::parts::faults::{Blocked, Fault, Plausible};
+use crate::parts::pid::{Gains, Pid};
+use crate::parts::sanity::{EndStopGuard, Interventions, Limit, Slew};
+use crate::parts::set_point::SetPoint;
+use crate::parts::tracking::Tracking;
+use crate::processes::control::{Track, calibrate, control, lead, pass_on, scale_output};
+use crate::processes::operator::Joystick;
+use crate::processes::readers::{read_joystick, read_position, scale_joystick, scale_position};
+use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
+use crate::processes::sanity::{Guard, Limiter, SlewLimiter, gate, write_motor, write_register};
+use crate::processes::timer::{Tick, read_timer, write_timer};
+use crate::{AXES, Axis};
+use luna::prelude::*;
+use luna::{Executor, IntoProcess};
+use luna_plants::{Decoder, MotorParameters};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+/// What the loop is called in reports.
+pub const LOOP: &str = "timer";
+
+/// Levels on the control executor.
+mod level {
+    pub(super) const SAFETY: u8 = 20;
+    pub(super) const AXES: [u8; 2] = [12, 11];
+    pub(super) const TIMER: u8 = 10;
+}
+
+/// What a run is.
+#[derive(Debug)]
+pub struct Settings {
+    /// From one cycle to the next.
+    pub period: Duration,
+    /// How many there are.
+    pub cycles: u64,
+    /// How the axes begin.
+    pub start: Start,
+    /// Who moves them.
+    pub joystick: Playback,
+}
+
+/// How the axes begin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// They look for their end stops first: some seconds.
+    Calibrate,
+    /// Their encoders are known to count from [`Axis::count_at_zero`](crate::Axis::count_at_zero).
+    Calibrated,
+}
+
+/// What the processes of one axis leave behind when they end.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// How far it was from its set-point.
+    pub tracking: OnceLock<Tracking>,
+    pub(crate) limit: OnceLock<Limit>,
+    pub(crate) slew: OnceLock<Slew>,
+    pub(crate) guard: OnceLock<EndStopGuard>,
+}
+
+impl Findings {
+    /// How often the safety layer changed a duty, as far as its processes have ended.
+    pub fn interventions(&self) -> Interventions {
+        Interventions {
+            not_finite: self.limit.get().map_or(0, |limit| limit.not_finite),
+            limited: self.limit.get().map_or(0, |limit| limit.limited),
+            slewed: self.slew.get().map_or(0, |slew| slew.slewed),
+            guarded: self.guard.get().map_or(0, |guard| guard.guarded),
+        }
+    }
+}
+
+/// Where the processes run.
+#[derive(Debug)]
+pub struct Executors {
+    /// All that controls.
+    pub control: Executor,
+    /// The simulated machine.
+    pub mechanism: Executor,
+    /// The joystick.
+    pub operator: Executor,
+}
+
+/// Adds the model's processes, which control the machine behind `registers`. Gives what those of pan and of tilt will have found.
+///
+/// # Errors
+///
+/// Those of [`spawn`](luna::ProcessBuilder::spawn).
+pub fn build(
+    executors: &Executors,
+    registers: [Registers; 2],
+    settings: Settings,
+) -> luna::Result<[Arc<Findings>; 2]> {
+    let Settings {
+        period,
+        cycles,
+        start,
+        joystick,
+    } = settings;
+    let control = &executors.control;
+    let (fault, faults) = luna::channel();
+    let build_axis = |index: usize, registers: Registers| {
+        let (stick, joystick) = luna::buffered(Buffer::overwrite_oldest(1));
+        let (stop, stopped) = luna::buffered(Buffer::overwrite_oldest(1));
+        let (tick, ticks) = luna::channel();
+        let model = AxisModel {
+            executor: control,
+            axis: &AXES[index],
+            index,
+            period,
+            start,
+        };
+        let findings = model.build(registers, ticks, joystick, stopped, &fault)?;
+        luna::Result::Ok((findings, tick, stick, stop))
+    };
+    let [pan, tilt] = registers;
+    let (pan, pan_tick, pan_stick, pan_stop) = build_axis(0, pan)?;
+    let (tilt, tilt_tick, tilt_stick, tilt_stop) = build_axis(1, tilt)?;
+    // The last sender must be one that watches.
+    drop(fault);
+
+    control
+        .process(LOOP)
+        .priority(level::TIMER)
+        .spawn(write_timer(period, cycles, [pan_tick, tilt_tick]))?;
+    control
+        .process("safety")
+        .priority(level::SAFETY)
+        .spawn(keep_safe(faults, [pan_stop, tilt_stop]))?;
+    executors.operator.process("joystick").spawn(Joystick {
+        playback: joystick,
+        sticks: [pan_stick, tilt_stick],
+    })?;
+    Ok([pan, tilt])
+}
+
+/// A speed that the joint never exceeds, in rad/s: that of the motor without any friction at full duty, and a fifth more.
+fn fastest(motor: &MotorParameters) -> f64 {
+    1.2 * motor.supply / motor.joint_constant()
+}
+
+/// One axis' part of the model.
+struct AxisModel<'a> {
+    executor: &'a Executor,
+    axis: &'static Axis,
+    index: usize,
+    period: Duration,
+    start: Start,
+}
+
+impl AxisModel<'_> {
+    fn build(
+        &self,
+        registers: Registers,
+        ticks: Receiver<Tick>,
+        joystick: Receiver<f64>,
+        stopped: Receiver<()>,
+        fault: &Sender<(usize, Fault)>,
+    ) -> luna::Result<Arc<Findings>> {
+        let (axis, index) = (self.axis, self.index);
+        let findings = Arc::new(Findings::default());
+        let Registers { count, pwm, enable } = registers;
+
+        // The readers.
+        let (read_position_now, position_ticks) = luna::channel();
+        let (read_joystick_now, joystick_ticks) = luna::channel();
+        let (to_scale, counts) = luna::channel();
+        let (to_joystick_scaling, deflections) = luna::channel();
+        let (to_calibration, positions) = luna::channel();
+        let (to_encoder_watch, watched_positions) = luna::channel();
+        let (target, targets) = luna::channel();
+        let decoder = Decoder::new(axis.plant.gear_ratio, axis.count_at_zero);
+        self.add(
+            "timer in",
+            read_timer(ticks, read_position_now, read_joystick_now),
+        )?;
+        self.add(
+            "position in",
+            read_position(axis.count_at_zero, position_ticks, count, to_scale),
+        )?;
+        self.add(
+            "joystick in",
+            read_joystick(joystick_ticks, joystick, to_joystick_scaling),
+        )?;
+        self.add(
+            "position scaling",
+            scale_position(decoder, counts, [to_calibration, to_encoder_watch]),
+        )?;
+        self.add(
+            "joystick scaling",
+            scale_joystick(axis, deflections, target),
+        )?;
+
+        // The control.
+        let (demand, demands) = luna::channel();
+        let (led, followed) = luna::channel();
+        let (error, errors) = luna::channel();
+        let (voltage, voltages) = luna::channel();
+        let (duty, duties) = luna::channel();
+        let gains = Gains::place(&axis.plant, axis.tuning, self.period.as_secs_f64());
+        let calibration = match self.start {
+            Start::Calibrate => Calibration::new(2.0 * axis.plant.end_stop),
+            Start::Calibrated => Calibration::known(0.0),
+        };
+        self.add(
+            "calibration",
+            calibrate(
+                calibration,
+                positions,
+                targets,
+                demand,
+                index,
+                fault.clone(),
+            ),
+        )?;
+        self.add(
+            "set-point",
+            lead(SetPoint::new(axis.max_speed), demands, led),
+        )?;
+        self.add(
+            "controller",
+            control(Pid::new(gains), axis.plant.supply, followed, error, voltage),
+        )?;
+        self.add(
+            "tracking",
+            Track {
+                tracking: Tracking::default(),
+                errors,
+                findings: Arc::clone(&findings),
+            },
+        )?;
+        self.add(
+            "output scaling",
+            scale_output(axis.plant.supply, voltages, duty),
+        )?;
+
+        // The safety layer.
+        let (out, received) = luna::channel();
+        let (to_limit, commands) = luna::channel();
+        let (limited, to_slew) = luna::channel();
+        let (slewed, to_guard) = luna::channel();
+        let (guarded, to_gate) = luna::channel();
+        let (seen, applied) = luna::channel();
+        self.add("command out", pass_on(duties, out))?;
+        self.add("command in", pass_on(received, to_limit))?;
+        self.add(
+            "limit",
+            Limiter {
+                limit: Limit::new(axis.limits.duty),
+                commands,
+                limited,
+                findings: Arc::clone(&findings),
+            },
+        )?;
+        self.add(
+            "slew",
+            SlewLimiter {
+                slew: Slew::new(axis.limits.slew),
+                commands: to_slew,
+                slewed,
+                findings: Arc::clone(&findings),
+            },
+        )?;
+        self.add(
+            "end-stop guard",
+            Guard {
+                guard: EndStopGuard::new(axis.limits.guard),
+                commands: to_guard,
+                guarded,
+                findings: Arc::clone(&findings),
+            },
+        )?;
+        let (drive, drives) = luna::channel();
+        self.add("gate", gate(to_gate, stopped, seen, drive))?;
+        self.add(
+            "encoder watch",
+            watch_encoder(
+                Plausible::new(fastest(&axis.plant)),
+                index,
+                watched_positions,
+                fault.clone(),
+            ),
+        )?;
+        self.add(
+            "motion watch",
+            watch_motion(Blocked::default(), index, applied, fault.clone()),
+        )?;
+
+        // The writers.
+        let (enable_out, enables) = luna::channel();
+        let (pwm_out, pwms) = luna::channel();
+        self.add("motor out", write_motor(drives, enable_out, pwm_out))?;
+        self.add("enable out", write_register(false, enables, enable))?;
+        self.add("pwm out", write_register(0.0, pwms, pwm))?;
+        Ok(findings)
+    }
+
+    fn add<M>(&self, part: &str, process: impl IntoProcess<M>) -> luna::Result<()> {
+        self.executor
+            .process(&format!("{} {part}", self.axis.name))
+            .priority(level::AXES[self.index])
+            .spawn(process)?;
+        Ok(())
+    }
+}

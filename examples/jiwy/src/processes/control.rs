@@ -1,0 +1,167 @@
+//! From where an axis is and should be to what its motor is asked for.
+
+use super::readers::Position;
+use crate::network::Findings;
+use crate::parts::calibration::{Calibration, Step};
+use crate::parts::faults::Fault;
+use crate::parts::pid::Pid;
+use crate::parts::set_point::SetPoint;
+use crate::parts::tracking::Tracking;
+use luna::prelude::*;
+use std::sync::Arc;
+
+/// What is wanted of an axis.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Goal {
+    /// To be driven by this duty: it is being calibrated.
+    Drive(f64),
+    /// To be at this angle, in rad.
+    Be(f64),
+}
+
+/// What is wanted of an axis, and where it is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Demand {
+    goal: Goal,
+    /// In rad; from wherever its encoder counts, while it is being calibrated.
+    angle: f64,
+    /// Since the cycle before, in s.
+    elapsed: f64,
+}
+
+/// What a motor is asked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Command {
+    /// Volts from the controller, then the part of the supply's.
+    pub(crate) duty: f64,
+    /// As measured, in rad; nothing while the axis is being calibrated.
+    pub(crate) angle: Option<f64>,
+    /// As measured, in rad, from wherever the encoder counts.
+    pub(crate) raw: f64,
+    /// Since the cycle before, in s.
+    pub(crate) elapsed: f64,
+}
+
+/// Looks for the end stops, then says where the axis is and passes on where it is to be.
+pub(crate) async fn calibrate(
+    mut calibration: Calibration,
+    positions: Receiver<Position>,
+    targets: Receiver<f64>,
+    demands: Sender<Demand>,
+    axis: usize,
+    faults: Sender<(usize, Fault)>,
+) -> luna::Result<()> {
+    while let Ok(Position { raw, elapsed }) = positions.recv().await {
+        let target = targets.recv().await?;
+        let (goal, angle) = match calibration.step(raw, elapsed) {
+            Ok(Step::Drive(duty)) => (Goal::Drive(duty), raw),
+            Ok(Step::At(angle)) => (Goal::Be(target), angle),
+            Err(error) => {
+                faults.send((axis, Fault::Calibration(error))).await?;
+                (Goal::Drive(0.0), raw)
+            }
+        };
+        demands
+            .send(Demand {
+                goal,
+                angle,
+                elapsed,
+            })
+            .await?;
+    }
+    Ok(())
+}
+
+/// Moves the set-point no faster than the axis can follow.
+pub(crate) async fn lead(
+    mut set_point: SetPoint,
+    demands: Receiver<Demand>,
+    led: Sender<Demand>,
+) -> luna::Result<()> {
+    let mut calibrated = false;
+    while let Ok(mut demand) = demands.recv().await {
+        if let Goal::Be(wanted) = demand.goal {
+            if !calibrated {
+                set_point.begin_at(demand.angle);
+                calibrated = true;
+            }
+            demand.goal = Goal::Be(set_point.follow(wanted, demand.elapsed));
+        }
+        led.send(demand).await?;
+    }
+    Ok(())
+}
+
+/// The controller of an axis.
+pub(crate) async fn control(
+    mut pid: Pid,
+    supply: f64,
+    demands: Receiver<Demand>,
+    errors: Sender<f64>,
+    voltages: Sender<Command>,
+) -> luna::Result<()> {
+    while let Ok(Demand {
+        goal,
+        angle,
+        elapsed,
+    }) = demands.recv().await
+    {
+        let (duty, angle, raw) = match goal {
+            Goal::Drive(duty) => (duty, None, angle),
+            Goal::Be(target) => {
+                errors.send(target - angle).await?;
+                (pid.update(target, angle, elapsed), Some(angle), angle)
+            }
+        };
+        voltages
+            .send(Command {
+                duty: duty * supply,
+                angle,
+                raw,
+                elapsed,
+            })
+            .await?;
+    }
+    Ok(())
+}
+
+/// Sums up how far the axis was from its set-point.
+pub(crate) struct Track {
+    pub(crate) tracking: Tracking,
+    pub(crate) errors: Receiver<f64>,
+    pub(crate) findings: Arc<Findings>,
+}
+
+impl Process for Track {
+    async fn run(&mut self) -> luna::Result<()> {
+        while let Ok(error) = self.errors.recv().await {
+            self.tracking.add(error);
+        }
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        let _ = self.findings.tracking.set(self.tracking);
+    }
+}
+
+/// From volts to the part of the supply that the bridge lets through.
+pub(crate) async fn scale_output(
+    supply: f64,
+    voltages: Receiver<Command>,
+    duties: Sender<Command>,
+) -> luna::Result<()> {
+    while let Ok(mut command) = voltages.recv().await {
+        command.duty /= supply;
+        duties.send(command).await?;
+    }
+    Ok(())
+}
+
+/// A process that only passes on: the writer of one sub-model, or the reader of the next, as a model's editor generates them.
+pub(crate) async fn pass_on<T>(from: Receiver<T>, to: Sender<T>) -> luna::Result<()> {
+    while let Ok(value) = from.recv().await {
+        to.send(value).await?;
+    }
+    Ok(())
+}

@@ -1,0 +1,88 @@
+//! The readers of an axis, which look at the machine and at the operator, and the scaling of what they read.
+
+use super::timer::Tick;
+use crate::Axis;
+use luna::prelude::*;
+use luna_plants::Decoder;
+
+/// What the encoder's counter read.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Count {
+    count: i32,
+    elapsed: f64,
+}
+
+/// Where an axis is, counted from wherever its encoder was switched on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Position {
+    /// In rad.
+    pub(crate) raw: f64,
+    /// Since the cycle before, in s.
+    pub(crate) elapsed: f64,
+}
+
+/// Reads the counter's register in each cycle.
+pub(crate) async fn read_position(
+    mut newest: i32,
+    ticks: Receiver<Tick>,
+    register: Receiver<i32>,
+    counts: Sender<Count>,
+) -> luna::Result<()> {
+    while let Ok(Tick { elapsed }) = ticks.recv().await {
+        if let Ok(count) = register.try_recv() {
+            newest = count;
+        }
+        counts
+            .send(Count {
+                count: newest,
+                elapsed,
+            })
+            .await?;
+    }
+    Ok(())
+}
+
+/// Reads the joystick's register in each cycle.
+pub(crate) async fn read_joystick(
+    ticks: Receiver<Tick>,
+    register: Receiver<f64>,
+    deflections: Sender<f64>,
+) -> luna::Result<()> {
+    let mut newest = 0.0;
+    while ticks.recv().await.is_ok() {
+        if let Ok(deflection) = register.try_recv() {
+            newest = deflection;
+        }
+        deflections.send(newest).await?;
+    }
+    Ok(())
+}
+
+/// From counts to rad.
+pub(crate) async fn scale_position(
+    mut decoder: Decoder,
+    counts: Receiver<Count>,
+    positions: [Sender<Position>; 2],
+) -> luna::Result<()> {
+    while let Ok(Count { count, elapsed }) = counts.recv().await {
+        let raw = decoder.angle(count);
+        for reader in &positions {
+            reader.send(Position { raw, elapsed }).await?;
+        }
+    }
+    Ok(())
+}
+
+/// From a deflection to the angle that it asks for: full deflection is the end of the axis' range.
+pub(crate) async fn scale_joystick(
+    axis: &'static Axis,
+    deflections: Receiver<f64>,
+    targets: Sender<f64>,
+) -> luna::Result<()> {
+    while let Ok(deflection) = deflections.recv().await {
+        targets
+            .send(axis.range * deflection.clamp(-1.0, 1.0))
+            .await?;
+    }
+    Ok(())
+}
