@@ -157,7 +157,7 @@ pub fn build(
             start,
         };
         let findings = model.build(registers, ticks, joystick, stopped, &fault)?;
-        luna::Result::Ok((findings, tick, stick, stop))
+        Ok::<_, luna::Error>((findings, tick, stick, stop))
     };
     let [pan, tilt] = registers;
     let (pan, pan_tick, pan_stick, pan_stop) = build_axis(0, pan)?;

@@ -68,7 +68,7 @@ pub fn simulated(
         executor
             .process(&name("counter"))
             .spawn(count_edges(encoder, angles, count))?;
-        luna::Result::Ok(registers)
+        Ok::<_, luna::Error>(registers)
     };
     Ok(Simulated {
         registers: [build_axis(0)?, build_axis(1)?],
