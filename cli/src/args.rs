@@ -58,6 +58,9 @@ pub(crate) struct Demo {
     /// A recording with the columns time (s), pan and tilt (-1 to 1) [default: one within the program]
     #[arg(long, value_name = "FILE")]
     pub(crate) joystick: Option<PathBuf>,
+    /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the same
+    #[arg(long = "virtual")]
+    pub(crate) on_virtual_clock: bool,
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,

@@ -34,6 +34,9 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
 
     let mut system = System::new("jiwy");
     system.lock_memory();
+    if arguments.on_virtual_clock {
+        system.virtual_clock();
+    }
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
         .map_err(Failure::Luna)?;
