@@ -664,7 +664,10 @@ async fn luna_sleep(time: Duration) -> luna::Result<()> {
 }
 
 /// Notes its phases.
-struct Phases(Notes, Option<luna::Sender<()>>);
+struct Phases(
+    Notes,
+    #[expect(dead_code, reason = "what counts is when it is dropped")] luna::Sender<()>,
+);
 
 impl Process for Phases {
     fn pre_run(&mut self) -> luna::Result<()> {
@@ -691,7 +694,7 @@ fn phases_see_its_time_and_a_burial_comes_before_time_goes_on() {
         let notes = Notes::default();
         let (end, ended) = luna::channel::<()>();
         main.process("phases")
-            .spawn(Phases(notes.clone(), Some(end)))
+            .spawn(Phases(notes.clone(), end))
             .unwrap();
         let own = notes.clone();
         let other = async move {

@@ -75,6 +75,16 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         shortfalls,
         ..
     } = launched;
+    // Who has failed before time stood still; what they return while they are being ended says nothing.
+    let failed_before = standstill.and_then(|_| {
+        let burial = Burial {
+            plan,
+            running: &running,
+            tells: true,
+        };
+        burial.bury();
+        plan.members().started.first_error().cloned()
+    });
     let end = Burial {
         plan,
         running: &running,
@@ -160,7 +170,11 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         overrun
     };
     let livelock = livelock(&members.started, standstill, clock.now());
-    let error = error_of_run(&members.started, cause, livelock, &report);
+    let error = match report.end {
+        End::Undriven => failed_before,
+        End::Livelock => livelock,
+        _ => error_of_run(&members.started, cause, &report),
+    };
     members.report = Some(report.clone());
     match error {
         Some(error) => Err(error),
@@ -446,21 +460,15 @@ fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) ->
     }
 }
 
-/// The error that the run returns: a panic's before all others, since it is the cause; none if a signal ended the system, since what
+/// The error that a run returns whose time did not stand still: a panic's before all others, since it is the cause; none if a signal ended the system, since what
 /// processes return while they are being ended says nothing.
-fn error_of_run(
-    started: &Register,
-    cause: Option<Error>,
-    livelock: Option<Error>,
-    report: &Report,
-) -> Option<Error> {
+fn error_of_run(started: &Register, cause: Option<Error>, report: &Report) -> Option<Error> {
     match report.end {
         // What they return while they are being ended says nothing.
-        End::Signal(_) => None,
+        End::Signal(_) | End::Undriven | End::Livelock => None,
         End::Deadlock => report.deadlock.clone().map(Box::new).map(Error::Deadlock),
         End::Overrun | End::Emergency => cause,
-        End::Livelock => livelock,
         End::Panic => started.first_panic().cloned(),
-        End::Completed | End::Undriven => started.first_error().cloned(),
+        End::Completed => started.first_error().cloned(),
     }
 }

@@ -363,10 +363,12 @@ impl Play<'_> {
                 self.sleep(!watch::is_waiting(self.stage.parker.bell()));
             }
             None => self.move_to(next),
+            // There is nothing to move time for.
+            Some(driven) if self.stage.living.count() == 0 => {
+                driven.0.end();
+                self.sleep(false);
+            }
             Some(driven) => {
-                if self.stage.living.count() == 0 {
-                    driven.0.end();
-                }
                 match driven.0.at_rest(asked, next) {
                     Order::LookAgain => {}
                     Order::MoveTo(instant) => self.move_to(instant),
