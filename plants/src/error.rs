@@ -141,7 +141,7 @@ impl std::error::Error for PlantFailure {
 }
 
 /// Why a plant and channels cannot be connected.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ConnectError {
     /// The plant has no port of that name.
@@ -175,6 +175,13 @@ pub enum ConnectError {
         outputs: Vec<String>,
         /// The inputs, with units.
         inputs: Vec<String>,
+    },
+    /// A value that an input is to hold is none for it.
+    Refused {
+        /// The plant's name.
+        plant: String,
+        /// Why.
+        error: PlantError,
     },
     /// A step of zero.
     ZeroStep {
@@ -211,6 +218,7 @@ impl fmt::Display for ConnectError {
                 listed(outputs),
                 listed(inputs)
             ),
+            ConnectError::Refused { plant, error } => write!(f, "plant `{plant}`: {error}"),
             ConnectError::ZeroStep { plant } => {
                 write!(
                     f,

@@ -186,11 +186,14 @@ impl<P: Plant> Checked<P> {
         )
     }
 
-    /// Sets all inputs to their neutral values: 0, or the end of their range next to it. What a bridge without its enable line applies.
-    pub fn set_neutral(&mut self) {
-        for (value, port) in self.inputs.iter_mut().zip(self.plant.inputs()) {
-            *value = neutral(port);
-        }
+    /// Sets the input of this number to its neutral value: 0, or the end of its range next to it. What a bridge without its enable line applies. O(1).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such input.
+    #[track_caller]
+    pub fn set_neutral(&mut self, input: usize) {
+        self.inputs[input] = neutral(&self.plant.inputs()[input]);
         self.is_applied = false;
     }
 

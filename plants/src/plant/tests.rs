@@ -177,7 +177,7 @@ fn inputs_begin_next_to_zero() {
     let valve = Port::new("u", "%").range(20.0, 100.0);
     let mut checked = Checked::new(Scripted::new(valve, Port::new("y", "1")));
     checked.set("u", 70.0).unwrap();
-    checked.set_neutral();
+    checked.set_neutral(0);
     checked.step(STEP).unwrap();
     assert_eq!(checked.plant.applied, [20.0]);
 }

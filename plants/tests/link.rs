@@ -1,0 +1,417 @@
+//! Plants connected to processes: with clocks and without, and how they begin and end.
+
+use luna::external::{Framing, FromBytes, Malformed, ToBytes};
+use luna::prelude::*;
+use luna_plants::{
+    Checked, ConnectError, FirstOrderLag, Motor, PAN, PanTilt, Plant, PlantError, PlantLink, Port,
+};
+use std::io::{Read, Write};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Its outputs are how long it was stepped, in seconds, and the sum of its two inputs.
+struct Stopwatch {
+    ports: [Port; 4],
+    inputs: [f64; 2],
+    time: Duration,
+}
+
+impl Stopwatch {
+    fn new() -> Self {
+        Self {
+            ports: [
+                Port::new("a", "1"),
+                Port::new("b", "1").range(-5.0, 5.0),
+                Port::new("time", "s"),
+                Port::new("sum", "1"),
+            ],
+            inputs: [0.0; 2],
+            time: Duration::ZERO,
+        }
+    }
+}
+
+impl Plant for Stopwatch {
+    fn inputs(&self) -> &[Port] {
+        &self.ports[..2]
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.ports[2..]
+    }
+
+    fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
+        self.inputs.copy_from_slice(inputs);
+        Ok(())
+    }
+
+    fn step(&mut self, time: Duration) -> Result<(), PlantError> {
+        self.time += time;
+        Ok(())
+    }
+
+    fn measure(&mut self, outputs: &mut [f64]) -> Result<(), PlantError> {
+        outputs.copy_from_slice(&[self.time.as_secs_f64(), self.inputs[0] + self.inputs[1]]);
+        Ok(())
+    }
+}
+
+fn register<T: Send>() -> (Sender<T>, Receiver<T>) {
+    luna::buffered(Buffer::overwrite_oldest(1))
+}
+
+#[test]
+fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
+    let mut system = System::new("periodic");
+    let main = system.executor("main").build().unwrap();
+    let (write, written) = register::<f64>();
+    let (time, times) = register::<f64>();
+    let (sum, sums) = register::<f64>();
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.actuator("a", written).unwrap();
+    link.hold("b", 2.0).unwrap();
+    link.sensor("time", time).unwrap();
+    link.sensor("sum", sum).unwrap();
+    let (end, at_end) = std::sync::mpsc::channel();
+    link.at_end(move |plant| end.send(plant.time).unwrap());
+    main.process("plant")
+        .spawn(link.periodic(MS).unwrap())
+        .unwrap();
+    main.process("control")
+        .spawn(async move {
+            // What it begins with.
+            assert_eq!((times.recv().await?, sums.recv().await?), (0.0, 2.0));
+            write.send(40.0).await?;
+            let mut last = 0.0;
+            let mut sum = 2.0;
+            while last < 0.02 || sum != 42.0 {
+                let now = times.recv().await?;
+                assert!(now > last);
+                // Missed slots are part of the time, so it is always whole periods.
+                assert!((now * 1e3 - (now * 1e3).round()).abs() < 1e-9, "{now}");
+                sum = sums.recv().await?;
+                assert!(sum == 2.0 || sum == 42.0, "{sum}");
+                last = now;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    // It has seen its writer gone, and ended.
+    assert!(at_end.recv().unwrap() >= Duration::from_millis(20));
+}
+
+#[test]
+fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
+    let control = |count: i32, gain: f64| -gain * f64::from(count - 500) / 500.0;
+    let cycles = 500;
+    let mut alone = Checked::new(PanTilt::jiwy([0, 0]));
+    let mut expected = [Vec::new(), Vec::new()];
+    for _ in 0..cycles {
+        let counts: Vec<i32> = alone
+            .outputs()
+            .unwrap()
+            .iter()
+            .map(|&count| count as i32)
+            .collect();
+        for axis in [0, 1] {
+            expected[axis].push(counts[axis]);
+            alone.set_input(axis, control(counts[axis], 0.4)).unwrap();
+        }
+        alone.step(MS).unwrap();
+    }
+    // Two controllers that know nothing of each other: on one executor, on two, beside the plant or not.
+    for places in [[0, 0, 0], [0, 1, 2], [0, 0, 1], [1, 0, 1]] {
+        let mut system = System::new("lock-step");
+        let executors: Vec<_> = (0..3)
+            .map(|n| system.executor(&format!("executor {n}")).build().unwrap())
+            .collect();
+        let mut link = PlantLink::new("camera", PanTilt::jiwy([0, 0]));
+        let seen: [Arc<Mutex<Vec<i32>>>; 2] = Default::default();
+        for (axis, name) in ["pan", "tilt"].into_iter().enumerate() {
+            let (duty, duties) = luna::channel::<f64>();
+            let (count, counts) = luna::channel::<i32>();
+            link.actuator(&format!("{name} duty"), duties).unwrap();
+            link.sensor(&format!("{name} count"), count).unwrap();
+            let seen = seen[axis].clone();
+            executors[places[axis]]
+                .process(name)
+                .spawn(async move {
+                    for _ in 0..cycles {
+                        let count = counts.recv().await?;
+                        seen.lock().unwrap().push(count);
+                        duty.send(control(count, 0.4)).await?;
+                    }
+                    Ok(())
+                })
+                .unwrap();
+        }
+        executors[places[2]]
+            .process("camera")
+            .spawn(link.lock_step(MS).unwrap())
+            .unwrap();
+        system.run().unwrap();
+        for axis in [0, 1] {
+            assert_eq!(*seen[axis].lock().unwrap(), expected[axis], "{places:?}");
+        }
+    }
+}
+
+#[test]
+fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
+    let mut system = System::new("orders");
+    let main = system.executor("main").build().unwrap();
+    let [(a, on_a), (b, on_b), (time, times), (sum, sums)] =
+        std::array::from_fn(|_| luna::channel::<f64>());
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.actuator("a", on_a).unwrap();
+    link.actuator("b", on_b).unwrap();
+    link.sensor("time", time).unwrap();
+    link.sensor("sum", sum).unwrap();
+    main.process("plant")
+        .spawn(link.lock_step(MS).unwrap())
+        .unwrap();
+    main.process("control")
+        .spawn(async move {
+            let mut last = 0.0;
+            for n in 0..20 {
+                let value = f64::from(n % 4);
+                if n % 2 == 0 {
+                    b.send(1.0).await?;
+                    a.send(value).await?;
+                    assert_eq!(sums.recv().await?, last);
+                    times.recv().await?;
+                } else {
+                    times.recv().await?;
+                    a.send(value).await?;
+                    assert_eq!(sums.recv().await?, last);
+                    b.send(1.0).await?;
+                }
+                last = value + 1.0;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn a_plant_of_sensors_alone_ends_with_its_readers() {
+    for lock_step in [false, true] {
+        let mut system = System::new("sensors");
+        let main = system.executor("main").build().unwrap();
+        let (time, times) = register::<f64>();
+        let (sum, sums) = register::<f64>();
+        let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+        link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
+        link.sensor("time", time).unwrap();
+        link.sensor("sum", sum).unwrap();
+        let process = if lock_step {
+            link.lock_step(MS)
+        } else {
+            link.periodic(MS)
+        };
+        main.process("plant").spawn(process.unwrap()).unwrap();
+        main.process("reader")
+            .spawn(async move {
+                assert_eq!(sums.recv().await?, 3.0);
+                drop(sums);
+                while times.recv().await? < 0.003 {}
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}
+
+#[test]
+fn the_enable_line_leaves_actuators_without_effect() {
+    let mut system = System::new("cut");
+    let main = system.executor("main").build().unwrap();
+    let (a, on_a) = luna::channel::<f64>();
+    let (sum, sums) = luna::channel::<f64>();
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.actuator("a", on_a).unwrap();
+    link.hold("b", 2.0).unwrap();
+    link.sensor("sum", sum).unwrap();
+    let line = link.enable_line();
+    main.process("plant")
+        .spawn(link.lock_step(MS).unwrap())
+        .unwrap();
+    main.process("control")
+        .spawn(async move {
+            let mut seen = Vec::new();
+            for n in 0..4 {
+                seen.push(sums.recv().await?);
+                if n == 2 {
+                    line.cut();
+                }
+                a.send(7.0).await?;
+            }
+            assert_eq!(seen, [2.0, 9.0, 9.0, 2.0]);
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn what_cannot_be_connected_is_said() {
+    let (_, receiver) = luna::channel::<f64>();
+    let (sender, _) = luna::channel::<f64>();
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    let error =
+        |result: Result<&mut PlantLink<Stopwatch>, ConnectError>| result.unwrap_err().to_string();
+    assert_eq!(
+        error(link.actuator("c", receiver.clone())),
+        "plant `stopwatch` has no input `c`; it has `a`, `b`"
+    );
+    assert_eq!(
+        error(link.sensor("a", sender)),
+        "plant `stopwatch` has no output `a`; it has `time`, `sum`"
+    );
+    assert_eq!(
+        error(link.hold("b", 6.0)),
+        "plant `stopwatch`: input `b` is 6 1, outside of -5 to 5 1"
+    );
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.actuator("a", receiver.clone()).unwrap();
+    assert_eq!(
+        error(link.hold("a", 1.0)),
+        "input `a` of plant `stopwatch` has an actuator already"
+    );
+    assert_eq!(
+        link.periodic(MS).unwrap_err().to_string(),
+        "plant `stopwatch` has inputs without an actuator: `b`; connect them, or give them a value with `hold`"
+    );
+    let mut link = PlantLink::new("pan", Motor::new(PAN));
+    link.actuator("duty", receiver).unwrap();
+    assert!(matches!(
+        link.lock_step(Duration::ZERO),
+        Err(ConnectError::ZeroStep { .. })
+    ));
+}
+
+#[derive(Clone, Copy)]
+struct Power(f64);
+
+impl From<Power> for f64 {
+    fn from(power: Power) -> f64 {
+        power.0
+    }
+}
+
+impl ToBytes for Power {
+    fn length(&self) -> usize {
+        8
+    }
+
+    fn to_bytes(&self, to: &mut [u8]) {
+        to.copy_from_slice(&self.0.to_le_bytes());
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Temperature(f64);
+
+impl luna_plants::Measured for Temperature {
+    const NAME: &str = "temperature";
+
+    fn from_value(value: f64) -> Option<Self> {
+        Some(Self(value))
+    }
+}
+
+impl FromBytes for Temperature {
+    fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
+        let bytes = bytes
+            .try_into()
+            .map_err(|_| Malformed("a temperature has 8 bytes"))?;
+        Ok(Self(f64::from_le_bytes(bytes)))
+    }
+}
+
+fn oven() -> FirstOrderLag {
+    FirstOrderLag::new(
+        Port::new("power", "W"),
+        Port::new("temperature", "K"),
+        1.0,
+        Duration::from_secs(20),
+    )
+}
+
+/// The control process, for hardware and for a plant.
+async fn control(
+    temperatures: Receiver<Temperature>,
+    power: Sender<Power>,
+    seen: Arc<Mutex<Vec<Temperature>>>,
+) -> luna::Result<()> {
+    for _ in 0..200 {
+        let temperature = temperatures.recv().await?;
+        seen.lock().unwrap().push(temperature);
+        power.send(Power(20.0 * (80.0 - temperature.0))).await?;
+    }
+    Ok(())
+}
+
+#[test]
+fn the_same_process_runs_on_a_device_and_on_a_plant() {
+    let run = |on_device: bool| {
+        let mut system = System::new("oven");
+        let main = system.executor("main").build().unwrap();
+        let (power, heating) = luna::channel::<Power>();
+        let (measured, temperatures) = luna::channel::<Temperature>();
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        main.process("control")
+            .spawn(control(temperatures, power, seen.clone()))
+            .unwrap();
+        if on_device {
+            let (mut commands, to_device) = std::io::pipe().unwrap();
+            let (from_device, mut measurements) = std::io::pipe().unwrap();
+            let device = std::thread::spawn(move || {
+                let mut oven = Checked::new(oven());
+                let mut bytes = [0; 8];
+                loop {
+                    let temperature = oven.get("temperature").unwrap();
+                    if measurements.write_all(&temperature.to_le_bytes()).is_err()
+                        || commands.read_exact(&mut bytes).is_err()
+                    {
+                        return;
+                    }
+                    oven.set("power", f64::from_le_bytes(bytes)).unwrap();
+                    oven.step(100 * MS).unwrap();
+                }
+            });
+            main.process("heater")
+                .spawn(luna::external::output(
+                    heating,
+                    to_device,
+                    Framing::fixed(8),
+                ))
+                .unwrap();
+            main.process("thermometer")
+                .spawn(luna::external::input(
+                    from_device,
+                    measured,
+                    Framing::fixed(8),
+                ))
+                .unwrap();
+            system.run().unwrap();
+            device.join().unwrap();
+        } else {
+            let mut link = PlantLink::new("oven", oven());
+            link.actuator("power", heating).unwrap();
+            link.sensor("temperature", measured).unwrap();
+            main.process("oven")
+                .spawn(link.lock_step(100 * MS).unwrap())
+                .unwrap();
+            system.run().unwrap();
+        }
+        Arc::into_inner(seen).unwrap().into_inner().unwrap()
+    };
+    let simulated = run(false);
+    assert_eq!(simulated.len(), 200);
+    assert_eq!(run(true), simulated);
+}
