@@ -2,7 +2,7 @@
 //!
 //! On two cores each process has an executor and a thread of its own, pinned. *Asleep*: a side that waits lets its core sleep, so what is measured is the
 //! kernel's wake-up; with `/dev/cpu_dma_latency` at 0 a core does not sleep deeply. *Awake*: each executor has a process beside that always
-//! can run.
+//! can run; or it *spins*, which is to look for its partner for a bounded time before it sleeps.
 
 use std::{
     future::Future,
@@ -22,7 +22,7 @@ use luna_benches::{
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     external,
     harness::{Case, Goal, run},
-    ours::{Luna, LunaChannel, LunaThreads},
+    ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
     primitives::{self, FUTEX, SPIN, ShortWakeUps},
     processes::{busy, consumer, ping, pong, producer},
 };
@@ -132,6 +132,12 @@ fn both_awake<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -
     Case::new(AWAKE, peer, PER_MESSAGE, block)
 }
 
+/// Awake since both look for each other before they sleep.
+fn both_spin<E: Executor, C: Channel>(cores: [CoreId; 2], peer: &'static str) -> Case {
+    let block = move |messages| stream::<E, E, C>(cores, messages);
+    Case::new(AWAKE, peer, PER_MESSAGE, block)
+}
+
 fn back_and_forth<P: Executor, E: Executor, C: Channel>(
     cores: [CoreId; 2],
     peer: &'static str,
@@ -202,7 +208,7 @@ fn one_core_cases() -> Vec<Case> {
 }
 
 fn two_core_cases(cores: [CoreId; 2]) -> Vec<Case> {
-    let spinning = times(1.5, SPIN_ON_TWO, SPIN, "the bare spin's round trip");
+    let spinning = || times(1.5, SPIN_ON_TWO, SPIN, "the bare spin's round trip");
     let sleeping = |name| times(1.1, name, FUTEX, "the bare futex' round trip");
     let mut cases = vec![
         on_two::<Luna, Luna, LunaChannel>(cores, "LUNA"),
@@ -215,7 +221,12 @@ fn two_core_cases(cores: [CoreId; 2]) -> Vec<Case> {
         on_two::<Threads, Threads, Crossbeam>(cores, CROSSBEAM),
         on_two::<Threads, Threads, SyncChannel>(cores, STD),
         on_two::<Threads, Threads, KanalBlocking>(cores, SPINNING),
-        both_awake::<Luna, LunaChannel>(cores, "LUNA").goal(spinning),
+        both_awake::<Luna, LunaChannel>(cores, "LUNA").goal(spinning()),
+        both_spin::<LunaThatSpins, LunaChannel>(cores, "LUNA, executors that spin")
+            .goal(spinning()),
+        both_spin::<LunaThreadsThatSpin, LunaChannel>(cores, "LUNA, OS threads that spin")
+            .goal(spinning()),
+        both_spin::<Threads, KanalBlocking>(cores, SPINNING),
         both_awake::<Tokio, TokioMpsc>(cores, TOKIO),
         both_awake::<TokioLocal, Flume>(cores, FLUME),
         both_awake::<TokioLocal, Kanal>(cores, KANAL),

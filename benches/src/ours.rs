@@ -7,6 +7,7 @@ use luna::{ProcessBuilder, System};
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// A rendezvous of LUNA.
 #[derive(Debug)]
@@ -50,15 +51,21 @@ pub type Luna = LunaSystem<true>;
 /// The same without room for the statistics of periodic loops, which is 12 MB by default.
 pub type LunaWithoutLoops = LunaSystem<false>;
 
-/// See [`Luna`] and [`LunaWithoutLoops`].
+/// As [`Luna`], with an executor that looks for work for a while before it sleeps.
+pub type LunaThatSpins = LunaSystem<true, true>;
+
+/// How long they look: longer than a partner that is awake takes.
+const SPIN: Duration = Duration::from_micros(50);
+
+/// See [`Luna`], [`LunaWithoutLoops`] and [`LunaThatSpins`].
 #[derive(Debug)]
-pub struct LunaSystem<const LOOPS: bool> {
+pub struct LunaSystem<const LOOPS: bool, const SPINS: bool = false> {
     system: RefCell<System>,
     executor: luna::Executor,
     spawned: Cell<u32>,
 }
 
-impl<const LOOPS: bool> LunaSystem<LOOPS> {
+impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
     /// The executor, to spawn processes of LUNA's own kinds on.
     pub fn executor(&self) -> &luna::Executor {
         &self.executor
@@ -70,16 +77,19 @@ impl<const LOOPS: bool> LunaSystem<LOOPS> {
     }
 }
 
-impl<const LOOPS: bool> Executor for LunaSystem<LOOPS> {
+impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS> {
     fn new(core: CoreId) -> Self {
         let mut system = System::new("bench");
         if !LOOPS {
             system.max_loops(0);
         }
-        let executor = system.executor("bench").core(core.id).build();
+        let mut executor = system.executor("bench").core(core.id);
+        if SPINS {
+            executor = executor.spin_before_sleep(SPIN);
+        }
         LunaSystem {
+            executor: executor.build().expect(OUR_CORE),
             system: RefCell::new(system),
-            executor: executor.expect(OUR_CORE),
             spawned: Cell::new(0),
         }
     }
@@ -105,24 +115,33 @@ impl<const LOOPS: bool> Executor for LunaSystem<LOOPS> {
 }
 
 /// A system of OS-thread processes on the bench's core, without a real-time policy.
+pub type LunaThreads = LunaThreadSystem<false>;
+
+/// As [`LunaThreads`], with threads that look for a wake for a while before they sleep.
+pub type LunaThreadsThatSpin = LunaThreadSystem<true>;
+
+/// See [`LunaThreads`] and [`LunaThreadsThatSpin`].
 #[derive(Debug)]
-pub struct LunaThreads {
+pub struct LunaThreadSystem<const SPINS: bool> {
     system: RefCell<System>,
     core: CoreId,
     spawned: Cell<u32>,
 }
 
-impl LunaThreads {
+impl<const SPINS: bool> LunaThreadSystem<SPINS> {
     fn process(&self) -> ProcessBuilder {
         let name = next_name(&self.spawned);
-        let thread = self.system.borrow_mut().thread(&name).core(self.core.id);
+        let mut thread = self.system.borrow_mut().thread(&name).core(self.core.id);
+        if SPINS {
+            thread = thread.spin_before_sleep(SPIN);
+        }
         thread.process(&name)
     }
 }
 
-impl Executor for LunaThreads {
+impl<const SPINS: bool> Executor for LunaThreadSystem<SPINS> {
     fn new(core: CoreId) -> Self {
-        LunaThreads {
+        LunaThreadSystem {
             system: RefCell::new(System::new("bench")),
             core,
             spawned: Cell::new(0),

@@ -49,6 +49,7 @@ mod recv;
 mod selection;
 mod send;
 mod source;
+mod spots;
 mod stamp;
 mod stream;
 mod taken;

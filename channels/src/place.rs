@@ -1,6 +1,7 @@
 //! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
 
 use crate::inspect::Identity;
+use crate::spots::{Nodes, Side, Spots};
 use luna_platform::current::{Heir, ProcessId, User};
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
@@ -16,7 +17,8 @@ pub(crate) enum Ending {
 
 /// What a place's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What a plain rendezvous touches comes first, so that it lies on one cache line with the lock: between two cores each line is a transfer of its own.
+/// What each rendezvous writes comes first, so that it lies on one cache line with the lock: between two cores each line is a transfer of its own. What it
+/// only reads is on both cores at the same time.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Lists {
@@ -36,6 +38,7 @@ pub struct Lists {
     pub(crate) tickets: u32,
     pub(crate) senders: WaitList,
     pub(crate) receivers: WaitList,
+    pub(crate) on_spots: Nodes,
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
     /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
@@ -55,6 +58,12 @@ impl Lists {
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
         self.is_plain && self.is_rendezvous
+    }
+
+    /// Whether those who come to send and receive plainly may meet on the [spots](crate::spots): nothing else is asked of the place, and nobody is listed.
+    #[inline]
+    pub(crate) fn may_meet_on_spots(&self) -> bool {
+        self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
     }
 
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
@@ -101,6 +110,8 @@ impl LastUser {
 #[derive(Debug)]
 #[repr(C, align(64))]
 pub struct Place {
+    /// On one line with the lock.
+    pub(crate) spots: Spots,
     lock: HomeLock<Lists>,
     pub(crate) identity: Identity,
 }
@@ -108,7 +119,9 @@ pub struct Place {
 impl Place {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
+            spots: Spots::new(),
             lock: HomeLock::new(Lists {
+                on_spots: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
                 held: WaitList::new(),
@@ -129,9 +142,43 @@ impl Place {
         }
     }
 
+    /// Locks. Who waits on a spot is listed then.
     #[inline]
     pub(crate) fn lock(&self) -> HomeGuard<'_, Lists> {
+        let mut lists = self.lock.lock();
+        self.clear_spots(&mut lists);
+        lists
+    }
+
+    /// Locks for who looks at the spots, and calls [`clear_spots`](Self::clear_spots) before it looks at the lists.
+    #[inline]
+    pub(crate) fn lock_with_spots(&self) -> HomeGuard<'_, Lists> {
         self.lock.lock()
+    }
+
+    /// Lists who waits on the spots. O(1), since nobody else is listed then. `lists` are this place's.
+    #[inline]
+    pub(crate) fn clear_spots(&self, lists: &mut Lists) {
+        if self.spots.is_anybody_waiting() {
+            self.list_from_spots(lists);
+        }
+    }
+
+    #[cold]
+    fn list_from_spots(&self, lists: &mut Lists) {
+        for side in [Side::Sender, Side::Receiver] {
+            if self.spots.is_waiting(side)
+                && let Some(node) = lists.on_spots.get(side)
+            {
+                let list = match side {
+                    Side::Sender => &mut lists.senders,
+                    Side::Receiver => &mut lists.receivers,
+                };
+                // SAFETY: who waits on a spot has begun its node, which is in no list and stays where it is; it looks until the spot says what has come of that.
+                unsafe { list.insert_again(node) };
+                self.spots.say_listed(side);
+            }
+        }
     }
 
     /// Locks for the favoured home: see [`HomeLock::lock_if_favoured`].

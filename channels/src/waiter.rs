@@ -1,7 +1,7 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::selection::Selection;
-use luna_platform::current::{PlainReady, Process, Ready, User, Wakeup};
+use luna_platform::current::{self, PlainReady, Process, Ready, User, Wakeup};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use luna_platform::wait_list::WaitNode;
@@ -135,6 +135,29 @@ impl<T> Waiter<T> {
                 wait: WaitNode::waiting(user, process.priority(), wakeup),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
                 plain: true,
+                extended: false,
+                inherits: false,
+                ticket: 0,
+                selection: None,
+                make: None,
+            });
+        }
+    }
+
+    /// Prepares a plain operation's node of the current process for waiting on a spot, from where anybody may list it where nobody else is.
+    ///
+    /// # Safety
+    ///
+    /// As for [`begin`](Self::begin).
+    #[inline]
+    pub(crate) unsafe fn begin_on_spot(node: NonNull<Waiter<T>>) {
+        let wait = WaitNode::without_wakeup(current::user(), current::priority());
+        // SAFETY: the contract.
+        unsafe {
+            (*node.as_ptr()).link.write(Link {
+                wait,
+                outcome: AtomicU8::new(Outcome::Waiting as u8),
+                plain: false,
                 extended: false,
                 inherits: false,
                 ticket: 0,

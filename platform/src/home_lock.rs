@@ -98,13 +98,18 @@ pub struct HomeLock<T> {
     value: UnsafeCell<T>,
 }
 
+// What it guards begins on the line of its words, and channels count on how much of it is left.
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+const _: () = assert!(std::mem::offset_of!(HomeLock<u64>, value) == 32);
+
 // SAFETY: the lock hands out access to one thread at a time, so sharing it needs no more than that the value may change threads.
 unsafe impl<T: Send> Sync for HomeLock<T> {}
 // SAFETY: a lock that is moved is not borrowed, so nobody holds it; it is as `Send` as its value.
 unsafe impl<T: Send> Send for HomeLock<T> {}
 
-/// Who has used the lock in shared mode lately.
+/// Who has used the lock in shared mode lately. Packed, so that the lock's word lies beside `inside`, and leaves more of their line to what the lock guards.
 #[derive(Debug)]
+#[repr(C, packed(4))]
 struct Uses {
     /// The home that did last.
     home: u64,

@@ -17,9 +17,11 @@
 
 mod alternatives_at_home;
 mod at_home;
+mod on_spots;
 mod section;
 
 pub(crate) use at_home::AtHome;
+pub(crate) use on_spots::OnSpots;
 pub(crate) use section::{Locked, Received, Section, Sent};
 
 use crate::alternative::Entry;
@@ -190,7 +192,20 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
     ) -> Outcome {
-        let section = self.lock();
+        // SAFETY: the contract.
+        unsafe { Self::update_wakeup_in(self.lock(), node, cx) }
+    }
+
+    /// As [`update_wakeup`](Self::update_wakeup), with the lock taken already; it is released.
+    ///
+    /// # Safety
+    ///
+    /// As there; `section` is that of its channel.
+    unsafe fn update_wakeup_in(
+        section: Locked<'_, T>,
+        node: NonNull<Waiter<T>>,
+        cx: &Context<'_>,
+    ) -> Outcome {
         // SAFETY: under the lock a waiting node may be changed.
         unsafe {
             let outcome = Waiter::outcome(node);

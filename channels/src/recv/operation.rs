@@ -1,10 +1,11 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{AtHome, Ending, Received, Taken};
+use crate::core::{AtHome, Ending, OnSpots, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
+use crate::spots::Side;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
@@ -212,7 +213,36 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             this.phase = Phase::Over;
             return Poll::Ready(Err(RecvError::Poisoned));
         }
-        let mut section = this.receiver.channel().lock();
+        let mut section = if M::HOLDS || M::INHERITS {
+            this.receiver.channel().lock()
+        } else {
+            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the spot is left.
+            match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
+                OnSpots::No(section) => section,
+                OnSpots::Done(value) => {
+                    if crate::gives_way(cx) {
+                        this.keep(value, 0);
+                        this.phase = Phase::GaveWay;
+                        return Poll::Pending;
+                    }
+                    this.phase = Phase::Over;
+                    let note = std::mem::take(this.note());
+                    return Poll::Ready(Ok(M::received(this.receiver, value, 0, note)));
+                }
+                OnSpots::Waits => {
+                    this.phase = Phase::Listed;
+                    // SAFETY: the node waits on the spot.
+                    let outcome = unsafe {
+                        let channel = this.receiver.channel();
+                        channel.look_from_spot(this.node(), Side::Receiver, cx)
+                    };
+                    return match outcome {
+                        Outcome::Waiting => Poll::Pending,
+                        outcome => Poll::Ready(this.settled(outcome)),
+                    };
+                }
+            }
+        };
         if M::INHERITS {
             section.note_server();
         }

@@ -1,10 +1,11 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{AtHome, Ending, Sent};
+use crate::core::{AtHome, Ending, OnSpots, Sent};
 use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
+use crate::spots::Side;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
@@ -207,6 +208,33 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// It is done, and others may be let run first.
+    #[inline]
+    fn sent(&mut self, cx: &Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        // Before the user's code (a waker) can panic: the value is gone.
+        self.phase = Phase::Over;
+        if crate::gives_way(cx) {
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        Poll::Ready(Ok(()))
+    }
+
+    /// What was seen by looking for the partner.
+    #[inline]
+    fn looked(
+        &mut self,
+        outcome: Outcome,
+        cx: &Context<'_>,
+    ) -> Poll<Result<(), SendError<S::Unsent>>> {
+        match outcome {
+            Outcome::Waiting => Poll::Pending,
+            // Its receiver has the value, and is not done with it: that may take long.
+            Outcome::Held => self.poll_listed(cx),
+            outcome => Poll::Ready(self.settled(outcome)),
+        }
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
@@ -229,7 +257,21 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if !this.offered().source.is_open() {
             return Poll::Pending;
         }
-        let mut section = this.sender.channel().lock();
+        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and it looks until the spot is left.
+        let mut section =
+            match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
+                OnSpots::No(section) => section,
+                OnSpots::Done(()) => return this.sent(cx),
+                OnSpots::Waits => {
+                    this.phase = Phase::Listed;
+                    // SAFETY: the node waits on the spot.
+                    let outcome = unsafe {
+                        let channel = this.sender.channel();
+                        channel.look_from_spot(this.node(), Side::Sender, cx)
+                    };
+                    return this.looked(outcome, cx);
+                }
+            };
         // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
         let sent = unsafe { section.send_now(this.place_of_offer(), Some(cx)) };
         match sent {
@@ -239,11 +281,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 section.release();
                 ready.wake();
                 drop(dropped);
-                if crate::gives_way(cx) {
-                    this.phase = Phase::GaveWay;
-                    return Poll::Pending;
-                }
-                Poll::Ready(Ok(()))
+                this.sent(cx)
             }
             Sent::Full => {
                 let looks = spin::may_look();
@@ -259,12 +297,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     return Poll::Pending;
                 }
                 // SAFETY: the node was listed.
-                match unsafe { this.sender.channel().look_for_partner(this.node(), cx) } {
-                    Outcome::Waiting => Poll::Pending,
-                    // Its receiver has the value, and is not done with it: that may take long.
-                    Outcome::Held => this.poll_listed(cx),
-                    outcome => Poll::Ready(this.settled(outcome)),
-                }
+                let outcome = unsafe { this.sender.channel().look_for_partner(this.node(), cx) };
+                this.looked(outcome, cx)
             }
             Sent::Held(ready) => {
                 this.phase = Phase::Listed;
