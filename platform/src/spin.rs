@@ -7,12 +7,50 @@
 use crate::clock::Instant;
 #[cfg(not(loom))]
 use crate::current;
+#[cfg(not(loom))]
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 /// The longest time that may be asked for: 1 ms.
 ///
 /// A wait that is longer on average gains nothing from it: asleep, a thread is woken within some tens of microseconds.
 pub const LONGEST: Duration = Duration::from_millis(1);
+
+/// How long one waits from one look to the next.
+///
+/// Each look takes the line that is looked at away from who is about to change it, in the middle of what it does there: a partner that finds its line gone
+/// between two of its steps waits for it again, as long as a look takes. So looking less often sees more: on the machine of the measurements a rendezvous takes 2.7 round trips of a line with
+/// looks 13 ns apart, and 1.2 with 100 ns.
+#[cfg(not(loom))]
+const BETWEEN_LOOKS: Duration = Duration::from_nanos(100);
+
+/// How many of the processor's pauses that is: on some a pause takes 3 ns, on others 50.
+#[cfg(not(loom))]
+static PAUSES: AtomicU32 = AtomicU32::new(1);
+
+/// Measures a pause. Some 20 µs.
+#[cfg(not(loom))]
+fn measure_pause() {
+    const PAUSES_AT_ONCE: u32 = 64;
+    let time = || {
+        let start = Instant::now();
+        (0..PAUSES_AT_ONCE).for_each(|_| std::hint::spin_loop());
+        Instant::now() - start
+    };
+    // The shortest: the others were interrupted.
+    let shortest = (0..8).map(|_| time()).min().unwrap_or_default();
+    let fitting =
+        BETWEEN_LOOKS.as_nanos() * u128::from(PAUSES_AT_ONCE) / shortest.as_nanos().max(1);
+    // A clock that stands still says nothing.
+    PAUSES.store(fitting.clamp(1, 64) as u32, Ordering::Relaxed);
+}
+
+/// Waits until the next look.
+#[cfg(not(loom))]
+#[inline]
+fn pause() {
+    (0..PAUSES.load(Ordering::Relaxed)).for_each(|_| std::hint::spin_loop());
+}
 
 /// How often one looks for each look at the clock, which takes 25 ns: about half a microsecond together.
 #[cfg(not(loom))]
@@ -66,7 +104,7 @@ pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool
 /// It sees its partner's step directly, without a wake by way of the executor, at some 150 ns less a message each way. Longer is for the executor, which
 /// has others to look after.
 #[cfg(not(loom))]
-const LOOKS_OF_OPERATION: u32 = 40;
+const LOOKS_OF_OPERATION: u32 = 20;
 
 /// At least as long as these looks take, and a little more.
 #[cfg(not(loom))]
@@ -108,6 +146,7 @@ thread_local! {
 /// ```
 #[cfg(not(loom))]
 pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
+    measure_pause();
     OUTSIDE.set(Some(outside));
     HAS_OUTSIDE.set(true);
     Looking(())
@@ -158,7 +197,7 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
             if outside.as_ref().is_none_or(|one| one.is_called()) {
                 break;
             }
-            std::hint::spin_loop();
+            pause();
         }
         false
     })
