@@ -126,7 +126,7 @@ thread_local! {
 /// Lets operations of this thread's processes look for their partners until the guard is dropped. Not for the real-time path.
 ///
 /// ```
-/// use luna_platform::spin::{self, Outside};
+/// use luna_platform::spin::{self, MayLook, Outside};
 /// use std::sync::Arc;
 ///
 /// struct Quiet;
@@ -136,13 +136,13 @@ thread_local! {
 ///     }
 /// }
 ///
-/// assert!(!spin::may_look());
+/// assert_eq!(spin::may_look(), MayLook::No);
 /// let looking = spin::enter(Arc::new(Quiet));
-/// assert!(spin::may_look());
+/// assert_eq!(spin::may_look(), MayLook::Yes);
 /// assert!(spin::look(|| true));
 /// assert!(!spin::look(|| false)); // after about 2 µs
 /// drop(looking);
-/// assert!(!spin::may_look());
+/// assert_eq!(spin::may_look(), MayLook::No);
 /// ```
 #[cfg(not(loom))]
 pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
@@ -166,13 +166,30 @@ impl Drop for Looking {
     }
 }
 
+/// Whether an operation that has to wait may look for its partner first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MayLook {
+    /// It waits at once.
+    No,
+    /// It looks first.
+    Yes,
+    /// It could look, but its process has completed so many operations in this turn that its thread is to come to its timers and files first. The operation is to
+    /// be polled again.
+    InNextTurn,
+}
+
 /// Whether an operation that has to wait may look for its partner first: its thread may look, its process has no other branch and has not used up its turn, and
 /// nobody else is to run there. Real-time path: yes; one load where the thread may not look, else a few, and a clock reading if it has a deadline. Example:
 /// [`enter`].
 #[cfg(not(loom))]
 #[inline]
-pub fn may_look() -> bool {
-    HAS_OUTSIDE.get() && has_nothing_else()
+pub fn may_look() -> MayLook {
+    match HAS_OUTSIDE.get() && has_nothing_else() {
+        false => MayLook::No,
+        // Counted, so that the executor comes to its files.
+        true if current::count_operation() => MayLook::Yes,
+        true => MayLook::InNextTurn,
+    }
 }
 
 #[cfg(not(loom))]
@@ -181,8 +198,6 @@ fn has_nothing_else() -> bool {
         && current::ready_levels() == 0
         && !OUTSIDE.with_borrow(|outside| outside.as_ref().is_none_or(|one| one.is_called()))
         && current::has_no_deadline_within(LOOKS_TAKE)
-        // Counted, so that the executor comes to its files.
-        && current::count_operation()
 }
 
 /// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`may_look`] said so. Real-time
@@ -216,8 +231,11 @@ pub fn let_look() {
 
 /// Whether the model's thread has said so.
 #[cfg(loom)]
-pub fn may_look() -> bool {
-    LOOKS.with(std::cell::Cell::get)
+pub fn may_look() -> MayLook {
+    match LOOKS.with(std::cell::Cell::get) {
+        true => MayLook::Yes,
+        false => MayLook::No,
+    }
 }
 
 /// Looks once: what follows does not depend on how many looks there were.
