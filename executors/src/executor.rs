@@ -79,11 +79,11 @@ type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
 
 impl Arrival {
     /// Ends a process that is not built any more. What its builder holds is the user's: dropping it may panic.
-    fn refuse(self) {
+    fn refuse(self, living: &Living) {
         let Arrival { record, build } = self;
         match catch_unwind(AssertUnwindSafe(|| drop(build))) {
-            Ok(()) => record.end_unstarted(),
-            Err(payload) => record.end_panicked(payload),
+            Ok(()) => record.end_unstarted(living),
+            Err(payload) => record.end_panicked(payload, living),
         }
     }
 }
@@ -124,7 +124,7 @@ impl Shared {
         for Arrival { record, build } in arrived {
             // A builder is the user's code: if it panics, the process has ended before it began.
             if let Err(payload) = catch_unwind(AssertUnwindSafe(|| build(self, record.clone()))) {
-                record.end_panicked(payload);
+                record.end_panicked(payload, &self.living);
             }
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
@@ -182,9 +182,8 @@ impl Shared {
         self.close();
         for record in task::records() {
             record.leave_body();
-            record.end_panicked(Box::new(
-                "the executor's thread panicked outside of any process",
-            ));
+            let why = "the executor's thread panicked outside of any process";
+            record.end_panicked(Box::new(why), &self.living);
         }
     }
 
@@ -196,7 +195,7 @@ impl Shared {
             std::mem::take(&mut arrivals.waiting)
         };
         for arrival in refused {
-            arrival.refuse();
+            arrival.refuse(&self.living);
             self.settled.word().fetch_add(1, Ordering::AcqRel);
         }
         self.settled.wake_all();
@@ -428,7 +427,7 @@ impl ExecutorHandle {
         // Processes that come and go for ever do not fill the memory.
         reclaim::collect();
         Announced {
-            record: Some(Record::new(spec, self.shared.living.clone())),
+            record: Some(Record::new(spec, &self.shared.living)),
             shared: self.shared.clone(),
             decided: None,
         }
@@ -481,15 +480,20 @@ impl Announced {
     {
         // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();
-        let record = self.record.take()?;
+        let mut record = Some(self.record.take()?);
         if here {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
             let built = catch_unwind(AssertUnwindSafe(|| {
-                current::outside(|| task::start(&self.shared, record.clone(), build()));
+                current::outside(|| {
+                    let future = build();
+                    if let Some(record) = record.take() {
+                        task::start(&self.shared, record, future);
+                    }
+                });
             }));
-            if let Err(payload) = built {
-                record.end_panicked(payload);
+            if let (Err(payload), Some(record)) = (built, record) {
+                record.end_panicked(payload, &self.shared.living);
             }
             current::set_on_path(on_path);
             return None;
@@ -498,7 +502,7 @@ impl Announced {
             task::start(shared, record, build())
         });
         // The list's node is allocated before the lock is taken.
-        let mut arrival = LinkedList::from([Arrival { record, build }]);
+        let mut arrival = LinkedList::from_iter(record.map(|record| Arrival { record, build }));
         {
             let mut arrivals = self.shared.arrivals.lock();
             if !arrivals.closed {
@@ -510,17 +514,17 @@ impl Announced {
         if refused.is_none() {
             self.shared.inbound.ask_attention();
         }
-        refused.map(|arrival| Refused(Some(arrival)))
+        refused.map(|arrival| Refused(Some((arrival, self.shared.clone()))))
     }
 }
 
 /// A process that its executor did not take, since it has stopped. It ends as cancelled when this is dropped, with its builder.
-pub struct Refused(Option<Arrival>);
+pub struct Refused(Option<(Arrival, Arc<Shared>)>);
 
 impl Drop for Refused {
     fn drop(&mut self) {
-        if let Some(arrival) = self.0.take() {
-            arrival.refuse();
+        if let Some((arrival, shared)) = self.0.take() {
+            arrival.refuse(&shared.living);
         }
     }
 }
@@ -534,7 +538,7 @@ impl fmt::Debug for Refused {
 impl Drop for Announced {
     fn drop(&mut self) {
         if let Some(record) = self.record.take() {
-            record.end_unstarted();
+            record.end_unstarted(&self.shared.living);
         }
     }
 }

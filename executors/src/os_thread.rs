@@ -3,7 +3,9 @@
 use crate::calls;
 use crate::executor::{Executor, Phase};
 use crate::presence::{Presence, Sleeper};
-use crate::process::{Body, Enrolled, Living, ProcessHandle, ProcessSpec, Record, prepare_thread};
+use crate::process::{
+    Enrolled, Living, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
+};
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
 use luna_platform::clock::{Clock, Instant};
@@ -160,7 +162,7 @@ fn run<F: Future>(
     let process = current::Lone::new(id, home, thread_priority, level, waker.clone());
     // SAFETY: it is forgotten before the process goes.
     let _seen = record.map(|record| unsafe {
-        record.set_process(waker.clone(), NonNull::from(&*process));
+        record.set_process(NonNull::from(&*process));
         Forget(record)
     });
     let mut cx = Context::from_waker(&waker);
@@ -286,10 +288,10 @@ impl OsThread {
             thread_priority: AtomicU8::new(0),
             home: Home::new(),
             presence: Arc::new(Presence::new()),
-            living: living.clone(),
+            living,
             spin: AtomicU64::new(0),
         });
-        let record = Record::new(spec, living);
+        let record = Record::new(spec, &shared.living);
         record.set_waker(park::waker(&shared.parker));
         let process = ProcessHandle(record.clone());
         let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());
@@ -307,12 +309,12 @@ impl OsThread {
                 let enrolled = own.living.enroll(own.home, own.clone());
                 // Boxed, so that it does not move from here on; once for the process' life, and freed off the real-time path.
                 let body = catch_unwind(AssertUnwindSafe(build))
-                    .map(|future| Box::pin(Body::new(future, of_body)));
+                    .map(|future| Box::pin(Recorded::new(future, of_body, own.living.clone())));
                 Ok((own, files, enrolled, body))
             },
             move |(shared, _files, enrolled, body)| match body {
                 Ok(body) => shared.run(of_thread, body, enrolled),
-                Err(payload) => of_thread.end_panicked(payload),
+                Err(payload) => of_thread.end_panicked(payload, &shared.living),
             },
         );
         match started {
@@ -321,7 +323,7 @@ impl OsThread {
                 runs: Runs::OnThread(shared, thread),
             }),
             Err(error) => {
-                record.end_unstarted();
+                record.end_unstarted(&shared.living);
                 Err(error)
             }
         }
@@ -419,7 +421,7 @@ impl Held {
     fn run<F: Future<Output = ()>>(
         self: &Arc<Self>,
         record: Arc<Record>,
-        mut body: Pin<Box<Body<F>>>,
+        mut body: Pin<Box<Recorded<F>>>,
         _enrolled: Enrolled,
     ) {
         let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
@@ -451,7 +453,7 @@ impl Held {
                 // The first one counts, and dropping the other could panic in turn.
                 std::mem::forget(second);
             }
-            record.end_panicked(payload);
+            record.end_panicked(payload, &self.living);
         }
         record.forget_process();
         reclaim::collect();

@@ -84,12 +84,11 @@ impl Default for WaitNode {
 ///
 /// # Invariants
 ///
-/// `first` and `last` are the ends of a doubly linked chain of live, pinned nodes. Where they came by `insert` alone, priorities never rise from
-/// first to last.
+/// `first` begins a doubly linked chain of live, pinned nodes, in which the last stands before the first: so a list is one word, of which a
+/// channel has five. Where they came by `insert` alone, priorities never rise from first to last.
 #[derive(Debug)]
 pub struct WaitList {
     first: Option<NonNull<WaitNode>>,
-    last: Option<NonNull<WaitNode>>,
 }
 
 // SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go where the lock goes.
@@ -98,10 +97,7 @@ unsafe impl Send for WaitList {}
 impl WaitList {
     /// An empty list.
     pub const fn new() -> Self {
-        Self {
-            first: None,
-            last: None,
-        }
+        Self { first: None }
     }
 
     /// Whether nobody waits.
@@ -151,8 +147,9 @@ impl WaitList {
     /// As for `insert`; and nobody is in the list.
     #[inline(always)]
     pub unsafe fn insert_alone(&mut self, node: NonNull<WaitNode>) {
+        // SAFETY: by the contract the node is live and ours.
+        unsafe { (*node.as_ptr()).before = Some(node) };
         self.first = Some(node);
-        self.last = Some(node);
     }
 
     /// Takes out who is served next. O(1).
@@ -165,9 +162,8 @@ impl WaitList {
         // SAFETY: by the contract the node is in this list, so by the invariant it and its neighbour are live.
         unsafe {
             self.first = node.as_ref().after;
-            match self.first {
-                Some(first) => (*first.as_ptr()).before = None,
-                None => self.last = None,
+            if let Some(first) = self.first {
+                (*first.as_ptr()).before = node.as_ref().before;
             }
         }
     }
@@ -219,17 +215,26 @@ impl WaitList {
         }
     }
 
+    /// The last one of all.
+    #[inline]
+    fn last(&self) -> Option<NonNull<WaitNode>> {
+        // SAFETY: by the invariant the first is live.
+        self.first
+            .and_then(|first| unsafe { first.as_ref() }.before)
+    }
+
     /// The last one of this priority or higher.
     #[inline]
     fn last_of(&self, priority: Priority) -> Option<NonNull<WaitNode>> {
-        let mut last = self.last;
+        let mut last = self.last();
         while let Some(node) = last {
             // SAFETY: by the invariant all in the list are live.
-            let node = unsafe { node.as_ref() };
-            if node.priority >= priority {
+            let fields = unsafe { node.as_ref() };
+            if fields.priority >= priority {
                 break;
             }
-            last = node.before;
+            // Before the first stands the last.
+            last = fields.before.filter(|_| self.first != Some(node));
         }
         last
     }
@@ -264,40 +269,40 @@ impl WaitList {
     unsafe fn link(&mut self, before: Option<NonNull<WaitNode>>, node: NonNull<WaitNode>) {
         // SAFETY: by the contract the new node is live and ours; by the invariant so are all in the list.
         unsafe {
+            let last = self.last();
             let after = match before {
-                Some(before) => before.as_ref().after,
-                None => self.first,
+                Some(before) => (*before.as_ptr()).after.replace(node),
+                None => self.first.replace(node),
             };
             let fields = &mut *node.as_ptr();
-            fields.before = before;
+            // The first has the last before it, which is itself where nobody else is.
+            fields.before = before.or(last).or(Some(node));
             fields.after = after;
-            match before {
-                Some(before) => (*before.as_ptr()).after = Some(node),
-                None => self.first = Some(node),
-            }
-            match after {
-                Some(after) => (*after.as_ptr()).before = Some(node),
-                None => self.last = Some(node),
+            if let Some(follower) = after.or(self.first) {
+                (*follower.as_ptr()).before = Some(node);
             }
         }
     }
 
     /// Puts all of `other` behind those in this list, and leaves it empty. O(1).
     pub fn append(&mut self, other: &mut WaitList) {
-        let Some(first) = other.first.take() else {
+        let (Some(first), last) = (other.first, other.last()) else {
+            return;
+        };
+        other.first = None;
+        let Some(own_first) = self.first else {
+            self.first = Some(first);
             return;
         };
         // SAFETY: by the invariant all nodes of both lists are live; both belong to this lock.
         unsafe {
-            match self.last {
-                Some(last) => {
-                    (*last.as_ptr()).after = Some(first);
-                    (*first.as_ptr()).before = Some(last);
-                }
-                None => self.first = Some(first),
+            let own_last = (*own_first.as_ptr()).before;
+            if let Some(own_last) = own_last {
+                (*own_last.as_ptr()).after = Some(first);
             }
+            (*first.as_ptr()).before = own_last;
+            (*own_first.as_ptr()).before = last;
         }
-        self.last = other.last.take();
     }
 
     /// Takes `node` out. O(1).
@@ -309,17 +314,19 @@ impl WaitList {
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
         // SAFETY: by the contract the node is in this list, so by the invariant it and its neighbours are live.
         unsafe {
-            let fields = &mut *node.as_ptr();
-            match fields.before {
-                Some(before) => (*before.as_ptr()).after = fields.after,
-                None => self.first = fields.after,
+            let (before, after) = {
+                let fields = &mut *node.as_ptr();
+                (fields.before.take(), fields.after.take())
+            };
+            if self.first == Some(node) {
+                self.first = after;
+            } else if let Some(before) = before {
+                (*before.as_ptr()).after = after;
             }
-            match fields.after {
-                Some(after) => (*after.as_ptr()).before = fields.before,
-                None => self.last = fields.before,
+            // Before who follows, or before the first if it was the last.
+            if let Some(follower) = after.or(self.first) {
+                (*follower.as_ptr()).before = before;
             }
-            fields.before = None;
-            fields.after = None;
         }
     }
 

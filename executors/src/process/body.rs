@@ -1,5 +1,6 @@
 //! The body of a process, and what is done around each of its polls.
 
+use super::living::Living;
 use super::record::{RawExit, Record};
 use luna_platform::current;
 use std::any::Any;
@@ -9,18 +10,23 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// A process' body, with all that the framework does around each of its polls.
+/// Whose body it is, and whom it is counted among.
+#[derive(Clone, Copy)]
+pub(crate) struct Of<'a> {
+    pub(crate) record: &'a Arc<Record>,
+    pub(crate) living: &'a Living,
+}
+
+/// A process' body, with all that the framework does around each of its polls. It is always polled with the same record.
 pub(crate) struct Body<F> {
     /// `None` once it has ended.
     future: Option<F>,
-    record: Arc<Record>,
 }
 
 impl<F: Future<Output = ()>> Body<F> {
-    pub(crate) fn new(future: F, record: Arc<Record>) -> Self {
+    pub(crate) fn new(future: F) -> Self {
         Self {
             future: Some(future),
-            record,
         }
     }
 
@@ -30,40 +36,40 @@ impl<F: Future<Output = ()>> Body<F> {
     ///
     /// It has not ended before.
     #[inline(always)]
-    pub(crate) unsafe fn poll_unended(self: Pin<&mut Self>, cx: &mut Context<'_>) -> bool {
+    pub(crate) unsafe fn poll_unended(
+        self: Pin<&mut Self>,
+        of: Of<'_>,
+        cx: &mut Context<'_>,
+    ) -> bool {
         // SAFETY: `future` is never moved: it is polled pinned, and dropped in place; by the contract it is there.
         unsafe {
             let this = self.get_unchecked_mut();
             let future = this.future.as_mut().unwrap_unchecked();
             let has_ended = Pin::new_unchecked(future).poll(cx).is_ready();
             if has_ended {
-                this.end(RawExit::Completed);
+                this.end(of, RawExit::Completed);
             }
             has_ended
         }
     }
 
     /// Ends it after its poll has panicked. A body that panicked is dropped and never polled again, so nobody sees what it left half done.
-    pub(crate) fn end_panicked(self: Pin<&mut Self>, payload: Box<dyn Any + Send>) {
+    pub(crate) fn end_panicked(self: Pin<&mut Self>, of: Of<'_>, payload: Box<dyn Any + Send>) {
         // SAFETY: as above.
         let this = unsafe { self.get_unchecked_mut() };
-        this.end(RawExit::Panicked(payload));
+        this.end(of, RawExit::Panicked(payload));
     }
-}
 
-/// As a future it looks at all that may be asked for around a poll, and catches its panic.
-impl<F: Future<Output = ()>> Future for Body<F> {
-    type Output = ();
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+    /// Polls the future with all that may be asked for around a poll, and catches its panic; `true` if it has ended.
+    pub(crate) fn poll_attentively(self: Pin<&mut Self>, of: Of<'_>, cx: &mut Context<'_>) -> bool {
         // SAFETY: `future` is never moved: it is polled pinned, and dropped in place.
         let this = unsafe { self.get_unchecked_mut() };
-        let record = &*this.record;
+        let record = &**of.record;
         if !record.cancelled.load(Ordering::Acquire) {
             let Some(future) = this.future.as_mut() else {
-                return Poll::Ready(());
+                return true;
             };
-            let began = record.timed.then(|| record.begin_poll());
+            let began = record.is_timed().then(|| record.begin_poll());
             // SAFETY: see above.
             let future = unsafe { Pin::new_unchecked(future) };
             let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| future.poll(cx)));
@@ -72,26 +78,26 @@ impl<F: Future<Output = ()>> Future for Body<F> {
             }
             let exit = match polled {
                 Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => {
-                    return Poll::Pending;
+                    return false;
                 }
                 Ok(Poll::Pending) => RawExit::Cancelled,
                 Ok(Poll::Ready(())) => RawExit::Completed,
                 Err(payload) => RawExit::Panicked(payload),
             };
-            this.end(exit);
+            this.end(of, exit);
         } else {
-            this.end(RawExit::Cancelled);
+            this.end(of, RawExit::Cancelled);
         }
-        Poll::Ready(())
+        true
     }
 }
 
 impl<F> Body<F> {
-    fn end(&mut self, exit: RawExit) {
+    fn end(&mut self, of: Of<'_>, exit: RawExit) {
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
         let abandoned = !matches!(exit, RawExit::Completed);
-        let poisons = abandoned && self.record.is_poisoned();
+        let poisons = abandoned && of.record.is_poisoned();
         let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             let mut drop_body = || match abandoned {
                 true => current::with_abandoned(|| self.future = None),
@@ -112,6 +118,43 @@ impl<F> Body<F> {
             (_, Err(payload)) => RawExit::Panicked(payload),
             (exit, Ok(())) => exit,
         };
-        self.record.finish(exit);
+        of.record.finish(exit, of.living);
+    }
+}
+
+/// A body that is polled by another's loop.
+pub(crate) struct Recorded<F> {
+    body: Body<F>,
+    record: Arc<Record>,
+    living: Arc<Living>,
+}
+
+impl<F: Future<Output = ()>> Recorded<F> {
+    pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<Living>) -> Self {
+        Self {
+            body: Body::new(future),
+            record,
+            living,
+        }
+    }
+}
+
+impl<F: Future<Output = ()>> Future for Recorded<F> {
+    type Output = ();
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: the body is pinned with the whole.
+        let (body, of) = unsafe {
+            let this = self.get_unchecked_mut();
+            let of = Of {
+                record: &this.record,
+                living: &this.living,
+            };
+            (Pin::new_unchecked(&mut this.body), of)
+        };
+        match body.poll_attentively(of, cx) {
+            true => Poll::Ready(()),
+            false => Poll::Pending,
+        }
     }
 }

@@ -10,6 +10,7 @@ use std::future::Future;
 use std::marker::PhantomPinned;
 use std::pin::Pin;
 use std::ptr::NonNull;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 #[derive(Debug)]
@@ -18,14 +19,15 @@ use std::task::{Context, Poll};
 pub(super) struct JoinNode {
     /// First, so that the list's node leads back to this.
     pub(super) wait: WaitNode,
-    pub(super) listed: bool,
+    /// Cleared, as the last thing that is done with the node, by who takes it off the list.
+    pub(super) listed: AtomicBool,
 }
 
 /// Waits for the end of a process: see [`ProcessHandle::join`](crate::ProcessHandle::join).
 ///
 /// # Invariants
 ///
-/// `node` is accessed under the lock of the record's end alone, once it is listed; while `listed` it is in that end's list.
+/// `node` is accessed under the record's lock alone, once it is listed, but for `listed`; while that is so it is in the record's list.
 #[must_use = "a join does nothing unless awaited"]
 pub struct Join<'a> {
     record: &'a Record,
@@ -46,7 +48,7 @@ impl<'a> Join<'a> {
             record,
             node: UnsafeCell::new(JoinNode {
                 wait: WaitNode::new(),
-                listed: false,
+                listed: AtomicBool::new(false),
             }),
             may_be_listed: Cell::new(false),
             _pinned: PhantomPinned,
@@ -58,27 +60,37 @@ impl Future for Join<'_> {
     type Output = Exit;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Exit> {
-        let mut end = self.record.end.lock();
-        if let Some(exit) = end.exit() {
-            let node = self.node.get();
-            // SAFETY: the lock is held. Who ended the process takes the nodes off one by one, perhaps not this one yet.
-            self.may_be_listed.set(unsafe { (*node).listed });
-            return Poll::Ready(exit);
+        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
+        // SAFETY: it is atomic, and the future's own.
+        let listed = unsafe { &(*node.as_ptr()).listed };
+        // Who ended the process takes the nodes off one by one, perhaps not this one yet.
+        let ended = |exit| {
+            let may_be_listed = self.may_be_listed.get() && listed.load(Ordering::Acquire);
+            self.may_be_listed.set(may_be_listed);
+            Poll::Ready(exit)
+        };
+        if let Some(exit) = self.record.exit() {
+            return ended(exit);
+        }
+        let mut shown = self.record.shown.lock();
+        if self.record.has_ended() {
+            drop(shown);
+            return self.record.exit().map_or(Poll::Pending, ended);
         }
         self.may_be_listed.set(true);
-        let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
         let former = unsafe {
-            if (*node.as_ptr()).listed {
+            if listed.load(Ordering::Relaxed) {
                 (*node.as_ptr()).wait.wakeup_mut().replace(Wakeup::of(cx))
             } else {
-                end.joining
+                shown
+                    .joining
                     .insert(node.cast(), current::priority(), Wakeup::of(cx));
-                (*node.as_ptr()).listed = true;
+                listed.store(true, Ordering::Relaxed);
                 None
             }
         };
-        drop(end);
+        drop(shown);
         // Dropping a waker is the user's code, which may drop a join.
         drop(former);
         Poll::Pending
@@ -90,12 +102,12 @@ impl Drop for Join<'_> {
         if !self.may_be_listed.get() {
             return;
         }
-        let mut end = self.record.end.lock();
+        let mut shown = self.record.shown.lock();
         let node = NonNull::new(self.node.get()).expect("a cell's address is never null");
         // SAFETY: the lock is held, and `listed` says whether the node is in the list.
         unsafe {
-            if (*node.as_ptr()).listed {
-                end.joining.remove(node.cast());
+            if (*node.as_ptr()).listed.load(Ordering::Relaxed) {
+                shown.joining.remove(node.cast());
             }
         }
     }
@@ -109,12 +121,12 @@ pub(super) fn joiners(record: &Record) -> Vec<ProcessId> {
         let room = joiners.capacity();
         let mut count = 0;
         {
-            let end = record.end.lock();
-            let mut next = end.joining.first();
+            let shown = record.shown.lock();
+            let mut next = shown.joining.first();
             while let Some(node) = next {
                 // SAFETY: a node in the list is live, and guarded by the lock that is held.
                 let user = unsafe {
-                    next = end.joining.after(node);
+                    next = shown.joining.after(node);
                     node.as_ref().user()
                 };
                 count += 1;

@@ -6,7 +6,7 @@ mod living;
 mod overseer;
 mod record;
 
-pub(crate) use body::Body;
+pub(crate) use body::{Body, Of, Recorded};
 pub use join::Join;
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
@@ -18,7 +18,6 @@ use luna_platform::current::{self, ProcessId};
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// What a process is to be: its name, its level, and who looks at its polls.
@@ -208,8 +207,8 @@ impl ProcessHandle {
 
     /// The longest time between two awaits, if its polls are timed ([`ProcessSpec::timed`]) and it has run.
     pub fn longest_poll(&self) -> Option<Duration> {
-        (self.0.timed && self.polls() > 0)
-            .then(|| Duration::from_nanos(self.0.longest_poll.load(Ordering::Relaxed)))
+        let longest = self.0.longest_poll()?;
+        (self.polls() > 0).then(|| Duration::from_nanos(longest))
     }
 
     /// Asks the process to end: its body is dropped on its own thread, where it waits, as soon as that thread comes to it.

@@ -48,14 +48,14 @@ impl Notice {
 ///
 /// # Invariants
 ///
-/// A process that is here is live: it says before it goes.
+/// A process that is here is live, and has a waker: it says before it goes.
 enum Seen {
     /// It is not there yet, or not any more, and was polled so often.
     Nothing {
         polls: u64,
     },
-    Waker(Waker),
-    Process(Waker, NonNull<Process>),
+    Waker(Box<Waker>),
+    Process(NonNull<Process>),
 }
 
 // SAFETY: a process can be looked at from any thread.
@@ -65,8 +65,16 @@ impl Seen {
     fn process(&self) -> Option<&Process> {
         match self {
             // SAFETY: the type's invariant.
-            Seen::Process(_, process) => Some(unsafe { process.as_ref() }),
+            Seen::Process(process) => Some(unsafe { process.as_ref() }),
             _ => None,
+        }
+    }
+
+    fn waker(&self) -> Option<&Waker> {
+        match self {
+            Seen::Nothing { .. } => None,
+            Seen::Waker(waker) => Some(waker),
+            seen => seen.process().and_then(Process::waker),
         }
     }
 
@@ -76,6 +84,13 @@ impl Seen {
             seen => seen.process().map_or(0, Process::polls),
         }
     }
+
+    /// Says that the process goes.
+    #[must_use = "a waker is not dropped under a lock"]
+    fn forget(&mut self) -> Seen {
+        let polls = self.polls();
+        std::mem::replace(self, Seen::Nothing { polls })
+    }
 }
 
 /// What outlives the body of a process.
@@ -83,9 +98,6 @@ pub(crate) struct Record {
     pub(super) name: Arc<str>,
     pub(super) id: ProcessId,
     pub(super) level: u8,
-    /// Whether its polls are timed, be it for the overseer's sake.
-    pub(super) timed: bool,
-    overseer: Option<Arc<dyn Overseer>>,
     /// One of [`Outcome`].
     outcome: AtomicU8,
     /// Its thread has gone under with the body, which still refers to what it was made of.
@@ -93,47 +105,58 @@ pub(crate) struct Record {
     pub(super) cancelled: AtomicBool,
     /// It was ended by its overseer.
     poisoned: AtomicBool,
-    /// Written by the process' thread alone.
-    pub(super) longest_poll: AtomicU64,
-    seen: PiLock<Seen>,
-    pub(super) end: PiLock<End>,
-    living: Arc<Living>,
     /// Whether its end is to be listed.
     listed: bool,
     unhurried: bool,
+    pub(super) shown: PiLock<Shown>,
+    /// If its polls are timed, be it for the overseer's sake.
+    timing: Option<Box<Timing>>,
     /// Who ended before it, while it is listed.
     pub(super) after: AtomicPtr<Record>,
 }
 
-/// How it ended, and who waits for that.
-pub(super) struct End {
-    exit: Option<RawExit>,
+/// What is looked at and changed from other threads.
+pub(super) struct Shown {
+    seen: Seen,
     pub(super) joining: WaitList,
+    /// What it has panicked with.
+    panic: Option<Box<dyn Any + Send>>,
+}
+
+/// Of a process whose polls are timed.
+struct Timing {
+    overseer: Option<Arc<dyn Overseer>>,
+    /// Written by the process' thread alone.
+    longest_poll: AtomicU64,
 }
 
 impl Record {
-    pub(crate) fn new(spec: ProcessSpec, living: Arc<Living>) -> Arc<Self> {
+    /// A process that counts among those that live.
+    pub(crate) fn new(spec: ProcessSpec, living: &Living) -> Arc<Self> {
         living.enter();
         path::name_process(spec.id, &spec.name);
+        let timing = (spec.timed || spec.overseer.is_some()).then(|| {
+            Box::new(Timing {
+                overseer: spec.overseer,
+                longest_poll: AtomicU64::new(0),
+            })
+        });
         Arc::new(Self {
             name: spec.name,
             id: spec.id,
             level: spec.level,
-            timed: spec.timed || spec.overseer.is_some(),
-            overseer: spec.overseer,
             outcome: AtomicU8::new(Outcome::NONE),
             body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             poisoned: AtomicBool::new(false),
-            longest_poll: AtomicU64::new(0),
-            seen: PiLock::new(Seen::Nothing { polls: 0 }),
-            end: PiLock::new(End {
-                exit: None,
-                joining: WaitList::new(),
-            }),
-            living,
             listed: spec.listed,
             unhurried: spec.unhurried,
+            shown: PiLock::new(Shown {
+                seen: Seen::Nothing { polls: 0 },
+                joining: WaitList::new(),
+                panic: None,
+            }),
+            timing,
             after: AtomicPtr::new(ptr::null_mut()),
         })
     }
@@ -154,7 +177,7 @@ impl Record {
     /// What its executor is to look at before its first poll.
     pub(crate) fn notices(&self) -> u8 {
         let cancelled = self.is_cancelled();
-        let timed = if self.timed { Notice::TIMED } else { 0 };
+        let timed = if self.is_timed() { Notice::TIMED } else { 0 };
         timed | if cancelled { Notice::CANCELLED } else { 0 }
     }
 
@@ -166,20 +189,43 @@ impl Record {
 
     /// How it ended, if it has. The message of a panic is made here.
     pub(super) fn exit(&self) -> Option<Exit> {
-        match self.outcome.load(Ordering::Acquire) {
-            Outcome::NONE => None,
-            Outcome::COMPLETED => Some(Exit::Completed),
-            Outcome::CANCELLED => Some(Exit::Cancelled),
-            _ => self.end.lock().exit(),
-        }
+        Some(match self.outcome.load(Ordering::Acquire) {
+            Outcome::NONE => return None,
+            Outcome::COMPLETED => Exit::Completed,
+            Outcome::CANCELLED => Exit::Cancelled,
+            _ => {
+                let shown = self.shown.lock();
+                Exit::Panicked(
+                    shown
+                        .panic
+                        .as_deref()
+                        .map_or_else(String::new, panic_message),
+                )
+            }
+        })
+    }
+
+    /// Whether its polls are timed.
+    pub(super) fn is_timed(&self) -> bool {
+        self.timing.is_some()
+    }
+
+    /// The longest of its polls in nanoseconds, if they are timed.
+    pub(super) fn longest_poll(&self) -> Option<u64> {
+        let timing = self.timing.as_ref()?;
+        Some(timing.longest_poll.load(Ordering::Relaxed))
+    }
+
+    fn overseer(&self) -> Option<&Arc<dyn Overseer>> {
+        self.timing.as_ref()?.overseer.as_ref()
     }
 
     pub(crate) fn state(&self) -> ProcessState {
-        let seen = self.seen.lock();
+        let shown = self.shown.lock();
         if self.has_ended() {
             return ProcessState::Ended;
         }
-        match seen.process().map(Process::activity) {
+        match shown.seen.process().map(Process::activity) {
             None | Some(Activity::New) => ProcessState::Created,
             Some(Activity::Ready) => ProcessState::Ready,
             Some(Activity::Running) => ProcessState::Running,
@@ -189,14 +235,14 @@ impl Record {
 
     /// How often it was given the processor.
     pub(super) fn polls(&self) -> u64 {
-        self.seen.lock().polls()
+        self.shown.lock().seen.polls()
     }
 
     /// Begins a timed poll; gives when.
     #[cold]
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
-        if let Some(overseer) = &self.overseer {
+        if let Some(overseer) = self.overseer() {
             // It may panic, and is nobody's overseer then.
             overseer.poll_begins(began);
             overseer::set(Some(overseer.clone()));
@@ -209,10 +255,12 @@ impl Record {
     pub(super) fn end_poll(&self, began: Instant) {
         let now = Instant::now();
         let took = now.nanos_since(began);
-        if took > self.longest_poll.load(Ordering::Relaxed) {
-            self.longest_poll.store(took, Ordering::Relaxed);
+        if let Some(Timing { longest_poll, .. }) = self.timing.as_deref()
+            && took > longest_poll.load(Ordering::Relaxed)
+        {
+            longest_poll.store(took, Ordering::Relaxed);
         }
-        let Some(overseer) = &self.overseer else {
+        let Some(overseer) = self.overseer() else {
             return;
         };
         // The record has another, so nothing is freed here.
@@ -228,18 +276,20 @@ impl Record {
         self.poisoned.load(Ordering::Relaxed)
     }
 
-    /// Says how to wake it before it is there.
+    /// Says how to wake it before it is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
-        *self.seen.lock() = Seen::Waker(waker);
+        let waker = Box::new(waker);
+        self.shown.lock().seen = Seen::Waker(waker);
     }
 
-    /// Says where it is, and how to wake it. The process stays there until [`forget_process`](Self::forget_process).
+    /// Says where it is. The process, which has a waker, stays there until it has [finished](Self::finish), or it was [forgotten](Self::forget_process).
     ///
     /// # Safety
     ///
     /// That.
-    pub(crate) unsafe fn set_process(&self, waker: Waker, process: NonNull<Process>) {
-        *self.seen.lock() = Seen::Process(waker, process);
+    pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
+        let before = std::mem::replace(&mut self.shown.lock().seen, Seen::Process(process));
+        drop(before);
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
@@ -248,25 +298,18 @@ impl Record {
 
     /// Says that the process goes.
     pub(crate) fn forget_process(&self) {
-        let seen = {
-            let mut seen = self.seen.lock();
-            let polls = seen.polls();
-            std::mem::replace(&mut *seen, Seen::Nothing { polls })
-        };
+        let seen = self.shown.lock().seen.forget();
         drop(seen);
     }
 
     pub(crate) fn cancel(&self) {
         self.cancelled.store(true, Ordering::Release);
         let waker = {
-            let seen = self.seen.lock();
-            if let Some(process) = seen.process() {
+            let shown = self.shown.lock();
+            if let Some(process) = shown.seen.process() {
                 process.notify(Notice::CANCELLED);
             }
-            match &*seen {
-                Seen::Nothing { .. } => None,
-                Seen::Waker(waker) | Seen::Process(waker, _) => Some(waker.clone()),
-            }
+            shown.seen.waker().cloned()
         };
         if let Some(waker) = waker {
             waker.wake();
@@ -285,40 +328,47 @@ impl Record {
     }
 
     /// Ends a process whose body never ran.
-    pub(crate) fn end_unstarted(self: &Arc<Self>) {
-        self.finish(RawExit::Cancelled);
+    pub(crate) fn end_unstarted(self: &Arc<Self>, living: &Living) {
+        self.finish(RawExit::Cancelled, living);
     }
 
     /// Ends a process whose body could not be made.
-    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>) {
-        self.finish(RawExit::Panicked(payload));
+    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>, living: &Living) {
+        self.finish(RawExit::Panicked(payload), living);
     }
 
-    pub(super) fn finish(self: &Arc<Self>, exit: RawExit) {
-        let mut end = self.end.lock();
-        if end.exit.is_some() {
+    /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
+    pub(super) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
+        let mut shown = self.shown.lock();
+        if self.has_ended() {
+            drop(shown);
             return;
         }
         let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
             RawExit::Cancelled => Outcome::CANCELLED,
-            RawExit::Panicked(_) => Outcome::PANICKED,
+            RawExit::Panicked(payload) => {
+                shown.panic = Some(payload);
+                Outcome::PANICKED
+            }
         };
-        end.exit = Some(exit);
+        // Nobody has anything to ask of the process itself any more.
+        let mut seen = Some(shown.seen.forget());
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
-        while let Some(node) = end.joining.pop() {
+        while let Some(node) = shown.joining.pop() {
             // Nobody comes any more.
-            let is_last = end.joining.is_empty();
-            // SAFETY: a node in the list is live and guarded by the lock that is held; its join is pending until `gone` is set.
+            let is_last = shown.joining.is_empty();
+            // SAFETY: a node in the list is live and guarded by the lock that is held; its join uses it no more once it is not listed.
             let ready = unsafe {
-                let node = &mut *node.cast::<JoinNode>().as_ptr();
-                let ready = node.wait.wakeup_mut().take().map(|wakeup| wakeup.take());
-                node.listed = false;
+                let node = node.cast::<JoinNode>().as_ptr();
+                let ready = (*node).wait.wakeup_mut().take().map(|wakeup| wakeup.take());
+                (*node).listed.store(false, Ordering::Release);
                 ready
             };
-            drop(end);
+            drop(shown);
+            drop(seen.take());
             if let Some(ready) = ready
                 && let Err(payload) = catch_unwind(AssertUnwindSafe(|| ready.wake()))
             {
@@ -326,20 +376,21 @@ impl Record {
                 std::mem::forget(payload);
             }
             if is_last {
-                return self.tell(in_a_hurry);
+                return self.tell(in_a_hurry, living);
             }
-            end = self.end.lock();
+            shown = self.shown.lock();
         }
-        drop(end);
-        self.tell(in_a_hurry);
+        drop(shown);
+        drop(seen);
+        self.tell(in_a_hurry, living);
     }
 
     /// Tells who counts and lists the processes that this one has ended.
-    fn tell(self: &Arc<Self>, in_a_hurry: bool) {
+    fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
         if self.listed {
-            self.living.list_ended(self.clone());
+            living.list_ended(self.clone());
         }
-        self.living.leave(in_a_hurry);
+        living.leave(in_a_hurry);
     }
 }
 
@@ -351,16 +402,5 @@ impl fmt::Debug for Record {
             .field("level", &self.level)
             .field("state", &self.state())
             .finish_non_exhaustive()
-    }
-}
-
-impl End {
-    /// How it ended, if it has. The message of a panic is made here.
-    pub(super) fn exit(&self) -> Option<Exit> {
-        Some(match self.exit.as_ref()? {
-            RawExit::Completed => Exit::Completed,
-            RawExit::Cancelled => Exit::Cancelled,
-            RawExit::Panicked(payload) => Exit::Panicked(panic_message(&**payload)),
-        })
     }
 }

@@ -15,11 +15,12 @@
 //! memory then goes when nobody refers to it any more: wakeups are counted in its [`current::Process`], wakers in the task. The process' own waker
 //! stands for all wakeups among the wakers. Memory that goes on the real-time path is freed off it.
 
+mod memory;
 mod waker;
 
 use crate::executor::Shared;
 use crate::interference;
-use crate::process::{Body, Notice, Record};
+use crate::process::{Body, Notice, Of, Record};
 use crate::seats::{Seat, Seats};
 use luna_platform::current::{self, Methods, Place, Process};
 use luna_platform::reclaim::Retired;
@@ -30,7 +31,7 @@ use std::mem::offset_of;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::AtomicU32;
 use std::task::Context;
 
 thread_local! {
@@ -74,7 +75,7 @@ static METHODS: Methods = Methods {
 ///
 /// # Invariants
 ///
-/// It is the first field of a [`Whole`], in a box of its own, and all pointers to it are made of that box's. The body is touched by the home's thread
+/// It is the first field of a [`Whole`], in [memory] of its own, and all pointers to it are made of that to the whole. The body is touched by the home's thread
 /// alone. `references` counts the wakers; with the last one the whole goes. The process has an owner, the task, and until it is freed a waker.
 #[repr(C)]
 struct Task {
@@ -84,9 +85,11 @@ struct Task {
     poll: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
     methods: &'static BodyMethods,
     record: Arc<Record>,
-    seat: Seat,
     shared: Arc<Shared>,
-    references: AtomicUsize,
+    seat: Seat,
+    references: AtomicU32,
+    /// How many bytes in front of the task belong to its memory.
+    skipped: u8,
     retired: Retired,
 }
 
@@ -96,6 +99,17 @@ struct BodyMethods {
     poll_attentively: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
+}
+
+impl Task {
+    /// Whose body is to be polled.
+    #[inline(always)]
+    fn of(&self) -> Of<'_> {
+        Of {
+            record: &self.record,
+            living: self.shared.living(),
+        }
+    }
 }
 
 #[repr(C)]
@@ -117,7 +131,10 @@ where
     );
     let seat = SEATS.with_borrow_mut(Seats::reserve);
     let number = seat.number();
-    let whole = Box::new(Whole {
+    let (whole, skipped) = memory::allocate::<Whole<F>>();
+    let level = record.level();
+    let notices = record.notices();
+    let value = Whole {
         task: Task {
             process,
             poll: poll::<F>,
@@ -127,28 +144,30 @@ where
                     end_panicked: end_panicked::<F>,
                 }
             },
-            record: record.clone(),
-            seat,
+            record,
             shared: shared.clone(),
-            references: AtomicUsize::new(0),
+            seat,
+            references: AtomicU32::new(waker::FIRST),
+            skipped,
             retired: Retired::new(free_retired::<F>),
         },
-        body: UnsafeCell::new(Body::new(future, record.clone())),
-    });
-    let task = NonNull::from(Box::leak(whole)).cast::<Task>();
+        body: UnsafeCell::new(Body::new(future)),
+    };
+    // SAFETY: it is room for it.
+    unsafe { whole.write(value) };
+    let task = whole.cast::<Task>();
     // SAFETY: nobody else knows the task yet, so nobody polls it. It stays where it is until `free` was called, and is ended once, by `retire`.
     unsafe {
         let this = task.as_ref();
-        this.process.set_waker(waker::new(task));
+        this.process.set_waker(waker::first(task));
         this.process.set_owner(task.cast(), &METHODS);
-        let notices = record.notices();
         if notices != 0 {
             this.process.notify(notices);
         }
-        record.set_process(waker::new(task), NonNull::from(&this.process));
+        this.record.set_process(NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
         TASKS.set(TASKS.get() + 1);
-        this.process.ready_at(record.level(), Place::Last);
+        this.process.ready_at(level, Place::Last);
     }
 }
 
@@ -196,7 +215,7 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 /// As for [`body`]; and the body has not ended.
 unsafe fn poll<F: Future<Output = ()>>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool {
     // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_unended(cx) }
+    unsafe { body::<F>(task).poll_unended(task.as_ref().of(), cx) }
 }
 
 /// # Safety
@@ -207,7 +226,7 @@ where
     F: Future<Output = ()>,
 {
     // SAFETY: the contract.
-    unsafe { body::<F>(task) }.poll(cx).is_ready()
+    unsafe { body::<F>(task).poll_attentively(task.as_ref().of(), cx) }
 }
 
 /// # Safety
@@ -218,7 +237,7 @@ where
     F: Future<Output = ()>,
 {
     // SAFETY: the contract.
-    unsafe { body::<F>(task) }.end_panicked(payload);
+    unsafe { body::<F>(task).end_panicked(task.as_ref().of(), payload) };
 }
 
 /// As [`Methods::ready_elsewhere`] says.
@@ -287,7 +306,9 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
 
 /// Ends the process whose turn a panic has ended. If there is none, gives the panic back: it is the thread's own.
 pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn Any + Send>> {
-    let Some(owner) = current::process(|process| process?.owner()) else {
+    // SAFETY: on this thread only tasks have turns, which have owners.
+    let owner = current::process(|process| Some(unsafe { process?.owner() }));
+    let Some(owner) = owner else {
         return Err(payload);
     };
     let task = owner.cast::<Task>();
@@ -333,7 +354,7 @@ unsafe fn retire(task: NonNull<Task>) {
     }
 }
 
-/// Lets go of the wakers that a task has of itself: its process has ended, and no wakeup refers to it any more.
+/// Lets go of the waker that a task has of itself: its process has ended, and no wakeup refers to it any more.
 ///
 /// # Safety
 ///
@@ -341,10 +362,7 @@ unsafe fn retire(task: NonNull<Task>) {
 unsafe fn free(owner: NonNull<()>) {
     // SAFETY: the contract. The process' waker keeps the task until it is dropped, which is the last that is done here.
     unsafe {
-        let this = owner.cast::<Task>().as_ref();
-        this.record.forget_process();
-        let last = this.process.take_waker();
-        drop(last);
+        drop(owner.cast::<Task>().as_ref().process.take_waker());
     }
 }
 
@@ -352,9 +370,12 @@ unsafe fn free(owner: NonNull<()>) {
 ///
 /// `head` is the field of a `Whole<F>` that nobody uses any more, and whose body has ended.
 unsafe fn free_retired<F>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `start` made it of a box. What is left of the body is the framework's own, and can go on any thread.
+    // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own, and can go on any thread.
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
-        drop(Box::from_raw(task.cast::<Whole<F>>().as_ptr()));
+        let skipped = task.as_ref().skipped;
+        let whole = task.cast::<Whole<F>>();
+        whole.drop_in_place();
+        memory::free(whole, skipped);
     }
 }

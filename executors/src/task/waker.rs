@@ -7,18 +7,17 @@ use std::ptr::NonNull;
 use std::sync::atomic::{Ordering, fence};
 use std::task::{RawWaker, RawWakerVTable, Waker};
 
-/// Another waker of `task`.
+/// How many wakers a task begins with.
+pub(super) const FIRST: u32 = 1;
+
+/// The first waker of `task`, which is counted already.
 ///
 /// # Safety
 ///
-/// The task is live: it has a waker already, or nobody else knows it yet.
-pub(super) unsafe fn new(task: NonNull<Task>) -> Waker {
-    // SAFETY: the contract. Relaxed: who has a waker may pass it on, and brings what that needs itself.
-    unsafe {
-        task.as_ref().references.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker is counted.
-        Waker::new(task.as_ptr().cast(), &TABLE)
-    }
+/// The task begins with that count, and this is called once.
+pub(super) unsafe fn first(task: NonNull<Task>) -> Waker {
+    // SAFETY: the table's functions keep to the contract of wakers, from any thread, and each waker is counted.
+    unsafe { Waker::new(task.as_ptr().cast(), &TABLE) }
 }
 
 static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, discard);
@@ -37,10 +36,14 @@ unsafe fn task(data: *const ()) -> NonNull<Task> {
 // SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is discarded.
 
 unsafe fn clone(data: *const ()) -> RawWaker {
-    // SAFETY: see above.
-    unsafe { task(data).as_ref() }
+    // SAFETY: see above. Relaxed: who has a waker may pass it on, and brings what that needs itself.
+    let before = unsafe { task(data).as_ref() }
         .references
         .fetch_add(1, Ordering::Relaxed);
+    if before > i32::MAX as u32 {
+        // So many were leaked: to wrap would be to free what is owned.
+        std::process::abort();
+    }
     RawWaker::new(data, &TABLE)
 }
 
@@ -66,7 +69,7 @@ unsafe fn wake_by_ref(data: *const ()) {
 }
 
 unsafe fn discard(data: *const ()) {
-    // SAFETY: see above; the last waker leaves nobody who uses the task. Its own two are dropped only after its body has ended, and its process.
+    // SAFETY: see above; the last waker leaves nobody who uses the task. Its own one is dropped only after its body has ended, and its process.
     unsafe {
         let task = task(data);
         // Release and Acquire: whoever frees the task does so after all that others did with it.

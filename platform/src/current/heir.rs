@@ -224,9 +224,7 @@ impl Heir {
     unsafe fn count(&self, state: &mut LentThread, lent: Lent, more: bool) -> bool {
         let counted = match &self.to {
             // SAFETY: the contract.
-            To::Process(reference) => unsafe {
-                reference.process().inheritance().count(lent, more)
-            },
+            To::Process(reference) => unsafe { reference.process().count_lent(lent, more) },
             To::Thread(_) => lent != Lent::Nothing,
         };
         if let (true, Lent::Thread(priority)) = (counted, lent) {

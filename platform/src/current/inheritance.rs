@@ -12,19 +12,20 @@ pub(super) const LEVEL: u8 = LEVELS - 1;
 /// Beside the level: the process was lent its thread's priority.
 const THREAD: u8 = 1 << 7;
 
-/// What a process was lent, and the level that it runs at for that.
+/// The level that a process runs at: its own, or the highest that it was lent. Beside what each of its turns touches.
+pub(super) struct LevelNow(AtomicU8);
+
+/// What a process was lent.
 ///
 /// # Invariants
 ///
-/// `counts` and `waits` are touched under the lock of `home` alone. `now` is the process' own level, or the highest that it was lent.
+/// `counts` and `waits` are touched under the lock of `home` alone.
 pub(super) struct Inheritance {
-    now: AtomicU8,
-    own: u8,
-    counts: UnsafeCell<Counts>,
-    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
-    pub(super) waits: UnsafeCell<WaitList>,
     /// None for a process outside of any home, which is lent nothing.
     pub(super) home: Option<Arc<HomeThread>>,
+    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
+    pub(super) waits: UnsafeCell<WaitList>,
+    counts: UnsafeCell<Counts>,
 }
 
 struct Counts {
@@ -34,43 +35,46 @@ struct Counts {
     threads: u16,
 }
 
+impl LevelNow {
+    pub(super) fn new(own: u8) -> Self {
+        Self(AtomicU8::new(own & LEVEL))
+    }
+
+    #[inline]
+    pub(super) fn get(&self) -> u8 {
+        self.0.load(Ordering::Relaxed) & LEVEL
+    }
+
+    /// The priority of the process' thread, which is `own` if nothing was lent.
+    #[inline]
+    pub(super) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
+        if self.0.load(Ordering::Relaxed) & THREAD == 0 {
+            return own;
+        }
+        let home = inheritance.home.as_ref();
+        home.map_or(own, |thread| own.max(thread.lent()))
+    }
+}
+
 impl Inheritance {
-    pub(super) fn new(own: u8, home: Option<Arc<HomeThread>>) -> Self {
+    pub(super) fn new(home: Option<Arc<HomeThread>>) -> Self {
         Self {
-            now: AtomicU8::new(own & LEVEL),
-            own: own & LEVEL,
+            home,
+            waits: UnsafeCell::new(WaitList::new()),
             counts: UnsafeCell::new(Counts {
                 levels: [0; LEVELS as usize],
                 lent: 0,
                 threads: 0,
             }),
-            waits: UnsafeCell::new(WaitList::new()),
-            home,
         }
     }
 
-    #[inline]
-    pub(super) fn level(&self) -> u8 {
-        self.now.load(Ordering::Relaxed) & LEVEL
-    }
-
-    /// The priority of the process' thread, which is `own` if nothing was lent.
-    #[inline]
-    pub(super) fn thread(&self, own: u8) -> u8 {
-        if self.now.load(Ordering::Relaxed) & THREAD == 0 {
-            return own;
-        }
-        self.home
-            .as_ref()
-            .map_or(own, |thread| own.max(thread.lent()))
-    }
-
-    /// Changes what is counted for `lent`, by one more or one less. `false`: there are too many to be counted, and nothing has changed.
+    /// See [`Process::count_lent`](super::Process::count_lent); of the process at level `now`, whose own is `own`.
     ///
     /// # Safety
     ///
     /// The home's lock is held.
-    pub(super) unsafe fn count(&self, lent: Lent, more: bool) -> bool {
+    pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, lent: Lent, more: bool) -> bool {
         // SAFETY: the contract.
         let counts = unsafe { &mut *self.counts.get() };
         let count = match lent {
@@ -95,14 +99,13 @@ impl Inheritance {
                 counts.lent | bit
             };
         }
-        let now = if counts.threads > 0 {
+        let highest = if counts.threads > 0 {
             THREAD | LEVEL
         } else {
             // 0 if none is lent, which is no more than its own.
-            self.own
-                .max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
+            (own & LEVEL).max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
         };
-        self.now.store(now, Ordering::Relaxed);
+        now.0.store(highest, Ordering::Relaxed);
         true
     }
 }

@@ -17,12 +17,14 @@ use std::task::Waker;
 /// The pointer is to a live allocation until this is dropped.
 pub struct Lone(NonNull<Memory>);
 
-#[repr(C)]
+#[repr(C, align(32))]
 struct Memory {
     /// First, so that a pointer to it leads back to this.
     process: Process,
     retired: Retired,
 }
+
+const _: () = assert!(align_of::<Memory>() == Process::ALIGN);
 
 /// Such a process is never readied but by its waker.
 pub(super) static METHODS: Methods = Methods {

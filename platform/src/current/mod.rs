@@ -71,7 +71,7 @@ impl Branch {
     #[inline]
     fn branch(self, failed: bool, levels: u8) -> Branch {
         // More than all levels is as good as all, and stays clear of the bits.
-        let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS);
+        let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS - 1);
         Branch(self.0 & Self::FAILED | u8::from(failed) << 7 | Self::PART | lowered)
     }
 }

@@ -1,6 +1,7 @@
 //! What the framework knows of a process.
 
-use super::inheritance::Inheritance;
+use super::heir::Lent;
+use super::inheritance::{Inheritance, LevelNow};
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;
@@ -140,10 +141,13 @@ enum Kind {
 ///
 /// # Invariants
 ///
-/// `waker` is written before the process is polled for the first time and when it is freed; in between it is only read. `owner` with
-/// its methods, and `kind`, are there for the processes of executors; the owner stays valid until `free` was called. `link`, `queued_level` and `state` are
-/// written by the home's thread alone, and the link is in its run queue exactly while the state says so, at `queued_level`.
-#[repr(C, align(64))]
+/// `waker` is written before the process is polled for the first time and when it is freed; in between it is only read. `methods` and `kind` are there
+/// for the processes of executors and those that are alone; their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN), its address is exposed, and it
+/// stays valid until `free` was called. `link`, `queued_level` and `state` are written by the home's thread alone, and the link is in its run queue exactly while the state says
+/// so, at `queued_level`.
+///
+/// What each turn and each wait touches comes first: 96 bytes, which lie on two cache lines wherever [`ALIGN`](Process::ALIGN) puts them.
+#[repr(C)]
 pub struct Process {
     /// First, so that it leads back to this.
     link: Link,
@@ -154,21 +158,25 @@ pub struct Process {
     kind: Cell<Kind>,
     thread_priority: u8,
     own_level: u8,
+    level: LevelNow,
     id: ProcessId,
     home: Home,
     pub(super) references: References,
     waker: UnsafeCell<Option<Waker>>,
     polls: AtomicU64,
+    methods: Cell<Option<&'static Methods>>,
     inheritance: Inheritance,
-    owner: UnsafeCell<Option<(NonNull<()>, &'static Methods)>>,
 }
 
-// SAFETY: by the invariant `waker` and `owner` do not change while others can see them; `references` says itself who may do what.
+// SAFETY: by the invariant `waker` and `methods` do not change while others can see them; `references` says itself who may do what.
 unsafe impl Sync for Process {}
 // SAFETY: as above; a pointer may go anywhere.
 unsafe impl Send for Process {}
 
 impl Process {
+    /// At a multiple of this lies a process that is referred to by counting: below it a reference keeps the levels of a branch.
+    pub const ALIGN: usize = LEVELS as usize;
+
     /// A process of `home`, whose thread has the real-time priority `thread_priority` (0: none), at `level`.
     pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
         Self {
@@ -179,13 +187,14 @@ impl Process {
             kind: Cell::new(Kind::Bare),
             thread_priority,
             own_level: level,
+            level: LevelNow::new(level),
             id,
             home,
             references: References::new(),
             waker: UnsafeCell::new(None),
             polls: AtomicU64::new(0),
-            inheritance: Inheritance::new(level, super::home_thread_of(home)),
-            owner: UnsafeCell::new(None),
+            methods: Cell::new(None),
+            inheritance: Inheritance::new(super::home_thread_of(home)),
         }
     }
 
@@ -203,14 +212,17 @@ impl Process {
     ///
     /// # Safety
     ///
-    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first part. The methods may be called with `owner` as [`Methods`] says, until `free` was called;
-    /// until then this value stays where it is. [`end`](Self::end) is called once.
+    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first part, at a multiple of [`ALIGN`](Self::ALIGN). The methods may be called with `owner` as
+    /// [`Methods`] says, until `free` was called; until then this value stays where it is. [`end`](Self::end) is called once.
     pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
         let is_lone = ptr::eq(methods, &lone::METHODS);
         self.kind
             .set(if is_lone { Kind::Lone } else { Kind::Owned });
-        // SAFETY: the contract makes this the only access.
-        unsafe { *self.owner.get() = Some((owner, methods)) };
+        debug_assert_eq!(owner.addr().get(), ptr::from_ref(self).addr());
+        debug_assert_eq!(owner.addr().get() % Self::ALIGN, 0);
+        // It is found again by the process' own address.
+        owner.expose_provenance();
+        self.methods.set(Some(methods));
     }
 
     /// Takes the waker out, which breaks the circle of a process that holds a reference to itself.
@@ -244,8 +256,9 @@ impl Process {
     pub(super) unsafe fn free(this: NonNull<Process>) {
         // SAFETY: the contract, and that of `set_owner`.
         unsafe {
-            if let Some((owner, methods)) = *this.as_ref().owner.get() {
-                (methods.free)(owner);
+            let this = this.as_ref();
+            if let Some(methods) = this.methods.get() {
+                (methods.free)(this.owner());
             }
         }
     }
@@ -299,6 +312,19 @@ impl Process {
 
     pub(super) fn inheritance(&self) -> &Inheritance {
         &self.inheritance
+    }
+
+    /// Changes what is counted for `lent`, by one more or one less. `false`: there are too many to be counted, and nothing has changed.
+    ///
+    /// # Safety
+    ///
+    /// The home's lock is held.
+    pub(super) unsafe fn count_lent(&self, lent: Lent, more: bool) -> bool {
+        // SAFETY: the contract.
+        unsafe {
+            self.inheritance
+                .count(&self.level, self.own_level, lent, more)
+        }
     }
 
     /// Readies the process without its waker, that many levels below its own.
@@ -390,15 +416,18 @@ impl Process {
     /// The process is one of an executor's.
     #[inline(always)]
     unsafe fn link(&self) -> NonNull<Link> {
-        // SAFETY: the contract, so it has an owner, which lies where it lies itself.
-        unsafe { self.owner().unwrap_unchecked().cast() }
+        // SAFETY: the contract.
+        unsafe { self.owner().cast() }
     }
 
     /// Who was said to be its owner.
+    ///
+    /// # Safety
+    ///
+    /// Somebody was.
     #[inline(always)]
-    pub fn owner(&self) -> Option<NonNull<()>> {
-        // SAFETY: by the type's invariant it does not change once the process is polled.
-        unsafe { *self.owner.get() }.map(|(owner, _)| owner)
+    pub unsafe fn owner(&self) -> NonNull<()> {
+        NonNull::with_exposed_provenance(NonNull::from(self).addr())
     }
 
     /// Says that it is not to be readied any more: its body has ended. On the home's thread.
@@ -443,8 +472,8 @@ impl Process {
     pub(super) unsafe fn ready_elsewhere(&self, lowered: u8) {
         // SAFETY: the contract, and that of `set_owner`.
         unsafe {
-            if let Some((owner, methods)) = *self.owner.get() {
-                (methods.ready_elsewhere)(owner, self.lowered_priority(lowered).level);
+            if let Some(methods) = self.methods.get() {
+                (methods.ready_elsewhere)(self.owner(), self.lowered_priority(lowered).level);
             }
         }
     }
@@ -463,7 +492,7 @@ impl Process {
     /// The level that the process runs at: its own, or a higher one that it [inherits](super::Heir).
     #[inline]
     pub fn level(&self) -> u8 {
-        self.inheritance.level()
+        self.level.get()
     }
 
     /// How urgent the process is while it inherits nothing.
@@ -485,7 +514,7 @@ impl Process {
     #[inline]
     pub(super) fn lowered_priority(&self, lowered: u8) -> Priority {
         Priority {
-            thread: self.inheritance.thread(self.thread_priority),
+            thread: self.level.thread(self.thread_priority, &self.inheritance),
             level: self.level().saturating_sub(lowered),
         }
     }

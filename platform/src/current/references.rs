@@ -12,14 +12,16 @@ use std::cell::Cell;
 /// Added when the process has ended: the count alone cannot reach it before.
 const ENDED: i64 = 1 << 40;
 
+/// In the place of a count that no process reaches.
+const HAS_ENDED: i64 = i64::MIN;
+
 /// # Invariants
 ///
-/// `here` and `has_ended` are touched on the home's thread alone. Until the end, `here + elsewhere` is the number of references, where
+/// `here` is touched on the home's thread alone, and is [`HAS_ENDED`] from the end on. Until the end, `here + elsewhere` is the number of references, where
 /// `elsewhere` is those that were copied minus those that ended on other threads; after it, `elsewhere - ENDED` is.
 #[derive(Debug)]
 pub(super) struct References {
     here: Cell<i64>,
-    has_ended: Cell<bool>,
     elsewhere: AtomicI64,
 }
 
@@ -27,7 +29,6 @@ impl References {
     pub(super) fn new() -> Self {
         Self {
             here: Cell::new(0),
-            has_ended: Cell::new(false),
             elsewhere: AtomicI64::new(0),
         }
     }
@@ -49,8 +50,7 @@ impl References {
     #[inline]
     #[must_use = "the last one frees the process"]
     pub(super) fn remove(&self, is_home: bool) -> bool {
-        if is_home && !self.has_ended.get() {
-            self.here.set(self.here.get() - 1);
+        if is_home && self.remove_here() {
             return false;
         }
         // AcqRel: whoever frees the process does so after all that others did with it.
@@ -60,18 +60,17 @@ impl References {
     /// Counts one less before the process' end, on the home's thread. `false`: it has ended, and [`remove`](Self::remove) is to be called.
     #[inline(always)]
     pub(super) fn remove_here(&self) -> bool {
-        let is_before_end = !self.has_ended.get();
-        if is_before_end {
-            self.here.set(self.here.get() - 1);
+        let here = self.here.get();
+        if here != HAS_ENDED {
+            self.here.set(here - 1);
         }
-        is_before_end
+        here != HAS_ENDED
     }
 
     /// Ends the process, on the home's thread, once; `true` if nobody refers to it.
     #[must_use = "if nobody refers to it, the process is to be freed"]
     pub(super) fn end(&self) -> bool {
-        self.has_ended.set(true);
-        let added = self.here.replace(0) + ENDED;
+        let added = self.here.replace(HAS_ENDED) + ENDED;
         self.elsewhere.fetch_add(added, Ordering::AcqRel) + added == ENDED
     }
 }

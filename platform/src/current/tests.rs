@@ -24,17 +24,21 @@ fn readied() -> u8 {
     level as u8
 }
 
+/// Where references can lead.
+#[repr(align(32))]
+struct Aligned(Process);
+
 /// Calls `f` within a process of this level.
 fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
     let home = Home::new();
     let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
-    let process = Process::new(ProcessId::new(), home, 0, level);
+    let process = &Aligned(Process::new(ProcessId::new(), home, 0, level)).0;
     // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods ignore the owner.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
-        process.set_owner(NonNull::from(&process).cast(), &METHODS);
+        process.set_owner(NonNull::from(process).cast(), &METHODS);
         let waker = process.waker().expect("it was set above").clone();
-        with_process(&process, || f(&Context::from_waker(&waker)));
+        with_process(process, || f(&Context::from_waker(&waker)));
     }
 }
 
@@ -113,10 +117,10 @@ fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
 fn a_turn_that_panics_is_known_to_who_catches_it() {
     let home = Home::new();
     let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
-    let process = Process::new(ProcessId::new(), home, 0, 3);
+    let process = &Aligned(Process::new(ProcessId::new(), home, 0, 3)).0;
     // SAFETY: the process lives on, and its methods ignore the owner.
     unsafe {
-        process.set_owner(NonNull::from(&process).cast(), &METHODS);
+        process.set_owner(NonNull::from(process).cast(), &METHODS);
         process.ready_at(3, Place::Last);
         assert_eq!(process.activity(), Activity::Ready);
         let next = next_ready().expect("it is ready").cast::<Process>();

@@ -13,11 +13,11 @@ use std::task::{Context, Waker};
 /// # Invariants
 ///
 /// It is counted in the process' references, so the process' memory is there. The levels stand in the pointer's low bits, which are free
-/// since a [`Process`] is aligned to more than there are levels: a wakeup that is longer than two words makes each wait dearer by 15 ns.
+/// since a counted [`Process`] is aligned to as many as there are levels: a wakeup that is longer than two words makes each wait dearer by 15 ns.
 pub(super) struct Reference(NonNull<Process>);
 
-const LOWERED: usize = align_of::<Process>() - 1;
-const _: () = assert!(LOWERED > LEVELS as usize);
+const LOWERED: usize = Process::ALIGN - 1;
+const _: () = assert!(LOWERED + 1 >= LEVELS as usize && Process::ALIGN.is_power_of_two());
 
 // SAFETY: what it leads to is `Sync`, and counting down works from any thread.
 unsafe impl Send for Reference {}
