@@ -64,6 +64,9 @@ pub unsafe fn retire(head: NonNull<Retired>) {
 
 /// Frees what was put off. Not for the real-time path: O(number of allocations put off).
 pub fn collect() {
+    if RETIRED.load(Ordering::Relaxed).is_null() {
+        return;
+    }
     let mut next = RETIRED.swap(ptr::null_mut(), Ordering::Acquire);
     while let Some(head) = NonNull::new(next) {
         // SAFETY: the swap made the whole list ours; `retire` promised that each can be freed here.

@@ -98,14 +98,14 @@ pub struct ViaClosure;
 )]
 pub trait IntoProcess<M> {
     #[doc(hidden)]
-    fn prepare(self) -> Prepared;
+    fn prepare(self) -> Prepared<impl Build>;
 }
 
 impl<F: Future<Output = Result<()>> + Send + 'static> IntoProcess<ViaFuture> for F {
-    fn prepare(self) -> Prepared {
+    fn prepare(self) -> Prepared<impl Build> {
         Prepared {
             resident: None,
-            starter: Box::new(move || self),
+            build: move || self,
         }
     }
 }
@@ -115,40 +115,62 @@ where
     C: FnOnce() -> F + Send + 'static,
     F: Future<Output = Result<()>> + 'static,
 {
-    fn prepare(self) -> Prepared {
+    fn prepare(self) -> Prepared<impl Build> {
         Prepared {
             resident: None,
-            starter: Box::new(self),
+            build: self,
         }
     }
 }
 
 impl<P: Process + Send + 'static> IntoProcess<ViaProcess> for P {
-    fn prepare(self) -> Prepared {
+    fn prepare(self) -> Prepared<impl Build> {
         let resident = Resident::new(self);
         let at = Place(resident.place);
         Prepared {
             resident: Some(Box::new(resident)),
-            starter: Box::new(move || {
+            build: move || {
                 let at = at;
                 // SAFETY: the resident outlives the body, which is dropped before the record says that the process has ended (or else
                 // the record says that it was left, and the resident stays for ever), and does not touch the process in between; so this is the
                 // only access while the body lives.
                 let process: &'static mut P = unsafe { &mut *at.0 };
                 process.run()
-            }),
+            },
         }
     }
 }
 
 /// A process that is ready to be started.
 #[doc(hidden)]
-pub struct Prepared {
+pub struct Prepared<B> {
     pub(crate) resident: Option<Box<dyn Phases>>,
-    pub(crate) starter: Box<dyn Start>,
+    pub(crate) build: B,
 }
 
-impl fmt::Debug for Prepared {
+/// Makes a body on the thread that it is to run on.
+#[doc(hidden)]
+pub trait Build: Send + 'static {
+    /// The body.
+    type Body: Future<Output = Result<()>> + 'static;
+
+    /// Makes it.
+    fn build(self) -> Self::Body;
+}
+
+impl<B, F> Build for B
+where
+    B: FnOnce() -> F + Send + 'static,
+    F: Future<Output = Result<()>> + 'static,
+{
+    type Body = F;
+
+    fn build(self) -> F {
+        self()
+    }
+}
+
+impl<B> fmt::Debug for Prepared<B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Prepared").finish_non_exhaustive()
     }
@@ -235,13 +257,14 @@ pub(crate) trait Start: Send {
     ) -> Result<OsThread, SpawnError<Infallible>>;
 }
 
-impl<B, F> Start for B
-where
-    B: FnOnce() -> F + Send + 'static,
-    F: Future<Output = Result<()>> + 'static,
-{
+/// Starts a body on an executor, here or there.
+pub(crate) fn start<B: Build>(build: B, announced: Announced, frame: Frame) -> Option<Refused> {
+    announced.start(move || Supervised::make(|| build.build(), frame))
+}
+
+impl<B: Build> Start for B {
     fn on_executor(self: Box<Self>, announced: Announced, frame: Frame) -> Option<Refused> {
-        announced.start(move || Supervised::make(self, frame))
+        announced.start(move || Supervised::make(|| (*self).build(), frame))
     }
 
     fn on_thread(
@@ -252,7 +275,7 @@ where
         frame: Frame,
     ) -> Result<OsThread, SpawnError<Infallible>> {
         let living = frame.common.living.clone();
-        let build = move || Supervised::make(self, frame);
+        let build = move || Supervised::make(|| (*self).build(), frame);
         match simulation {
             None => OsThread::start_counted(attributes, spec, build, living),
             Some(simulation) => Ok(OsThread::start_simulated(

@@ -312,16 +312,13 @@ impl ProcessBuilder {
             .into());
         }
         let ledger = self.budgets.ledger(&self.name)?;
-        let mut spec = ProcessSpec::new(self.name.clone())
+        let mut spec = ProcessSpec::new(self.name)
             .level(self.level)
             .timed(self.timed);
         if let Some(ledger) = &ledger {
             spec = spec.overseen(ledger.clone());
         }
-        let id = spec.id();
         self.plan.add_process(ProcessPlan {
-            name: self.name,
-            id,
             place,
             spec,
             ledger,

@@ -86,19 +86,19 @@ fn parts(members: &Members) -> Vec<ThreadPart> {
     let mut threads: Vec<ThreadPart> = planned.chain(members.places.iter().cloned()).collect();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
         let part = ProcessPart {
-            name: member.name.to_string(),
+            name: member.name().to_owned(),
             id,
             kind: ProcessKind::UserThread,
             state: member.handle.state(),
             priority: member.handle.priority(),
             children: Vec::new(),
         };
-        (part, member.on.clone())
+        (part, member.on())
     });
     let waiting = members.waiting.iter().map(|process| {
         let part = ProcessPart {
-            name: process.name.to_string(),
-            id: process.id,
+            name: process.name().to_string(),
+            id: process.id(),
             kind: ProcessKind::UserThread,
             state: ProcessState::Created,
             priority: process.spec.priority(),

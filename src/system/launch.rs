@@ -232,7 +232,7 @@ fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
             continue;
         };
         if let Err(error) = prepare(&mut **resident) {
-            let error = error.in_process(&process.name);
+            let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());
             }
@@ -262,7 +262,7 @@ impl Held {
             if running.simulation.is_none() {
                 neighbours::join(&mut process, &running.executors, places, &self.threads);
             }
-            let id = process.id;
+            let id = process.id();
             match running.start(process) {
                 Ok((member, started)) => {
                     self.members.push((id, member));
@@ -289,6 +289,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|(_, member)| clean_up(member.resident));
+            .for_each(|(_, mut member)| clean_up(member.take_resident()));
     }
 }

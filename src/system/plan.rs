@@ -4,7 +4,9 @@ use super::clock::ClockPlan;
 use super::neighbours;
 use super::register::Register;
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare};
+use crate::csp::process::{
+    Build, Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare, start,
+};
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
@@ -63,31 +65,125 @@ impl ExecutorPlan {
     }
 }
 
-/// A process to be.
-pub(crate) struct ProcessPlan {
-    pub(crate) name: Arc<str>,
-    pub(crate) id: ProcessId,
+/// A process to be, whose body `B` makes.
+pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
     pub(crate) ledger: Option<Arc<Ledger>>,
-    pub(crate) prepared: Prepared,
+    pub(crate) prepared: Prepared<B>,
 }
 
-/// A process that was started.
+impl<B> ProcessPlan<B> {
+    pub(crate) fn name(&self) -> &Arc<str> {
+        self.spec.name()
+    }
+
+    pub(crate) fn id(&self) -> ProcessId {
+        self.spec.id()
+    }
+}
+
+impl<B: Build> ProcessPlan<B> {
+    /// It among others, whatever makes them.
+    fn boxed(self) -> ProcessPlan {
+        let Prepared { resident, build } = self.prepared;
+        ProcessPlan {
+            place: self.place,
+            spec: self.spec,
+            ledger: self.ledger,
+            prepared: Prepared {
+                resident,
+                build: Box::new(build),
+            },
+        }
+    }
+}
+
+/// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
-    pub(crate) name: Arc<str>,
     pub(crate) handle: ProcessHandle,
     pub(crate) verdict: Arc<Verdict>,
-    pub(crate) ledger: Option<Arc<Ledger>>,
-    pub(crate) resident: Option<Box<dyn Phases>>,
+    seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
     pub(crate) order: u64,
+    /// The number of its executor, or [`NO_EXECUTOR`].
+    executor: u32,
     /// It was spawned while the system ran.
     pub(crate) is_late: bool,
     pub(crate) has_failed: bool,
     /// Its end was noted.
     pub(crate) buried: bool,
-    pub(crate) on: On,
+}
+
+/// In the place of the number of an executor: it has a thread of its own.
+const NO_EXECUTOR: u32 = u32::MAX;
+
+/// What few members have.
+struct Seldom {
+    ledger: Option<Arc<Ledger>>,
+    resident: Option<Box<dyn Phases>>,
+    thread: Option<Box<ThreadPart>>,
+}
+
+impl Member {
+    fn new(
+        handle: ProcessHandle,
+        verdict: Arc<Verdict>,
+        on: On,
+        ledger: Option<Arc<Ledger>>,
+        resident: Option<Box<dyn Phases>>,
+    ) -> Self {
+        let (executor, thread) = match on {
+            On::Executor(number) => (u32::try_from(number).unwrap_or(NO_EXECUTOR), None),
+            On::Thread(part) => (NO_EXECUTOR, Some(part)),
+        };
+        let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
+        Self {
+            handle,
+            verdict,
+            seldom: has_any.then(|| {
+                Box::new(Seldom {
+                    ledger,
+                    resident,
+                    thread,
+                })
+            }),
+            order: 0,
+            executor,
+            is_late: false,
+            has_failed: false,
+            buried: false,
+        }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        self.handle.name()
+    }
+
+    pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
+        self.seldom.as_ref()?.ledger.as_ref()
+    }
+
+    pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
+        self.seldom.as_mut()?.resident.take()
+    }
+
+    /// Whether it shares its thread.
+    pub(crate) fn is_on_executor(&self) -> bool {
+        self.executor != NO_EXECUTOR
+    }
+
+    /// Where it was started.
+    pub(crate) fn on(&self) -> On {
+        match self
+            .seldom
+            .as_ref()
+            .and_then(|seldom| seldom.thread.as_ref())
+        {
+            Some(part) => On::Thread(part.clone()),
+            None => On::Executor(self.executor as usize),
+        }
+    }
 }
 
 /// Where a process was started.
@@ -158,19 +254,15 @@ impl Running {
         self.simulation.as_ref()?.standstill()
     }
 
-    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
-    pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
-        let ProcessPlan {
-            name,
-            place,
-            mut spec,
-            ledger,
-            prepared: Prepared { resident, starter },
-            ..
-        } = plan;
+    /// Announces a prepared process on an executor. Nothing of the user's runs there.
+    fn announce(
+        &self,
+        number: usize,
+        mut spec: ProcessSpec,
+        ledger: Option<Arc<Ledger>>,
+        resident: Option<Box<dyn Phases>>,
+    ) -> (Member, Announced, Frame) {
         let common = &self.common;
-        let frame = Frame::new(common.clone());
-        let verdict = frame.verdict.clone();
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }
@@ -178,64 +270,65 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let (handle, started, on) = match place {
+        let frame = Frame::new(common.clone());
+        let verdict = frame.verdict.clone();
+        let announced = self.executors[number].announce(spec);
+        let on = On::Executor(number);
+        let member = Member::new(announced.handle(), verdict, on, ledger, resident);
+        (member, announced, frame)
+    }
+
+    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
+    pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
+        let ProcessPlan {
+            place,
+            spec,
+            ledger,
+            prepared:
+                Prepared {
+                    resident,
+                    build: starter,
+                },
+        } = plan;
+        let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let announced = self.executors[number].announce(spec);
+                let (member, announced, frame) = self.announce(number, spec, ledger, resident);
                 let pending = Pending {
                     announced,
                     starter,
                     frame,
                 };
-                (
-                    pending.announced.handle(),
-                    Started::OnExecutor(pending),
-                    On::Executor(number),
-                )
+                return Ok((member, Started::OnExecutor(pending)));
             }
-            Place::Thread {
-                name: thread_name,
-                attributes,
-            } => {
-                match starter.on_thread(
-                    (*attributes).mode(self.mode),
-                    spec,
-                    self.simulation.as_ref(),
-                    frame,
-                ) {
-                    Ok(thread) => {
-                        let part = ThreadPart::obtained(
-                            &thread_name,
-                            ThreadKind::OsThread,
-                            thread.obtained(),
-                        );
-                        (
-                            thread.process().clone(),
-                            Started::OnThread((thread_name, thread)),
-                            On::Thread(Box::new(part)),
-                        )
-                    }
-                    Err(error) => {
-                        return Err(NotStarted {
-                            error: Error::not_started(&name, error),
-                            resident,
-                        });
-                    }
-                }
+            Place::Thread { name, attributes } => (name, attributes),
+        };
+        let common = &self.common;
+        let frame = Frame::new(common.clone());
+        let verdict = frame.verdict.clone();
+        if let Some(ledger) = &ledger {
+            ledger.join(&common.emergency, &common.living);
+        }
+        let name = spec.name().clone();
+        let started = starter.on_thread(
+            (*attributes).mode(self.mode),
+            spec.listed(),
+            self.simulation.as_ref(),
+            frame,
+        );
+        match started {
+            Ok(thread) => {
+                let part =
+                    ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
+                let on = On::Thread(Box::new(part));
+                let handle = thread.process().clone();
+                let member = Member::new(handle, verdict, on, ledger, resident);
+                Ok((member, Started::OnThread((thread_name, thread))))
             }
-        };
-        let member = Member {
-            name,
-            handle,
-            verdict,
-            ledger,
-            resident,
-            order: 0,
-            is_late: false,
-            has_failed: false,
-            buried: false,
-            on,
-        };
-        Ok((member, started))
+            Err(error) => Err(NotStarted {
+                error: Error::not_started(&name, error),
+                resident,
+            }),
+        }
     }
 }
 
@@ -346,27 +439,79 @@ impl Plan {
     }
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
-    pub(crate) fn add_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
-        let id = plan.id;
-        let mut members = self.members();
-        if members.phase == Phase::Ended {
-            return Err(self.ended(&plan.name));
+    pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let id = plan.id();
+        let mut members = self.admit(plan.name())?;
+        let Members {
+            running: Some(running),
+            started,
+            ..
+        } = &mut *members
+        else {
+            members.waiting.push(plan.boxed());
+            return Ok(id);
+        };
+        let Place::Executor(number) = plan.place else {
+            return self.start_prepared(members, plan.boxed());
+        };
+        let Prepared { resident, build } = plan.prepared;
+        if resident.is_some() {
+            return self.start_prepared(
+                members,
+                ProcessPlan {
+                    prepared: Prepared { resident, build },
+                    ..plan
+                }
+                .boxed(),
+            );
         }
-        let running = members.running.clone();
-        if let Some(running) = &running {
+        // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
+        let (mut member, mut announced, frame) =
+            running.announce(number, plan.spec, plan.ledger, None);
+        member.is_late = true;
+        started.enter(id, member, &running.common.emergency);
+        if announced.is_built_here() {
+            // The executor is in a process' turn, so it does not end meanwhile.
+            drop(members);
+            drop(start(build, announced, frame));
+        } else {
+            let refused = start(build, announced, frame);
+            drop(members);
+            drop(refused);
+        }
+        Ok(id)
+    }
+
+    /// Takes the name of a process to be, if there can be one.
+    fn admit(&self, name: &Arc<str>) -> Result<MutexGuard<'_, Members>> {
+        let mut guard = self.members();
+        let members = &mut *guard;
+        if members.phase == Phase::Ended {
+            return Err(self.ended(name));
+        }
+        if let Some(running) = &members.running {
             let Common {
                 living, emergency, ..
             } = &*running.common;
             members.started.note_ends(living, emergency);
         }
-        if !members.started.take_name(&plan.name) {
-            return Err(duplicate("process", &plan.name));
+        if !members.started.take_name(name) {
+            return Err(duplicate("process", name));
         }
-        let Some(running) = running else {
-            members.waiting.push(plan);
-            return Ok(id);
+        Ok(guard)
+    }
+
+    /// Starts a process that takes longer, beside those that run.
+    fn start_prepared(
+        &self,
+        members: MutexGuard<'_, Members>,
+        plan: ProcessPlan,
+    ) -> Result<ProcessId> {
+        let (id, name) = (plan.id(), plan.name().clone());
+        let Some(running) = members.running.clone() else {
+            drop(members);
+            return Err(self.ended(&name));
         };
-        let name = plan.name.clone();
         self.start_late(members, &running, plan, &name)
             .inspect_err(|_| {
                 // It never was, so it may be tried again.
@@ -375,7 +520,6 @@ impl Plan {
         Ok(id)
     }
 
-    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
     /// Forgets a process that has ended before it was entered: its end is told before that.
     fn never_entered(&self, running: &Running, id: ProcessId) {
         let Common {
@@ -386,6 +530,7 @@ impl Plan {
         members.started.never_entered(id);
     }
 
+    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
     fn start_late<'a>(
         &'a self,
         mut members: MutexGuard<'a, Members>,
@@ -393,7 +538,7 @@ impl Plan {
         mut plan: ProcessPlan,
         name: &str,
     ) -> Result<()> {
-        let id = plan.id;
+        let id = plan.id();
         let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
@@ -435,7 +580,7 @@ impl Plan {
                 }
             };
         }
-        let (member, thread) = match running.start(plan) {
+        let (mut member, thread) = match running.start(plan) {
             Ok((member, Started::OnThread(thread))) => (member, thread),
             Ok((_, Started::OnExecutor(_))) => unreachable!("its place is a thread"),
             Err(refused) => {
@@ -450,7 +595,7 @@ impl Plan {
             // Its body ends before it began.
             drop(thread);
             self.never_entered(running, id);
-            clean_up(member.resident);
+            clean_up(member.take_resident());
             return Err(self.ended(name));
         }
         members.enter_late(id, member, running);

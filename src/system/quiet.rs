@@ -88,7 +88,7 @@ fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
         };
         Some(Sleeping {
             id,
-            name: member.name.clone(),
+            name: std::sync::Arc::from(member.name()),
             has_ended,
             joiners: member.handle.joiners(),
         })

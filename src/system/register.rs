@@ -3,7 +3,7 @@
 //! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
 //! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
 
-use super::plan::{Member, On};
+use super::plan::Member;
 use crate::csp::process::{Ended, Phases};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
@@ -133,7 +133,7 @@ impl Register {
     pub(super) fn enter(&mut self, id: ProcessId, mut member: Member, emergency: &Emergency) {
         member.order = self.started;
         self.started += 1;
-        if member.ledger.is_some() {
+        if member.ledger().is_some() {
             self.overseen.insert((member.order, id));
         }
         self.members.insert(id, member);
@@ -176,13 +176,10 @@ impl Register {
             emergency.trigger();
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
-            && member
-                .ledger
-                .as_ref()
-                .is_some_and(|ledger| ledger.is_sentenced());
+            && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
         let error = exit.and_then(|exit| error_of(member, exit));
         member.has_failed = error.is_some();
-        let mut resident = member.resident.take();
+        let mut resident = member.take_resident();
         if member.handle.has_left_body() {
             // The body that was left may still be found by others, and refers to it.
             std::mem::forget(resident.take());
@@ -201,7 +198,7 @@ impl Register {
                 forgotten: None,
             });
         }
-        if member.is_late && matches!(member.on, On::Executor(_)) {
+        if member.is_late && member.is_on_executor() {
             self.ended.push_back(id);
             // Two, so that one which is kept for its news is made up for.
             for _ in 0..2 {
@@ -220,7 +217,7 @@ impl Register {
         let Some(member) = self.members.get(&id) else {
             return;
         };
-        if let Some(ledger) = &member.ledger {
+        if let Some(ledger) = member.ledger() {
             if ledger.has_news() || ledger.emergency().is_some() {
                 // There is something to be said of it yet.
                 self.ended.push_back(id);
@@ -229,8 +226,8 @@ impl Register {
             self.overseen.remove(&(member.order, id));
         }
         if let Some(member) = self.members.remove(&id) {
-            self.names.remove(&member.name);
-            let overruns = member.ledger.as_ref().map_or(0, |ledger| {
+            self.names.remove(member.name());
+            let overruns = member.ledger().map_or(0, |ledger| {
                 ledger.reports().iter().map(|one| one.overruns).sum()
             });
             self.earlier
@@ -257,7 +254,7 @@ impl Register {
     }
 
     pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
-        self.members.get(&id).map(|member| &*member.name)
+        self.members.get(&id).map(Member::name)
     }
 
     /// Whether a process of this number has ended and was forgotten.
@@ -291,8 +288,8 @@ impl Register {
     /// The overrun for which the system ends, if it does for one, with its culprit.
     pub(super) fn overrun(&self) -> Option<Error> {
         self.overseen().find_map(|(_, member)| {
-            let offence = member.ledger.as_ref()?.emergency()?;
-            Some(Error::from(offence).in_process(&member.name))
+            let offence = member.ledger()?.emergency()?;
+            Some(Error::from(offence).in_process(member.name()))
         })
     }
 
@@ -347,7 +344,7 @@ fn is_panic(error: &Error) -> bool {
 }
 
 fn error_of(member: &Member, exit: Exit) -> Option<Error> {
-    let offence = member.ledger.as_ref().and_then(|ledger| ledger.offence());
+    let offence = member.ledger().and_then(|ledger| ledger.offence());
     let error = match (exit, member.verdict.take()) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
@@ -355,18 +352,17 @@ fn error_of(member: &Member, exit: Exit) -> Option<Error> {
         (_, Some(Ended::Failed(failure))) => failure.into(),
         _ => return None,
     };
-    Some(error.in_process(&member.name))
+    Some(error.in_process(member.name()))
 }
 
 fn process_report(member: &Member) -> ProcessReport {
     ProcessReport {
-        name: member.name.to_string(),
+        name: member.name().to_owned(),
         exit: member.handle.exit(),
         polls: member.handle.polls(),
         longest_poll: member.handle.longest_poll(),
         budgets: member
-            .ledger
-            .as_ref()
+            .ledger()
             .map(|ledger| ledger.reports())
             .unwrap_or_default(),
     }

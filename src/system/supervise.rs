@@ -113,11 +113,11 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         if left_behind.handle.state() == ProcessState::Running {
             eprintln!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
-                left_behind.name
+                left_behind.name()
             );
         }
         // Its body still lives, on the thread that was left to itself, and borrows it.
-        std::mem::forget(left_behind.resident.take());
+        std::mem::forget(left_behind.take_resident());
     }
     for line in Warnings::rest(&members) {
         eprintln!("{line}");

@@ -23,7 +23,7 @@ impl Warnings {
         let mut next = Instant::NEVER;
         self.said.retain(|_, said| now < *said + PAUSE);
         for (id, member) in members.started.overseen() {
-            let Some(ledger) = &member.ledger else {
+            let Some(ledger) = member.ledger() else {
                 continue;
             };
             if !ledger.has_news() {
@@ -34,7 +34,7 @@ impl Warnings {
                 continue;
             }
             self.said.insert(id, now);
-            lines.extend(take_lines(&member.name, ledger));
+            lines.extend(take_lines(member.name(), ledger));
         }
         (lines, next)
     }
@@ -42,8 +42,8 @@ impl Warnings {
     /// What has not been said yet, at the end.
     pub(super) fn rest(members: &Members) -> Vec<String> {
         let with_news = members.started.overseen().filter_map(|(_, member)| {
-            let ledger = member.ledger.as_ref()?;
-            ledger.has_news().then(|| take_lines(&member.name, ledger))
+            let ledger = member.ledger()?;
+            ledger.has_news().then(|| take_lines(member.name(), ledger))
         });
         with_news.flatten().collect()
     }

@@ -49,6 +49,11 @@ impl ProcessSpec {
         }
     }
 
+    /// The name that the process will have.
+    pub fn name(&self) -> &Arc<str> {
+        &self.name
+    }
+
     /// The number that the process will have.
     pub fn id(&self) -> ProcessId {
         self.id
