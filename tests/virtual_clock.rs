@@ -124,8 +124,7 @@ fn network(is_virtual: bool) -> Vec<u64> {
         .spawn(collect)
         .unwrap();
     system.run().unwrap();
-    let results = results.lock().unwrap().clone();
-    results
+    std::mem::take(&mut results.lock().unwrap())
 }
 
 #[test]
@@ -444,6 +443,27 @@ fn timeouts_and_watchdogs_and_ticks_go_by_it() {
         Ok(())
     };
     main.process("guards").spawn(guards).unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn ticks_that_are_made_outside_begin_when_they_are_waited_for() {
+    let _alive = watchdog();
+    let (system, main) = simulated();
+    let mut ticks = luna::ticks(MS).unwrap();
+    let start = Instant::from_nanos(5_000_000_000);
+    let mut given = luna::ticks(MS).unwrap().starting_at(start);
+    let body = async move {
+        luna::after(MS * 10).await;
+        let now = luna::now();
+        for number in 1..=3 {
+            let tick = ticks.tick().await;
+            assert_eq!((tick.number, tick.slot), (number, now + MS * number as u32));
+        }
+        assert_eq!(given.tick().await.slot, start);
+        Ok(())
+    };
+    main.process("ticks").spawn(body).unwrap();
     system.run().unwrap();
 }
 

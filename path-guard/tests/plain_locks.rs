@@ -19,7 +19,7 @@ const OWN: [&str; 4] = [
 const PLAIN: [&str; 5] = ["Mutex", "RwLock", "Condvar", "mpsc", "parking_lot"];
 
 /// Who has a plain lock, and why it is off the path.
-const KNOWN: [(&str, &str); 7] = [
+const KNOWN: [(&str, &str); 10] = [
     (
         "channels/src/inspect.rs",
         "places enlist when they are made and freed, and reports look",
@@ -27,6 +27,18 @@ const KNOWN: [(&str, &str); 7] = [
     (
         "executors/src/process/living.rs",
         "threads enlist when they start and end, and the system looks whether all is still",
+    ),
+    (
+        "executors/src/simulation/calls.rs",
+        "on a virtual clock nothing is real time",
+    ),
+    (
+        "executors/src/simulation/drive.rs",
+        "on a virtual clock nothing is real time",
+    ),
+    (
+        "executors/src/simulation/stage.rs",
+        "on a virtual clock nothing is real time",
     ),
     (
         "platform/src/memory.rs",

@@ -1,6 +1,6 @@
 //! The bell of a thread: what it sleeps in until a deadline, and what others ring to wake it.
 
-use crate::clock::{Clock, Instant};
+use crate::clock::Instant;
 use crate::futex::{Futex, Waited};
 use crate::path::{self, Call};
 use crate::sync::atomic::Ordering;
@@ -72,10 +72,8 @@ impl Bell {
         self.rung.word().store(0, Ordering::Relaxed);
     }
 
-    /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system call; with a watch, its own. On a thread whose clock is a
-    /// virtual one it sleeps for as long on the machine's.
+    /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
-        let deadline = Clock::deadline_of_machine(deadline);
         match self.hook.0.get() {
             None => path::expected(Call::Sleep, || self.rung.wait(0, deadline)),
             Some(watch) => watch.sleep(deadline),

@@ -1,7 +1,7 @@
 //! Blocking a thread until it is woken, and until a future is done.
 
 use crate::bell::Bell;
-use crate::clock::Instant;
+use crate::clock::{Clock, Instant};
 #[cfg(not(loom))]
 use crate::current;
 use crate::futex::Waited;
@@ -62,7 +62,8 @@ impl Parker {
         &self.bell
     }
 
-    /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone.
+    /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone. One whose clock is a virtual one sleeps
+    /// for as long on the machine's.
     pub fn park(&self, deadline: Instant) -> bool {
         self.park_between(deadline, || (), || ())
     }
@@ -88,6 +89,7 @@ impl Parker {
         mut before: impl FnMut(),
         mut after: impl FnMut(),
     ) -> bool {
+        let deadline = Clock::deadline_of_machine(deadline);
         loop {
             self.bell.quiet();
             let mut waited = Waited::Woken;

@@ -3,10 +3,11 @@
 use super::Instant;
 use crate::error::{Result, SetupError};
 use luna_channels::{Due, Stamp, When};
-use luna_platform::clock::nanos;
+use luna_platform::clock::{Clock, nanos};
 use std::time::Duration;
 
-/// A timer channel: it ticks each `period`, the first time a period from now.
+/// A timer channel: it ticks each `period`, the first time a period from now; where that is another clock than its process', as where a
+/// system on a [virtual clock](crate::System::virtual_clock) is described, from when it is first waited for.
 ///
 /// For a process that does other things too: its ticks are guards of alternatives beside its channels. A loop that does nothing else between its cycles
 /// has more of [`periodic`](crate::periodic): statistics and a choice of what to do about late cycles.
@@ -49,6 +50,7 @@ pub fn ticks(period: Duration) -> Result<Ticks> {
             first: Instant::now().plus_nanos(period),
             number: 0,
             chosen: Stamp::new(),
+            clock: Some(Clock::number_here()),
         }),
     }
 }
@@ -62,6 +64,8 @@ pub struct Ticks {
     /// The slot that was served last, or 0.
     number: u64,
     chosen: Stamp,
+    /// By whose clock the first slot was set; none if it was given.
+    clock: Option<usize>,
 }
 
 /// One tick: what [`Ticks::tick`] gives.
@@ -92,6 +96,7 @@ impl Ticks {
     pub fn starting_at(mut self, first: Instant) -> Self {
         self.first = first;
         self.number = 0;
+        self.clock = None;
         self
     }
 
@@ -123,6 +128,13 @@ impl Ticks {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn tick(&mut self) -> When<NextTick<'_>> {
+        let here = Clock::number_here();
+        if self.clock.is_some_and(|clock| clock != here) {
+            // Made where the system was described, say, whose clock has nothing to do with the system's.
+            self.first = Instant::now().plus_nanos(self.period);
+            self.number = 0;
+            self.clock = Some(here);
+        }
         When::new(NextTick(self))
     }
 

@@ -14,14 +14,33 @@ thread_local! {
 }
 
 /// What [`Instant::now`] is.
-#[inline]
+#[inline(always)]
 pub(super) fn now() -> Instant {
     let source = SOURCE.get();
     if source.is_null() {
         return Instant::now_real();
     }
     // SAFETY: the guard that has set it keeps the clock, and sets another before it goes.
+    unsafe { read(source) }
+}
+
+/// # Safety
+///
+/// The clock lives.
+#[cold]
+#[inline(never)]
+unsafe fn read(source: *const VirtualClock) -> Instant {
+    // SAFETY: the contract.
     unsafe { &*source }.now()
+}
+
+#[cold]
+#[inline(never)]
+fn as_far_on_machine(deadline: Instant) -> Instant {
+    if deadline == Instant::NEVER {
+        return deadline;
+    }
+    Instant::now_real() + (deadline - Instant::now())
 }
 
 /// A clock that stands until somebody moves it. Threads that have [entered](Clock::enter) it see it stand, and move.
@@ -125,10 +144,11 @@ impl Clock {
     /// time is virtual it stands as long as such a thread is waited for, so a timeout there takes real time.
     #[inline]
     pub fn deadline_of_machine(deadline: Instant) -> Instant {
-        if !Self::is_virtual_here() || deadline == Instant::NEVER {
-            return deadline;
+        if Self::is_virtual_here() {
+            as_far_on_machine(deadline)
+        } else {
+            deadline
         }
-        Instant::now_real() + (deadline - Instant::now())
     }
 }
 
