@@ -91,3 +91,7 @@ pub use csp::par as __par;
 #[cfg(doctest)]
 #[doc = include_str!("../docs/guide.md")]
 struct Guide;
+
+#[cfg(doctest)]
+#[doc = include_str!("../docs/time.md")]
+struct TimePage;

@@ -143,8 +143,7 @@ fn run(seed: u64) -> String {
     };
     executors[2].process("log").spawn(log).unwrap();
     system.run().unwrap();
-    let text = trace.0.lock().unwrap().clone();
-    text
+    std::mem::take(&mut trace.0.lock().unwrap())
 }
 
 #[test]

@@ -20,7 +20,7 @@
 //! beginnings, burials before time goes on, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
 //! processes when they will.
 //!
-//! `Stage::rest` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
+//! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.
 
 mod calls;
 mod drive;
