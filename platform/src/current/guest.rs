@@ -31,10 +31,10 @@ use std::marker::PhantomData;
 /// ```
 pub struct Guest {
     home: Home,
-    timers: Arc<TimerQueue>,
-    /// Who is ready, while it is not the thread's home.
+    /// Here while it is not the thread's home, as the other two: moved there and back, so that a turn counts no references.
+    timers: Option<Arc<TimerQueue>>,
     queue: RunQueue,
-    thread: std::sync::Arc<HomeThread>,
+    thread: Option<std::sync::Arc<HomeThread>>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -49,9 +49,9 @@ impl Guest {
         crate::backend::fence::prepare();
         Self {
             home,
-            timers,
+            timers: Some(timers),
             queue: RunQueue::new(),
-            thread: HomeThread::unlent(),
+            thread: Some(HomeThread::unlent()),
             stays_on_its_thread: PhantomData,
         }
     }
@@ -74,8 +74,8 @@ impl Guest {
             thread.may_block.set(false);
             thread.queue.take_over(&self.queue);
         });
-        TIMERS.with(|slot| *slot.borrow_mut() = Some(self.timers.clone()));
-        HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(self.thread.clone()));
+        TIMERS.with(|slot| *slot.borrow_mut() = self.timers.take());
+        HOME_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
     }
 
     /// The thread is no home any more, until the next one is entered.
@@ -90,8 +90,8 @@ impl Guest {
             thread.home.set(None);
             thread.may_block.set(true);
         });
-        TIMERS.with(|slot| slot.borrow_mut().take());
-        HOME_THREAD.with(|slot| slot.borrow_mut().take());
+        self.timers = TIMERS.with(|slot| slot.borrow_mut().take());
+        self.thread = HOME_THREAD.with(|slot| slot.borrow_mut().take());
     }
 }
 
