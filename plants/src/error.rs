@@ -47,9 +47,11 @@ pub enum PlantError {
         /// What it is.
         value: f64,
     },
-    /// A value has no counterpart in the type of its channel: 300 in a `u8`, 0.5 in an integer.
+    /// A value has no counterpart in the type of its channel or of its variable: 300 in a `u8`, 0.5 in an integer.
     DoesNotFit {
-        /// Of which output.
+        /// Of an input or an output.
+        side: Side,
+        /// Of which.
         port: Arc<str>,
         /// What it is.
         value: f64,
@@ -70,6 +72,9 @@ pub enum PlantError {
     },
     /// The model's own.
     Model(Arc<str>),
+    /// An FMU's.
+    #[cfg(feature = "fmi")]
+    Fmu(crate::fmu::FmuFault),
 }
 
 impl PlantError {
@@ -98,9 +103,12 @@ impl fmt::Display for PlantError {
                 port.max(),
                 unit = port.unit(),
             ),
-            PlantError::DoesNotFit { port, value, into } => {
-                write!(f, "output `{port}` is {value}, which is no {into}")
-            }
+            PlantError::DoesNotFit {
+                side,
+                port,
+                value,
+                into,
+            } => write!(f, "{side} `{port}` is {value}, which is no {into}"),
             PlantError::Step { step, longest } => write!(
                 f,
                 "a step of {step:?} was asked for; it takes more than zero and at most {longest:?}"
@@ -110,6 +118,8 @@ impl fmt::Display for PlantError {
                 "more than {room} changes of the input lie within the dead time: state the shortest step that is made"
             ),
             PlantError::Model(why) => f.write_str(why),
+            #[cfg(feature = "fmi")]
+            PlantError::Fmu(fault) => fault.fmt(f),
         }
     }
 }
@@ -237,7 +247,7 @@ impl From<ConnectError> for luna::Error {
     }
 }
 
-fn listed(names: &[String]) -> String {
+pub(crate) fn listed(names: &[String]) -> String {
     if names.is_empty() {
         return "none".to_owned();
     }

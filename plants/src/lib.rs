@@ -3,6 +3,8 @@
 mod dead_time;
 mod encoder;
 mod error;
+#[cfg(feature = "fmi")]
+pub mod fmu;
 mod lag;
 mod link;
 pub mod motor;

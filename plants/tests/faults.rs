@@ -118,6 +118,7 @@ fn expected(fault: Fault) -> PlantError {
             value: 300.5,
         },
         Fault::DoesNotFit => PlantError::DoesNotFit {
+            side: Side::Output,
             port: "steps".into(),
             value: 290.0,
             into: "u8",

@@ -2,7 +2,7 @@
 
 use super::ends::{Gone, Pump, Slot};
 use super::{Actuator, PlantLink, Sensor};
-use crate::error::PlantFailure;
+use crate::error::{PlantFailure, Side};
 use crate::{Checked, Plant, PlantError};
 use luna::{Error, Process};
 use std::fmt;
@@ -301,6 +301,7 @@ fn checked<'p, P: Plant>(
     };
     if let Some((output, value, into)) = refused {
         return Err(PlantError::DoesNotFit {
+            side: Side::Output,
             port: plant.plant().outputs()[output].shared_name(),
             value,
             into,

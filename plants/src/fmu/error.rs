@@ -1,0 +1,211 @@
+//! What can be wrong with an FMU, before it runs and while it does.
+
+use super::Version;
+use crate::error::{Side, listed};
+use std::fmt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// What an FMU's function says when it does not say that all is well.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum FmuStatus {
+    /// fmi2Discard, fmi3Discard: it could not, for these values or this step.
+    Discard,
+    /// fmi2Error, fmi3Error: the instance cannot go on.
+    Error,
+    /// fmi2Fatal, fmi3Fatal: nor can any other instance of it. It is never called again, not even to be freed.
+    Fatal,
+    /// It asks for the simulation to end, or has ended a step early, which it was not allowed to.
+    Ended,
+    /// What the standard does not allow here: fmi2Pending without a callback for it, or a number that is no status.
+    Unknown,
+}
+
+impl fmt::Display for FmuStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            FmuStatus::Discard => "discards it",
+            FmuStatus::Error => "says error",
+            FmuStatus::Fatal => "says fatal error",
+            FmuStatus::Ended => "wants the simulation to end",
+            FmuStatus::Unknown => "gives no valid status",
+        })
+    }
+}
+
+/// Why an FMU does not go on. Making one allocates nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FmuFault {
+    /// One of its functions failed.
+    Call {
+        /// Which: "doStep", "get", "set".
+        call: &'static str,
+        /// What it said.
+        status: FmuStatus,
+    },
+    /// It takes steps of one length alone, that of the first, and was asked for one that is not a whole multiple of it.
+    StepSize {
+        /// The first.
+        first: Duration,
+        /// The one that it was asked for.
+        step: Duration,
+    },
+}
+
+impl fmt::Display for FmuFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            FmuFault::Call { call, status } => write!(f, "the FMU's {call} {status}"),
+            FmuFault::StepSize { first, step } => write!(
+                f,
+                "the FMU takes steps of one length, which was {first:?}, and not of {step:?}"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for FmuFault {}
+
+/// Why an FMU cannot become a plant.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum FmuError {
+    /// The file cannot be read, or is no archive.
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Its modelDescription.xml is missing or makes no sense.
+    Description {
+        /// Why.
+        reason: String,
+    },
+    /// It is of another version of the standard than 2 or 3.
+    Version {
+        /// What it says.
+        found: String,
+    },
+    /// It is not for co-simulation.
+    NoCoSimulation,
+    /// Its code cannot be loaded: there is none for this platform, or it lacks a function.
+    Library {
+        /// Why.
+        reason: String,
+    },
+    /// Its code is of another version than its description.
+    VersionOfCode {
+        /// Of the description.
+        description: Version,
+        /// What the code says.
+        code: String,
+    },
+    /// It has no variable of that name.
+    NoSuchVariable {
+        /// The name.
+        name: String,
+        /// The names of those of the causality that was looked for.
+        known: Vec<String>,
+    },
+    /// A variable is not what it was asked for as.
+    Causality {
+        /// Its name.
+        name: String,
+        /// What it was to be.
+        wanted: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// A variable's type is none that a plant's port or parameter has: text, an array, a clock.
+    Type {
+        /// Its name.
+        name: String,
+        /// Its type.
+        found: String,
+    },
+    /// A parameter cannot have that value.
+    Value {
+        /// Its name.
+        name: String,
+        /// The value.
+        value: f64,
+        /// Why not.
+        reason: String,
+    },
+    /// It does not get through its initialization.
+    Refused {
+        /// Which of its functions fails: "instantiate", "enterInitializationMode".
+        call: &'static str,
+        /// What it says.
+        status: FmuStatus,
+    },
+}
+
+impl fmt::Display for FmuError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            FmuError::File { path, reason } => {
+                write!(f, "{} is no FMU that can be read: {reason}", path.display())
+            }
+            FmuError::Description { reason } => write!(f, "the FMU's description: {reason}"),
+            FmuError::Version { found } => {
+                write!(f, "the FMU is of FMI {found}; export it for version 2 or 3")
+            }
+            FmuError::NoCoSimulation => f.write_str(
+                "the FMU is not for co-simulation; export it as one that brings its solver",
+            ),
+            FmuError::Library { reason } => write!(f, "the FMU's code cannot be loaded: {reason}"),
+            FmuError::VersionOfCode { description, code } => write!(
+                f,
+                "the FMU's description is of {description}, and its code of FMI {code}"
+            ),
+            FmuError::NoSuchVariable { name, known } => {
+                write!(f, "the FMU has no `{name}`; it has {}", listed(known))
+            }
+            FmuError::Causality {
+                name,
+                wanted,
+                found,
+            } => {
+                write!(
+                    f,
+                    "`{name}` of the FMU is no {wanted}, but of causality {found}"
+                )
+            }
+            FmuError::Type { name, found } => write!(
+                f,
+                "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
+            ),
+            FmuError::Value {
+                name,
+                value,
+                reason,
+            } => {
+                write!(
+                    f,
+                    "parameter `{name}` of the FMU cannot be {value}: {reason}"
+                )
+            }
+            FmuError::Refused { call, status } => write!(f, "the FMU's {call} {status}"),
+        }
+    }
+}
+
+impl std::error::Error for FmuError {}
+
+impl From<FmuError> for luna::Error {
+    fn from(error: FmuError) -> luna::Error {
+        luna::Error::other(error)
+    }
+}
+
+/// The word for a side in the standard.
+pub(super) fn causality(side: Side) -> &'static str {
+    match side {
+        Side::Input => "input",
+        Side::Output => "output",
+    }
+}
