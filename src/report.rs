@@ -50,6 +50,8 @@ pub struct Report {
     pub earlier: EarlierProcesses,
     /// The periodic loops, by their names.
     pub loops: BTreeMap<String, LoopReport>,
+    /// The processes that others [stood in](crate::System::stand_in) for, by name.
+    pub stand_ins: Vec<String>,
     /// What the system as a whole was not given: locked memory, short wake-ups, the emergency manager's priority.
     pub shortfalls: Vec<Shortfall>,
     /// The deadlock that the system came to, if it did. A thread outside of it may have ended that later.
@@ -242,6 +244,9 @@ impl fmt::Display for Report {
             )?;
         }
         writeln!(f)?;
+        if !self.stand_ins.is_empty() {
+            writeln!(f, "stand-ins for: {}", self.stand_ins.join(", "))?;
+        }
         for thread in &self.threads {
             if self.clock.is_virtual() && !thread.abandoned {
                 writeln!(

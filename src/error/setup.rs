@@ -108,6 +108,32 @@ pub enum SetupError {
         /// What was to be started.
         process: String,
     },
+    /// A stand-in was named for a process that is there already, or for a system that runs.
+    StandInTooLate {
+        /// The process' name.
+        process: String,
+    },
+    /// A stand-in takes other channel ends than the process has.
+    StandInDoesNotFit {
+        /// The process' name.
+        process: String,
+        /// The type of the process' ends.
+        has: &'static str,
+        /// The type that the stand-in takes.
+        takes: &'static str,
+    },
+    /// A process that is to be replaced was spawned without its ends.
+    NotReplaceable {
+        /// The process' name.
+        process: String,
+    },
+    /// A stand-in was named for a process that nobody has declared.
+    NobodyToReplace {
+        /// The name.
+        process: String,
+        /// The processes that can be replaced.
+        known: Vec<String>,
+    },
     /// A system, or `luna::run`, was started inside a process.
     Nested,
     /// The system was to be strict, and this was refused.
@@ -178,6 +204,26 @@ impl fmt::Display for SetupError {
             SetupError::Ended { system, process } => {
                 write!(f, "system `{system}` ends or has ended, so process `{process}` cannot be started")
             }
+            SetupError::StandInTooLate { process } => write!(
+                f,
+                "the stand-in for process `{process}` comes too late; call System::stand_in before the network is built"
+            ),
+            SetupError::StandInDoesNotFit { process, has, takes } => write!(
+                f,
+                "the stand-in for process `{process}` takes `{takes}`, but the process has `{has}`"
+            ),
+            SetupError::NotReplaceable { process } => write!(
+                f,
+                "process `{process}` has a stand-in, but is spawned without its channel ends; declare it by ProcessBuilder::replaceable"
+            ),
+            SetupError::NobodyToReplace { process, known } if known.is_empty() => write!(
+                f,
+                "there is a stand-in for process `{process}`, but no process can be replaced; declare it by ProcessBuilder::replaceable"
+            ),
+            SetupError::NobodyToReplace { process, known } => write!(
+                f,
+                "there is a stand-in for process `{process}`, but no such process that can be replaced; there are {known:?}"
+            ),
             SetupError::Nested => f.write_str(
                 "a system or luna::run was started inside a process, whose thread it would stop: await the work instead, or \
                  start it from a plain thread",

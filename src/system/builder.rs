@@ -1,7 +1,7 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
-use crate::csp::process::IntoProcess;
+use crate::csp::process::{IntoProcess, Prepared};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
@@ -303,6 +303,33 @@ impl ProcessBuilder {
     /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
+        self.plan.stand_ins().check_plain(&self.name)?;
+        self.spawn_with(|| process.prepare())
+    }
+
+    /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
+    /// for it: see [`System::stand_in`](crate::System::stand_in), with an example.
+    ///
+    /// `ends` is of any type: best one that is made for this process, with a field for each end, so that it can be taken for no other. `body` makes the process of it,
+    /// unless there is a stand-in, which then is given the ends.
+    ///
+    /// # Errors
+    ///
+    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of another type.
+    pub fn replaceable<E: Send + 'static, M, P: IntoProcess<M>>(
+        self,
+        ends: E,
+        body: impl FnOnce(E) -> P,
+    ) -> Result<ProcessId> {
+        let stand_in = self.plan.stand_ins().declare::<E>(&self.name)?;
+        // Without the lock: what runs here is the user's.
+        self.spawn_with(|| match stand_in {
+            Some(stand_in) => stand_in.prepare(ends),
+            None => body(ends).prepare(),
+        })
+    }
+
+    fn spawn_with(self, prepare: impl FnOnce() -> Prepared) -> Result<ProcessId> {
         let place = self.place?;
         if self.level >= LEVELS {
             return Err(SetupError::Level {
@@ -322,7 +349,7 @@ impl ProcessBuilder {
             place,
             spec,
             ledger,
-            prepared: process.prepare(),
+            prepared: prepare(),
         })
     }
 }

@@ -9,6 +9,7 @@ mod neighbours;
 mod plan;
 mod quiet;
 mod register;
+mod stand_in;
 mod stolen;
 mod supervise;
 mod warnings;
@@ -18,6 +19,7 @@ pub use clock::ClockKind;
 pub use compose::Observer;
 
 use crate::csp::composition::Composition;
+use crate::csp::process::IntoProcess;
 use crate::error::Result;
 use crate::report::Report;
 use clock::ClockPlan;
@@ -194,6 +196,58 @@ impl System {
     /// An OS thread to be, for one process alone, which may make blocking calls.
     pub fn thread(&mut self, name: &str) -> Thread {
         Thread::new(self.plan.clone(), name)
+    }
+
+    /// Lets `body` stand in for the process called `process`, with that one's channel ends.
+    ///
+    /// For a part of the machine that is not there, or not to be used: a sensor that replays a recording, an algorithm that is still to be written. The process must be
+    /// declared by [`replaceable`](ProcessBuilder::replaceable), and that after this call: so the set-up says first who is replaced, and then builds the same
+    /// network as ever. The stand-in runs where the process would, with its name and priority. The [report](Report::stand_ins) names it.
+    ///
+    /// `body` takes the same ends and gives anything that can be spawned. That the channels fit means that the ends are of one type, which is compared when
+    /// the process is declared.
+    ///
+    /// # Errors
+    ///
+    /// [`SetupError::StandInTooLate`](crate::SetupError::StandInTooLate) if the process is there already, and
+    /// [`DuplicateName`](crate::SetupError::DuplicateName) if it has a stand-in. Those that come later: `replaceable` fails if the ends are of other
+    /// types, `spawn` if the process is declared without its ends, and [`run`](Self::run) if nobody has declared a process of that name.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// struct Gyroscope { rates: Sender<f64> }
+    ///
+    /// /// The network, as it always is.
+    /// fn build(system: &mut System) -> luna::Result<()> {
+    ///     let main = system.executor("main").build()?;
+    ///     let (rates, measured) = luna::channel();
+    ///     main.process("gyroscope").replaceable(Gyroscope { rates }, |_ends| async {
+    ///         Err(luna::Error::other("there is no gyroscope here"))
+    ///     })?;
+    ///     main.process("controller").spawn(async move {
+    ///         assert_eq!(measured.recv().await?, 0.1);
+    ///         Ok(())
+    ///     })?;
+    ///     Ok(())
+    /// }
+    ///
+    /// let mut system = System::new("drone");
+    /// system.stand_in("gyroscope", |ends: Gyroscope| async move {
+    ///     ends.rates.send(0.1).await?;
+    ///     Ok(())
+    /// })?;
+    /// build(&mut system)?;
+    /// assert_eq!(system.run()?.stand_ins, ["gyroscope"]);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn stand_in<E: Send + 'static, M, P: IntoProcess<M>>(
+        &mut self,
+        process: &str,
+        body: impl FnOnce(E) -> P + Send + 'static,
+    ) -> Result<&mut Self> {
+        self.plan.stand_ins().add(process, body)?;
+        Ok(self)
     }
 
     /// Registers a function that brings something to safety.

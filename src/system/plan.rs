@@ -3,6 +3,7 @@
 use super::clock::ClockPlan;
 use super::neighbours;
 use super::register::Register;
+use super::stand_in::StandIns;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{
     Build, Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare, start,
@@ -25,6 +26,7 @@ pub(crate) struct Plan {
     name: String,
     settings: Mutex<Settings>,
     members: Mutex<Members>,
+    stand_ins: Mutex<StandIns>,
     tree: Arc<Tree>,
 }
 
@@ -393,6 +395,7 @@ impl Plan {
             name: name.to_owned(),
             settings: Mutex::default(),
             members: Mutex::default(),
+            stand_ins: Mutex::default(),
             tree: Tree::new(),
         }
     }
@@ -408,6 +411,12 @@ impl Plan {
 
     pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {
         self.settings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn stand_ins(&self) -> MutexGuard<'_, StandIns> {
+        self.stand_ins
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {

@@ -161,6 +161,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         processes,
         earlier: members.started.earlier(),
         loops: scope.take_reports(&known),
+        stand_ins: plan.stand_ins().replaced(),
         shortfalls,
         deadlock,
     };
