@@ -6,6 +6,16 @@ use std::f64::consts::TAU;
 pub const COUNTS_PER_MOTOR_TURN: f64 = 2000.0;
 
 /// The counter of one axis, as a card holds it: 32 bits that wrap, and that start anywhere when powered.
+///
+/// ```
+/// use luna_plants::{Decoder, Encoder};
+///
+/// // Behind a gear of 72; the counter is about to wrap.
+/// let (encoder, mut decoder) = (Encoder::new(72.0, i32::MAX), Decoder::new(72.0, i32::MAX));
+/// let count = encoder.count(0.5);
+/// assert!(count < 0);
+/// assert!((decoder.angle(count) - 0.5).abs() < 1e-4);
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Encoder {
     counts_per_rad: f64,

@@ -1,4 +1,41 @@
 //! Simulated plants for LUNA, and how they take the place of hardware.
+//!
+//! A *plant* is a machine, or a part of one, in simulation: it has *inputs*, which actuators apply, and *outputs*, which sensors read, each a [`Port`] with a
+//! name, a unit and a range. A [`PlantLink`] connects it to the channels of control processes, which do not know whether they talk to it or to hardware. It goes on
+//! by the system's clock ([`PlantLink::periodic`]) or exchange by exchange ([`PlantLink::lock_step`]). One that fails is an emergency, and
+//! no wrong value gets out.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna_plants::{Motor, PAN, PlantLink};
+//! use std::time::Duration;
+//!
+//! let mut system = System::new("pan");
+//! let main = system.executor("main").build()?;
+//! let (duty, duties) = luna::channel::<f64>();
+//! let (angle, angles) = luna::channel::<f64>();
+//! main.process("control").spawn(async move {
+//!     for _ in 0..500 {
+//!         let angle = angles.recv().await?;
+//!         duty.send(2.0 * (0.5 - angle)).await?;
+//!     }
+//!     Ok(())
+//! })?;
+//! let mut motor = PlantLink::new("motor", Motor::new(PAN));
+//! motor.actuator("duty", duties)?;
+//! motor.sensor("angle", angle)?;
+//! motor.at_end(|motor| assert!((motor.state().angle - 0.5).abs() < 0.1));
+//! main.process("motor").spawn(motor.lock_step(Duration::from_millis(1))?)?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
+//!
+//! Plants of your own implement [`Plant`]. Those here: [`Motor`] with gear, friction, end stops and limits; [`PanTilt`], Jiwy's mechanism;
+//! [`FirstOrderLag`], [`DeadTime`], and [`Series`] of two. All are deterministic; their steps allocate nothing.
+//!
+//! # Features
+//!
+//! `fmi`, off by default: co-simulation FMUs as plants (module `fmu`). Building it needs libclang.
 
 mod dead_time;
 mod encoder;
@@ -23,6 +60,11 @@ pub use pan_tilt::{PAN, PanTilt, TILT};
 pub use plant::{Checked, Plant};
 pub use port::{Outside, Port};
 pub use series::Series;
+
+/// The programs of the page are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/simulation.md")]
+struct Page;
 
 /// Random cases from the seed `LUNA_SEED`, and without one always the same.
 #[cfg(test)]
