@@ -114,7 +114,7 @@ impl Future for Ended<'_> {
             return Poll::Ready(ChannelEnd::Poisoned);
         }
         let node = self.node();
-        let mut lists = self.place.lock();
+        let mut lists = self.place.lock_lists();
         // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
         let former = unsafe {
             if let Some(end) = node.as_ref().is_met_by(lists.ending) {
@@ -145,7 +145,7 @@ impl Future for Ended<'_> {
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
         let node = self.node();
-        let mut lists = self.place.lock();
+        let mut lists = self.place.lock_lists();
         // SAFETY: the lock is held; a watcher that says so is in the list of its place.
         let unused = unsafe {
             if !node.as_ref().listed {

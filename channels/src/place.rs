@@ -142,18 +142,18 @@ impl Place {
         }
     }
 
-    /// Locks. Who waits on a spot is listed then.
+    /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> HomeGuard<'_, Lists> {
+        self.lock.lock()
+    }
+
+    /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
+    #[inline]
+    pub(crate) fn lock_lists(&self) -> HomeGuard<'_, Lists> {
         let mut lists = self.lock.lock();
         self.clear_spots(&mut lists);
         lists
-    }
-
-    /// Locks for who looks at the spots, and calls [`clear_spots`](Self::clear_spots) before it looks at the lists.
-    #[inline]
-    pub(crate) fn lock_with_spots(&self) -> HomeGuard<'_, Lists> {
-        self.lock.lock()
     }
 
     /// Lists who waits on the spots. O(1), since nobody else is listed then. `lists` are this place's.

@@ -28,6 +28,9 @@ const BETWEEN_LOOKS: Duration = Duration::from_nanos(100);
 #[cfg(not(loom))]
 static PAUSES: AtomicU32 = AtomicU32::new(1);
 
+#[cfg(not(loom))]
+const MOST_PAUSES: u128 = 64;
+
 /// Measures a pause. Some 20 µs.
 #[cfg(not(loom))]
 fn measure_pause() {
@@ -39,10 +42,11 @@ fn measure_pause() {
     };
     // The shortest: the others were interrupted.
     let shortest = (0..8).map(|_| time()).min().unwrap_or_default();
-    let fitting =
-        BETWEEN_LOOKS.as_nanos() * u128::from(PAUSES_AT_ONCE) / shortest.as_nanos().max(1);
     // A clock that stands still says nothing.
-    PAUSES.store(fitting.clamp(1, 64) as u32, Ordering::Relaxed);
+    if !shortest.is_zero() {
+        let fitting = BETWEEN_LOOKS.as_nanos() * u128::from(PAUSES_AT_ONCE) / shortest.as_nanos();
+        PAUSES.store(fitting.clamp(1, MOST_PAUSES) as u32, Ordering::Relaxed);
+    }
 }
 
 /// Waits until the next look.

@@ -28,7 +28,7 @@ impl Locks<'_> {
         for place in places {
             if locks.last().is_none_or(|&(last, _)| last != place) {
                 // SAFETY: a place outlives its guards, and these locks do not outlive the poll of the alternative that borrows them.
-                locks.push((place, unsafe { place.as_ref() }.lock()));
+                locks.push((place, unsafe { place.as_ref() }.lock_lists()));
             }
         }
         Locks(locks)

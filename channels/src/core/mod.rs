@@ -128,7 +128,7 @@ impl<T> Channel<T> {
     pub(crate) fn lock(&self) -> Locked<'_, T> {
         Section {
             channel: self,
-            lists: self.place.lock(),
+            lists: self.place.lock_lists(),
         }
     }
 

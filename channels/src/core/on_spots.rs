@@ -35,7 +35,7 @@ impl<T> Channel<T> {
     ) -> OnSpots<'_, T, ()> {
         let spots = &self.place.spots;
         let node = offered.cast::<Waiter<T>>();
-        let mut lists = self.place.lock_with_spots();
+        let mut lists = self.place.lock();
         // SAFETY: the contract: the value lies in the node, unless it is made. On a spot a receiver's node holds no value, and its future looks at the spot alone. The
         // lock is held.
         unsafe {
@@ -87,10 +87,11 @@ impl<T> Channel<T> {
     #[inline]
     pub(crate) unsafe fn recv_on_spots(&self, node: NonNull<Waiter<T>>) -> OnSpots<'_, T, T> {
         let spots = &self.place.spots;
-        let mut lists = self.place.lock_with_spots();
+        let mut lists = self.place.lock();
         // SAFETY: as above; a sender's node holds its value, and with room the spot does.
         unsafe {
-            if lists.may_meet_on_spots() {
+            // What came back from a receive that was dropped comes first.
+            if lists.may_meet_on_spots() && self.store.with(|store| (*store).is_empty()) {
                 if spots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.on_spots.get(Side::Sender)
                 {

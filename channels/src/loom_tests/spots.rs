@@ -2,7 +2,7 @@
 //!
 //! An operation looks once here, so each model has both: what a look sees, and what comes when it sees nothing.
 
-use super::{Drops, check, check_within, poll, recv_id};
+use super::{Drops, check, check_within, poll, recv_id, waiting_recv};
 use crate::{Receiver, RecvError, Sender, alt, channel};
 use loom::future::block_on;
 use loom::thread;
@@ -268,5 +268,27 @@ fn a_receive_that_has_looked_is_woken() {
         });
         assert_eq!(received, Ok(5));
         assert!(thread.join().unwrap());
+    });
+}
+
+/// It is not in a node, so nobody finds it who looks at the spots alone.
+#[test]
+fn a_receive_that_looks_finds_what_came_back() {
+    check(|| {
+        let drops = Drops::default();
+        let (sender, receiver) = channel();
+        let recv = waiting_recv(&receiver);
+        assert!(sender.try_send(drops.token(0)).is_ok());
+        let next = drops.token(1);
+        let thread = thread::spawn(move || looking(|| block_on(sender.send(next)).is_ok()));
+        drop(recv);
+        looking(|| {
+            // The second one may have come before the first was back.
+            let mut received = [recv_id(&receiver).unwrap(), recv_id(&receiver).unwrap()];
+            received.sort_unstable();
+            assert_eq!(received, [0, 1]);
+        });
+        assert!(thread.join().unwrap());
+        assert_eq!(drops.count(), 2);
     });
 }
