@@ -149,7 +149,7 @@ impl Place {
     }
 
     /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
-    #[inline]
+    #[inline(never)]
     pub(crate) fn lock_lists(&self) -> HomeGuard<'_, Lists> {
         let mut lists = self.lock.lock();
         self.clear_spots(&mut lists);

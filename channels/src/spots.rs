@@ -37,7 +37,7 @@ mod state {
     /// Its partner has come.
     pub(super) const DONE: u8 = 2;
     /// Who waits is in its list.
-    pub(super) const LISTED: u8 = 3;
+    pub(super) const LISTED: u8 = 4;
 }
 
 /// Whose node waits on each spot, or did last. Guarded by the place's lock, and on another line than the spots: it is mostly the same, and then read alone.
@@ -115,7 +115,9 @@ impl Spots {
     /// Whether somebody waits. Exact under the lock.
     #[inline]
     pub(crate) fn is_anybody_waiting(&self) -> bool {
-        self.is_waiting(Side::Sender) || self.is_waiting(Side::Receiver)
+        // In one, since nearly every general operation asks this: `WAITING` alone has its bit.
+        let states = self.load(Side::Sender) | self.load(Side::Receiver);
+        states & state::WAITING != 0
     }
 
     /// Whether somebody can come to wait on this side. Under the lock.
