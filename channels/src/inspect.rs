@@ -7,7 +7,7 @@ use crate::place::{Ending, Lists, Place};
 use crate::waiter::Waiter;
 use luna_platform::current::User;
 use luna_platform::wait_list::{WaitList, WaitNode};
-use std::collections::BTreeMap;
+use std::cell::UnsafeCell;
 use std::panic::Location;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -92,13 +92,81 @@ pub struct PlaceView {
 }
 
 /// What is known of a place from its beginning.
+///
+/// # Invariants
+///
+/// `links` are accessed under the lock of [`PLACES`] alone, once the place is registered.
 #[derive(Debug)]
 pub(crate) struct Identity {
     id: u64,
     made_at: &'static Location<'static>,
-    kind: PlaceKind,
-    name: OnceLock<String>,
+    links: UnsafeCell<Links>,
+    #[expect(
+        clippy::box_collection,
+        reason = "few places have a name: one word less for all others"
+    )]
+    name: OnceLock<Box<String>>,
+    kind: Kind,
     external: AtomicBool,
+}
+
+// SAFETY: the links are guarded by a lock, and lead to places, which are shared by theirs.
+unsafe impl Send for Identity {}
+// SAFETY: as above.
+unsafe impl Sync for Identity {}
+
+/// A place's neighbours in the register, and how to count what it stores.
+#[derive(Debug)]
+struct Links {
+    before: Option<NonNull<Place>>,
+    after: Option<NonNull<Place>>,
+    stored: CountStored,
+}
+
+/// How many values a place stores, called under its lock.
+pub(crate) type CountStored = unsafe fn(NonNull<Place>) -> Stored;
+
+/// What a place stores, and for how much it has room.
+#[derive(Debug, Default)]
+pub(crate) struct Stored {
+    pub(crate) now: usize,
+    pub(crate) capacity: usize,
+}
+
+/// As a [`PlaceKind`], without what the place itself knows.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Channel,
+    Barrier,
+    Mutex,
+    Condition,
+    Semaphore,
+    Stop,
+}
+
+impl Kind {
+    fn of(kind: PlaceKind) -> Self {
+        match kind {
+            PlaceKind::Rendezvous | PlaceKind::Buffered(_) => Kind::Channel,
+            PlaceKind::Barrier => Kind::Barrier,
+            PlaceKind::Mutex => Kind::Mutex,
+            PlaceKind::Condition => Kind::Condition,
+            PlaceKind::Semaphore => Kind::Semaphore,
+            PlaceKind::Stop => Kind::Stop,
+        }
+    }
+
+    fn with(self, capacity: usize) -> PlaceKind {
+        match (self, capacity) {
+            (Kind::Channel, 0) => PlaceKind::Rendezvous,
+            (Kind::Channel, capacity) => PlaceKind::Buffered(capacity),
+            (Kind::Barrier, _) => PlaceKind::Barrier,
+            (Kind::Mutex, _) => PlaceKind::Mutex,
+            (Kind::Condition, _) => PlaceKind::Condition,
+            (Kind::Semaphore, _) => PlaceKind::Semaphore,
+            (Kind::Stop, _) => PlaceKind::Stop,
+        }
+    }
 }
 
 impl Identity {
@@ -108,8 +176,13 @@ impl Identity {
         Self {
             id: NEXT.fetch_add(1, Ordering::Relaxed),
             made_at: Location::caller(),
-            kind,
+            links: UnsafeCell::new(Links {
+                before: None,
+                after: None,
+                stored: |_| Stored::default(),
+            }),
             name: OnceLock::new(),
+            kind: Kind::of(kind),
             external: AtomicBool::new(false),
         }
     }
@@ -122,7 +195,7 @@ impl Identity {
 
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
-        let _ = self.name.set(name.to_owned());
+        let _ = self.name.set(Box::new(name.to_owned()));
     }
 
     pub(crate) fn set_external(&self) {
@@ -130,38 +203,125 @@ impl Identity {
     }
 }
 
-/// A live place, and how to count what it stores.
-struct Registered {
-    place: NonNull<Place>,
-    stored: unsafe fn(NonNull<Place>) -> usize,
+/// The ends of the list of all places that live. It lies in them: so making one allocates nothing but it.
+///
+/// # Invariants
+///
+/// A doubly linked chain of live places that stay where they are, whose numbers rise.
+struct Places {
+    first: Option<NonNull<Place>>,
+    last: Option<NonNull<Place>>,
 }
 
-// SAFETY: a place is shared by its lock, and registered only while it lives.
-unsafe impl Send for Registered {}
+// SAFETY: a place is shared by its lock, and listed only while it lives.
+unsafe impl Send for Places {}
 
-/// By number, so in the order in which they were made.
-static PLACES: Mutex<BTreeMap<u64, Registered>> = Mutex::new(BTreeMap::new());
+/// In the order in which they were made.
+static PLACES: Mutex<Places> = Mutex::new(Places {
+    first: None,
+    last: None,
+});
+
+impl Places {
+    /// # Safety
+    ///
+    /// The place is listed here, or is the caller's alone; the lock of all places is held while the pointer is used.
+    unsafe fn links(place: NonNull<Place>) -> *mut Links {
+        // SAFETY: the contract.
+        unsafe { place.as_ref() }.identity.links.get()
+    }
+
+    /// Who stands after `before`, or is the first.
+    ///
+    /// # Safety
+    ///
+    /// `before` is listed here.
+    unsafe fn after(&mut self, before: Option<NonNull<Place>>) -> &mut Option<NonNull<Place>> {
+        match before {
+            // SAFETY: the contract.
+            Some(before) => unsafe { &mut (*Self::links(before)).after },
+            None => &mut self.first,
+        }
+    }
+
+    /// Who stands before `after`, or is the last.
+    ///
+    /// # Safety
+    ///
+    /// `after` is listed here.
+    unsafe fn before(&mut self, after: Option<NonNull<Place>>) -> &mut Option<NonNull<Place>> {
+        match after {
+            // SAFETY: the contract.
+            Some(after) => unsafe { &mut (*Self::links(after)).before },
+            None => &mut self.last,
+        }
+    }
+
+    /// Lists a place behind those with lower numbers: the last, unless others are being made on other threads.
+    ///
+    /// # Safety
+    ///
+    /// It is listed nowhere, stays where it is, and is removed before it goes.
+    unsafe fn insert(&mut self, place: NonNull<Place>, stored: CountStored) {
+        // SAFETY: the contract, and the invariant for those that are listed.
+        unsafe {
+            let id = |place: NonNull<Place>| place.as_ref().identity.id;
+            let mut before = self.last;
+            while let Some(other) = before
+                && id(other) > id(place)
+            {
+                before = (*Self::links(other)).before;
+            }
+            let after = self.after(before).replace(place);
+            *self.before(after) = Some(place);
+            *Self::links(place) = Links {
+                before,
+                after,
+                stored,
+            };
+        }
+    }
+
+    /// # Safety
+    ///
+    /// It is listed here.
+    unsafe fn remove(&mut self, place: NonNull<Place>) {
+        // SAFETY: the contract, and the invariant for its neighbours.
+        unsafe {
+            let Links { before, after, .. } = *Self::links(place);
+            *self.after(before) = after;
+            *self.before(after) = before;
+        }
+    }
+}
 
 /// Registers a place. Off the real-time path, as is making one.
 ///
 /// # Safety
 ///
-/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it under its lock.
-pub(crate) unsafe fn register(place: NonNull<Place>, stored: unsafe fn(NonNull<Place>) -> usize) {
+/// The place stays where it is, and lives until it is unregistered. `stored` can be called for it, by this pointer, under its lock.
+pub(crate) unsafe fn register(place: NonNull<Place>, stored: CountStored) {
     // A model makes and drops thousands of channels, whose locks belong to one run of it.
     if cfg!(loom) {
         return;
     }
-    // SAFETY: the contract.
-    let id = unsafe { place.as_ref() }.identity.id;
     let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
-    places.insert(id, Registered { place, stored });
+    // SAFETY: the contract.
+    unsafe { places.insert(place, stored) };
 }
 
 /// Takes a place off the register, as it is freed.
-pub(crate) fn unregister(place: &Place) {
+///
+/// # Safety
+///
+/// It was registered, and is unregistered once.
+pub(crate) unsafe fn unregister(place: &Place) {
+    if cfg!(loom) {
+        return;
+    }
     let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
-    places.remove(&place.identity.id);
+    // SAFETY: the contract.
+    unsafe { places.remove(NonNull::from(place)) };
 }
 
 /// All channels, barriers and locks of the program that live, in the order in which they were made. Allocates; O(places + those who wait).
@@ -177,13 +337,16 @@ pub(crate) fn unregister(place: &Place) {
 /// ```
 pub fn places() -> Vec<PlaceView> {
     let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut views: Vec<PlaceView> = places
-        .values()
-        .map(|registered| {
-            // SAFETY: a registered place lives, and unregistering needs the lock that is held.
-            unsafe { view(registered) }
-        })
-        .collect();
+    let mut views = Vec::new();
+    let mut next = places.first;
+    while let Some(place) = next {
+        // SAFETY: a registered place lives, and unregistering needs the lock that is held.
+        unsafe {
+            let links = Places::links(place);
+            views.push(view(place, (*links).stored));
+            next = (*links).after;
+        }
+    }
     drop(places);
     views.extend(stopped());
     views
@@ -216,30 +379,30 @@ fn stopped() -> Option<PlaceView> {
 
 /// # Safety
 ///
-/// The place lives.
-unsafe fn view(registered: &Registered) -> PlaceView {
+/// The place lives, and `stored` was registered with it.
+unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
     // SAFETY: the contract.
-    let place = unsafe { registered.place.as_ref() };
+    let place = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
     // Processes on the real-time path take this lock: nothing is allocated under it.
-    let (buffered, sender, receiver, ended) = loop {
+    let (stored, sender, receiver, ended) = loop {
         waiting.clear();
         let mut lists = place.lock_briefly();
         if copy_waiting(&mut lists, place.identity.kind, &mut waiting) {
             // SAFETY: the lock is held.
-            let buffered = unsafe { (registered.stored)(registered.place) };
+            let stored = unsafe { stored(registered) };
             let ended = lists.ending != Ending::Open;
-            break (buffered, lists.sender.get(), lists.receiver.get(), ended);
+            break (stored, lists.sender.get(), lists.receiver.get(), ended);
         }
         drop(lists);
         waiting.reserve(waiting.capacity().max(8) * 2);
     };
     PlaceView {
         id: place.identity.id,
-        name: place.identity.name.get().cloned(),
+        name: place.identity.name.get().map(|name| String::clone(name)),
         made_at: place.identity.made_at,
-        kind: place.identity.kind,
-        buffered,
+        kind: place.identity.kind.with(stored.capacity),
+        buffered: stored.now,
         external: place.identity.external.load(Ordering::Relaxed),
         ended,
         sender,
@@ -249,12 +412,12 @@ unsafe fn view(registered: &Registered) -> PlaceView {
 }
 
 /// Copies who waits, if there is room for all.
-fn copy_waiting(lists: &mut Lists, kind: PlaceKind, into: &mut Vec<Waiting>) -> bool {
+fn copy_waiting(lists: &mut Lists, kind: Kind, into: &mut Vec<Waiting>) -> bool {
     let (first, second) = match kind {
-        PlaceKind::Barrier => (Role::Party, Role::Party),
-        PlaceKind::Mutex => (Role::Locker, Role::Locker),
-        PlaceKind::Condition => (Role::Notified, Role::Notified),
-        PlaceKind::Semaphore => (Role::Acquirer, Role::Acquirer),
+        Kind::Barrier => (Role::Party, Role::Party),
+        Kind::Mutex => (Role::Locker, Role::Locker),
+        Kind::Condition => (Role::Notified, Role::Notified),
+        Kind::Semaphore => (Role::Acquirer, Role::Acquirer),
         _ => (Role::Sender, Role::Receiver),
     };
     let all = [

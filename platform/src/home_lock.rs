@@ -108,7 +108,7 @@ unsafe impl<T: Send> Sync for HomeLock<T> {}
 unsafe impl<T: Send> Send for HomeLock<T> {}
 
 /// Who has used the lock in shared mode lately. Packed, so that the lock's word lies beside `inside`, and leaves more of their line to what the lock guards.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 #[repr(C, packed(4))]
 struct Uses {
     /// The home that did last.

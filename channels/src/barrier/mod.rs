@@ -18,8 +18,8 @@ pub use local::{LocalBarrier, LocalSync};
 pub use party::Party;
 pub use sync::SyncOp;
 
-use crate::inspect::{Identity, PlaceKind};
-use crate::place::{Lists, Place};
+use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
+use crate::place::{Lists, PlaceApart};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
@@ -54,7 +54,7 @@ struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    place: Place,
+    place: PlaceApart,
     round: UnsafeCell<Round>,
 }
 
@@ -92,7 +92,7 @@ impl Barrier {
         let shared = Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: Place::new(Identity::new(PlaceKind::Barrier)),
+            place: PlaceApart::new(Identity::new(PlaceKind::Barrier)),
             round: UnsafeCell::new(Round {
                 parties,
                 arrived: 0,
@@ -102,7 +102,11 @@ impl Barrier {
         });
         let shared = NonNull::from(Box::leak(shared));
         // SAFETY: it is live, and leaves the register in `free`.
-        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        unsafe {
+            register(NonNull::from(&*shared.as_ref().place), |_| {
+                Stored::default()
+            })
+        };
         Barrier {
             shared,
             chosen: Stamp::new(),
@@ -224,7 +228,7 @@ impl Shared {
         // SAFETY: `Barrier::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            crate::inspect::unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().place);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }

@@ -214,7 +214,7 @@ impl Future for SyncOp<'_> {
 
 impl RawGuard for SyncOp<'_> {
     fn place(&self) -> Option<NonNull<Place>> {
-        Some(NonNull::from(&self.shared().place))
+        Some(NonNull::from(&*self.shared().place))
     }
 
     fn stamp(&self) -> Option<&Stamp> {

@@ -27,7 +27,7 @@ pub(crate) use section::{Locked, Received, Section, Sent};
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
-use crate::inspect::Identity;
+use crate::inspect::{Identity, Stored};
 pub(crate) use crate::place::Ending;
 use crate::place::{Lists, Place};
 pub(crate) use crate::taken::Taken;
@@ -36,8 +36,9 @@ use luna_platform::current::{self, Wakeup};
 use luna_platform::reclaim::{self, Retired};
 use luna_platform::spin;
 use luna_platform::sync::UnsafeCell;
-use luna_platform::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use luna_platform::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use std::collections::VecDeque;
+use std::mem::offset_of;
 use std::ptr::NonNull;
 use std::task::Context;
 /// How many received values can come back from dropped futures before room for more must be made: see [`Channel::give_back`].
@@ -48,16 +49,17 @@ const SPARE: usize = 2;
 /// # Invariants
 ///
 /// `store` is accessed under the lock of `place` alone.
-#[repr(C)]
+#[repr(C, align(64))]
 pub(crate) struct Channel<T> {
-    /// First, so that it leads back to this.
-    retired: Retired,
-    senders: AtomicUsize,
-    receivers: AtomicUsize,
-    /// 2 kinds of ends, 1, then the channel goes.
-    kinds: AtomicUsize,
-    buffer: Buffer,
+    /// First, so that its lock lies at the beginning of a cache line.
     place: Place,
+    retired: Retired,
+    senders: AtomicU32,
+    receivers: AtomicU32,
+    capacity: usize,
+    when_full: WhenFull,
+    /// 2 kinds of ends, 1, then the channel goes.
+    kinds: AtomicU8,
     /// Whether alternatives that are registered here are yet to be readied. Changed under the lock.
     rings: AtomicBool,
     /// Buffered values, and before them those that came back from futures dropped after their receive.
@@ -75,12 +77,13 @@ impl<T> Channel<T> {
             lists.find_whether_plain();
         });
         let channel = Box::new(Channel {
-            retired: Retired::new(Self::free),
-            senders: AtomicUsize::new(1),
-            receivers: AtomicUsize::new(1),
-            kinds: AtomicUsize::new(2),
-            buffer,
             place,
+            retired: Retired::new(Self::free),
+            senders: AtomicU32::new(1),
+            receivers: AtomicU32::new(1),
+            capacity: buffer.capacity,
+            when_full: buffer.when_full,
+            kinds: AtomicU8::new(2),
             rings: AtomicBool::new(false),
             store: UnsafeCell::new(VecDeque::with_capacity(
                 buffer.reserved().saturating_add(SPARE),
@@ -90,32 +93,41 @@ impl<T> Channel<T> {
         // SAFETY: the channel is live, and leaves the register in `free`. The function is its own. The pointer is made of that to the whole, so
         // that it leads back to it.
         unsafe {
-            let place = NonNull::new_unchecked(&raw mut (*channel.as_ptr()).place);
-            crate::inspect::register(place, Self::stored);
+            crate::inspect::register(channel.cast(), Self::stored);
         }
         channel
     }
 
     unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `allocate` made it of a box, and the head is the channel's first field.
+        // SAFETY: `allocate` made it of a box, and registered it; the head is a field of it.
         unsafe {
-            let channel = head.cast::<Channel<T>>();
+            let channel = head.byte_sub(offset_of!(Self, retired)).cast::<Self>();
             crate::inspect::unregister(&channel.as_ref().place);
             drop(Box::from_raw(channel.as_ptr()));
         }
     }
 
-    /// How many values are buffered in the channel around `place`.
+    /// How many values are buffered in the channel around `place`, and how many can be.
     ///
     /// # Safety
     ///
-    /// `place` is that of a live channel of values of this type, and its lock is held.
-    unsafe fn stored(place: NonNull<Place>) -> usize {
-        let offset = std::mem::offset_of!(Channel<T>, place);
-        // SAFETY: the contract.
-        unsafe {
-            let channel = place.byte_sub(offset).cast::<Channel<T>>();
-            channel.as_ref().store.with(|store| (*store).len())
+    /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its lock is held.
+    unsafe fn stored(place: NonNull<Place>) -> Stored {
+        // SAFETY: the contract; the place is the channel's first field.
+        let channel = unsafe { place.cast::<Channel<T>>().as_ref() };
+        Stored {
+            // SAFETY: the lock is held.
+            now: channel.store.with(|store| unsafe { (*store).len() }),
+            capacity: channel.capacity,
+        }
+    }
+
+    /// What it holds, and what it does when it is full.
+    #[inline]
+    fn buffer(&self) -> Buffer {
+        Buffer {
+            capacity: self.capacity,
+            when_full: self.when_full,
         }
     }
 
@@ -265,7 +277,7 @@ impl<T> Channel<T> {
             ready.wake();
             return;
         }
-        let buffer = self.buffer;
+        let buffer = self.buffer();
         let overwritten = section.with_store(|store| {
             store.push_front(value);
             let length = store.len();
@@ -456,14 +468,14 @@ impl<T> Channel<T> {
     }
 
     pub(crate) fn add_sender(&self) {
-        self.senders.fetch_add(1, Ordering::Relaxed);
+        count_one_more(&self.senders);
     }
 
     pub(crate) fn add_receiver(&self) {
-        let receivers = self.receivers.fetch_add(1, Ordering::Relaxed) + 1;
+        let receivers = count_one_more(&self.receivers) as usize;
         if receivers > SPARE {
             // Each receiver may have one receive under way that gives its value back.
-            let buffered = self.buffer.reserved();
+            let buffered = self.buffer().reserved();
             self.lock().with_store(|store| {
                 let needed = buffered
                     .saturating_add(receivers)
@@ -513,7 +525,7 @@ impl<T> Channel<T> {
         // SAFETY: the last one to get here is the last user; what it frees may be freed on any thread, since the values are `Send`.
         unsafe {
             if channel.as_ref().kinds.fetch_sub(1, Ordering::AcqRel) == 1 {
-                reclaim::retire(channel.cast());
+                reclaim::retire(NonNull::new_unchecked(&raw mut (*channel.as_ptr()).retired));
             }
         }
     }
@@ -522,6 +534,16 @@ impl<T> Channel<T> {
     pub(crate) fn buffered(&self) -> usize {
         self.lock().with_store(|store| store.len())
     }
+}
+
+/// Counts an end; says how many there are. Relaxed: who clones an end has one.
+fn count_one_more(ends: &AtomicU32) -> u32 {
+    let before = ends.fetch_add(1, Ordering::Relaxed);
+    if before > i32::MAX as u32 {
+        // So many were leaked: to wrap would be to free what is used.
+        std::process::abort();
+    }
+    before + 1
 }
 
 /// The rest of a channel's ending, if somebody's waker panics in the middle of it.

@@ -221,7 +221,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         if self.lists.ending != Ending::Open {
             return Sent::Ended(self.lists.ending);
         }
-        let buffer = self.channel.buffer;
+        let buffer = self.channel.buffer();
         // A buffer takes the value from its sender as soon as it has it, and holds nobody: any send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
         if self.lists.extends
@@ -312,7 +312,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         if self.lists.ending == Ending::Poisoned {
             return Received::Ended(Ending::Poisoned);
         }
-        let capacity = self.channel.buffer.capacity;
+        let capacity = self.channel.capacity;
         if let Some((value, has_room)) = self.with_store(|store| {
             let value = store.pop_front()?;
             Some((value, store.len() < capacity))

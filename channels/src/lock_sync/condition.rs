@@ -5,8 +5,8 @@ use super::entry::{Cause, Entry};
 use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
-use crate::inspect::{Identity, PlaceKind};
-use crate::place::{LastUser, Lists, Place};
+use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
+use crate::place::{LastUser, Lists, PlaceApart};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, User};
 use luna_platform::reclaim::{self, Retired};
@@ -27,7 +27,7 @@ pub(super) struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    pub(super) place: Place,
+    pub(super) place: PlaceApart,
 }
 
 /// What those wait for who hold a [`Mutex`](super::Mutex) and find that they cannot go on yet: until somebody has changed what it guards, and says so.
@@ -79,10 +79,14 @@ impl Condition {
         let shared = NonNull::from(Box::leak(Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: Place::new(Identity::new(PlaceKind::Condition)),
+            place: PlaceApart::new(Identity::new(PlaceKind::Condition)),
         })));
         // SAFETY: it is live, and leaves the register in `free`.
-        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        unsafe {
+            register(NonNull::from(&*shared.as_ref().place), |_| {
+                Stored::default()
+            })
+        };
         Condition { shared }
     }
 
@@ -321,7 +325,7 @@ impl Shared {
         // SAFETY: `Condition::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            crate::inspect::unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().place);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }

@@ -3,7 +3,7 @@
 use super::chain::{self, Changed};
 use super::entry::Entry;
 use crate::inspect::{Identity, PlaceKind};
-use crate::place::{LastUser, Lists, Place};
+use crate::place::{LastUser, Lists, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Heir, Priority, Ready, User, Wakeup};
 use luna_platform::reclaim::{self, Retired};
@@ -33,7 +33,7 @@ pub(super) struct Core {
     retired: Retired,
     /// All handles count as one; the others are those of [`CoreRef`].
     references: AtomicUsize,
-    pub(super) place: Place,
+    pub(super) place: PlaceApart,
     state: UnsafeCell<State>,
     has_died: AtomicBool,
 }
@@ -104,7 +104,7 @@ impl Core {
         Self {
             retired: Retired::new(free),
             references: AtomicUsize::new(1),
-            place: Place::new(Identity::new(PlaceKind::Mutex)),
+            place: PlaceApart::new(Identity::new(PlaceKind::Mutex)),
             state: UnsafeCell::new(State {
                 is_held: false,
                 heir: None,

@@ -4,6 +4,7 @@ use super::core::Core;
 use super::error::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
+use crate::inspect::{Stored, register, unregister};
 use luna_platform::clock::Instant;
 use luna_platform::current::Heir;
 use luna_platform::reclaim::Retired;
@@ -78,7 +79,11 @@ impl<T: Send> Mutex<T> {
             value: UnsafeCell::new(ManuallyDrop::new(value)),
         })));
         // SAFETY: it is live, and leaves the register in `free`.
-        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().core.place), |_| 0) };
+        unsafe {
+            register(NonNull::from(&*shared.as_ref().core.place), |_| {
+                Stored::default()
+            })
+        };
         Mutex {
             shared,
             _owns: PhantomData,
@@ -242,7 +247,7 @@ impl<T> Shared<T> {
         // SAFETY: `Mutex::new` made it of a box, and the head is its first field's first.
         unsafe {
             let shared = head.cast::<Shared<T>>();
-            crate::inspect::unregister(&shared.as_ref().core.place);
+            unregister(&shared.as_ref().core.place);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }

@@ -3,8 +3,8 @@
 use super::acquire::{AcquireOp, AcquireTimeout};
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
-use crate::inspect::{Identity, PlaceKind};
-use crate::place::{LastUser, Lists, Place};
+use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
+use crate::place::{LastUser, Lists, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Priority, User};
@@ -26,7 +26,7 @@ pub(super) struct Shared {
     /// First, so that it leads back to this.
     retired: Retired,
     handles: AtomicUsize,
-    pub(super) place: Place,
+    pub(super) place: PlaceApart,
     permits: UnsafeCell<u64>,
 }
 
@@ -68,11 +68,15 @@ impl Semaphore {
         let shared = NonNull::from(Box::leak(Box::new(Shared {
             retired: Retired::new(Shared::free),
             handles: AtomicUsize::new(1),
-            place: Place::new(Identity::new(PlaceKind::Semaphore)),
+            place: PlaceApart::new(Identity::new(PlaceKind::Semaphore)),
             permits: UnsafeCell::new(u64::from(permits)),
         })));
         // SAFETY: it is live, and leaves the register in `free`.
-        unsafe { crate::inspect::register(NonNull::from(&shared.as_ref().place), |_| 0) };
+        unsafe {
+            register(NonNull::from(&*shared.as_ref().place), |_| {
+                Stored::default()
+            })
+        };
         Semaphore { shared }
     }
 
@@ -312,7 +316,7 @@ impl Shared {
         // SAFETY: `Semaphore::new` made it of a box, and the head is its first field.
         unsafe {
             let shared = head.cast::<Shared>();
-            crate::inspect::unregister(&shared.as_ref().place);
+            unregister(&shared.as_ref().place);
             drop(Box::from_raw(shared.as_ptr()));
         }
     }
