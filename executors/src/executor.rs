@@ -426,9 +426,9 @@ impl ExecutorHandle {
     pub fn announce(&self, spec: ProcessSpec) -> Announced {
         // Processes that come and go for ever do not fill the memory.
         reclaim::collect();
+        let record = Record::new(spec, &self.shared.living);
         Announced {
-            record: Some(Record::new(spec, &self.shared.living)),
-            shared: self.shared.clone(),
+            to_be: ToBe(Some((record, self.shared.clone()))),
             decided: None,
         }
     }
@@ -437,21 +437,25 @@ impl ExecutorHandle {
 /// A process to be, on its executor: see [`ExecutorHandle::announce`]. If it is dropped, the process ends as cancelled.
 #[must_use = "a process that is announced and not started ends as cancelled"]
 pub struct Announced {
-    /// There until it is started.
-    record: Option<Arc<Record>>,
-    shared: Arc<Shared>,
+    to_be: ToBe,
     /// What [`is_built_here`](Self::is_built_here) has said.
     decided: Option<bool>,
+}
+
+/// A process that has not begun: dropped, it ends as cancelled.
+struct ToBe(Option<(Arc<Record>, Arc<Shared>)>);
+
+impl ToBe {
+    fn get(&self) -> &(Arc<Record>, Arc<Shared>) {
+        let to_be = self.0.as_ref();
+        to_be.expect("a process that is started is announced no more")
+    }
 }
 
 impl Announced {
     /// The process, seen from outside.
     pub fn handle(&self) -> ProcessHandle {
-        ProcessHandle(
-            self.record
-                .clone()
-                .expect("a process that is started is announced no more"),
-        )
+        ProcessHandle(self.to_be.get().0.clone())
     }
 
     /// Whether [`start`](Self::start) builds the process before it returns: then it calls what is the user's. If not, it only hands it over.
@@ -463,8 +467,9 @@ impl Announced {
 
     /// In a turn that is looked at, or that drops what was left, a builder would count as a part of it: then it has a turn of its own.
     fn can_be_built_here(&self) -> bool {
-        current::home() == Some(self.shared.home)
-            && self.shared.phase() == Phase::RELEASED
+        let (_, shared) = self.to_be.get();
+        current::home() == Some(shared.home)
+            && shared.phase() == Phase::RELEASED
             && overseer().is_none()
             && !current::is_abandoned()
             && !current::dropped_ends_poison()
@@ -480,31 +485,33 @@ impl Announced {
     {
         // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();
-        let mut record = Some(self.record.take()?);
         if here {
             // Off the path, and no part of the turn in the middle of which it is done.
             let on_path = current::set_on_path(false);
             let built = catch_unwind(AssertUnwindSafe(|| {
                 current::outside(|| {
                     let future = build();
-                    if let Some(record) = record.take() {
-                        task::start(&self.shared, record, future);
+                    if let Some((record, shared)) = self.to_be.0.take() {
+                        task::start(shared, record, future);
                     }
                 });
             }));
-            if let (Err(payload), Some(record)) = (built, record) {
-                record.end_panicked(payload, &self.shared.living);
+            if let Err(payload) = built
+                && let Some((record, shared)) = self.to_be.0.take()
+            {
+                record.end_panicked(payload, &shared.living);
             }
             current::set_on_path(on_path);
             return None;
         }
+        let (record, shared) = self.to_be.0.take()?;
         let build = Box::new(move |shared: &Arc<Shared>, record: Arc<Record>| {
-            task::start(shared, record, build())
+            task::start(shared.clone(), record, build())
         });
         // The list's node is allocated before the lock is taken.
-        let mut arrival = LinkedList::from_iter(record.map(|record| Arrival { record, build }));
+        let mut arrival = LinkedList::from([Arrival { record, build }]);
         {
-            let mut arrivals = self.shared.arrivals.lock();
+            let mut arrivals = shared.arrivals.lock();
             if !arrivals.closed {
                 arrivals.announced = arrivals.announced.wrapping_add(1);
                 arrivals.waiting.append(&mut arrival);
@@ -512,9 +519,9 @@ impl Announced {
         }
         let refused = arrival.pop_front();
         if refused.is_none() {
-            self.shared.inbound.ask_attention();
+            shared.inbound.ask_attention();
         }
-        refused.map(|arrival| Refused(Some((arrival, self.shared.clone()))))
+        refused.map(|arrival| Refused(Some((arrival, shared))))
     }
 }
 
@@ -535,17 +542,19 @@ impl fmt::Debug for Refused {
     }
 }
 
-impl Drop for Announced {
+impl Drop for ToBe {
     fn drop(&mut self) {
-        if let Some(record) = self.record.take() {
-            record.end_unstarted(&self.shared.living);
+        if let Some((record, shared)) = self.0.take() {
+            record.end_unstarted(&shared.living);
         }
     }
 }
 
 impl fmt::Debug for Announced {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Announced").field(&self.record).finish()
+        f.debug_tuple("Announced")
+            .field(&self.to_be.0.as_ref().map(|(record, _)| record))
+            .finish()
     }
 }
 

@@ -119,7 +119,7 @@ struct Whole<F> {
 }
 
 /// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
-pub(crate) fn start<F>(shared: &Arc<Shared>, record: Arc<Record>, future: F)
+pub(crate) fn start<F>(shared: Arc<Shared>, record: Arc<Record>, future: F)
 where
     F: Future<Output = ()> + 'static,
 {
@@ -145,7 +145,7 @@ where
                 }
             },
             record,
-            shared: shared.clone(),
+            shared,
             seat,
             references: AtomicU32::new(waker::FIRST),
             skipped,

@@ -72,8 +72,12 @@ unsafe fn discard(data: *const ()) {
     // SAFETY: see above; the last waker leaves nobody who uses the task. Its own one is dropped only after its body has ended, and its process.
     unsafe {
         let task = task(data);
-        // Release and Acquire: whoever frees the task does so after all that others did with it.
-        if task.as_ref().references.fetch_sub(1, Ordering::Release) == 1 {
+        // Release and Acquire: whoever frees the task does so after all that others did with it. Who has the only waker is alone with it: looking costs less than
+        // counting.
+        let references = &task.as_ref().references;
+        if references.load(Ordering::Acquire) == 1
+            || references.fetch_sub(1, Ordering::Release) == 1
+        {
             fence(Ordering::Acquire);
             reclaim::retire(NonNull::new_unchecked(&raw mut (*task.as_ptr()).retired));
         }
