@@ -379,3 +379,16 @@ unsafe fn free_retired<F>(head: NonNull<Retired>) {
         memory::free(whole, skipped);
     }
 }
+
+#[cfg(all(test, not(loom), target_pointer_width = "64"))]
+mod tests {
+    use super::*;
+
+    /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
+    #[test]
+    fn a_task_takes_little_beside_its_body() {
+        assert!(size_of::<Task>() <= 248, "{}", size_of::<Task>());
+        assert!(size_of::<Record>() <= 104, "{}", size_of::<Record>());
+        assert!(size_of::<Process>() <= 176, "{}", size_of::<Process>());
+    }
+}
