@@ -54,6 +54,7 @@ pub mod steal;
 pub mod sync;
 #[cfg(not(loom))]
 pub mod thread;
+pub mod tick_list;
 #[cfg(not(loom))]
 pub mod timer_fd;
 pub mod timer_queue;

@@ -50,6 +50,31 @@ impl TimerFd {
             .map_err(refused("timerfd_create"))
     }
 
+    /// As [`new`](Self::new), but one that is not waited for here: a reactor watches it, and [`take`](Self::take) reads it.
+    ///
+    /// # Errors
+    ///
+    /// As for `new`.
+    pub fn watched() -> Result<TimerFd, TimerError> {
+        let flags = TimerFlags::TFD_CLOEXEC | TimerFlags::TFD_NONBLOCK;
+        let timer = SysTimer::new(ClockId::CLOCK_MONOTONIC, flags);
+        timer
+            .map(|timer| TimerFd { timer })
+            .map_err(refused("timerfd_create"))
+    }
+
+    /// How often a [`watched`](Self::watched) one expired since it was last read or armed: 0 if it did not, or was disarmed meanwhile. One system call, which does not wait.
+    ///
+    /// # Errors
+    ///
+    /// None that the caller could cause.
+    pub fn take(&self) -> Result<u64, TimerError> {
+        match self.read() {
+            Err(Errno::EAGAIN) => Ok(0),
+            taken => taken.map_err(refused("read")),
+        }
+    }
+
     /// Expires once, at `deadline`; at once if that has passed. [`Instant::NEVER`] disarms it. What expired before is forgotten.
     ///
     /// # Errors
@@ -95,15 +120,7 @@ impl TimerFd {
     ///
     /// None that the caller could cause.
     pub fn wait(&self) -> Result<u64, TimerError> {
-        let mut count = [0; 8];
-        loop {
-            match path::expected(Call::Sleep, || nix::unistd::read(&self.timer, &mut count)) {
-                Ok(_) => return Ok(u64::from_ne_bytes(count)),
-                // A signal's handler ran.
-                Err(Errno::EINTR) => {}
-                Err(error) => return Err(refused("read")(error)),
-            }
-        }
+        self.read().map_err(refused("read"))
     }
 
     /// How often it expired since it was last read or armed: 0 if it did not. Does not wait; at most two system calls.
@@ -117,6 +134,17 @@ impl TimerFd {
             Ok(0) | Err(Errno::EINTR) => Ok(0),
             Ok(_) => self.wait(),
             Err(error) => Err(refused("poll")(error)),
+        }
+    }
+
+    fn read(&self) -> Result<u64, Errno> {
+        let mut count = [0; 8];
+        loop {
+            match path::expected(Call::Sleep, || nix::unistd::read(&self.timer, &mut count)) {
+                // A signal's handler ran.
+                Err(Errno::EINTR) => {}
+                read => return read.map(|_| u64::from_ne_bytes(count)),
+            }
         }
     }
 
@@ -185,6 +213,19 @@ mod tests {
             count += timer.wait().unwrap();
             assert!(Instant::now() >= first + period * (count as u32 - 1));
         }
+    }
+
+    #[test]
+    fn a_watched_one_is_read_without_waiting() {
+        let timer = TimerFd::watched().unwrap();
+        assert_eq!(timer.take(), Ok(0));
+        let first = Instant::now() - Duration::from_micros(2_500);
+        timer.arm_periodic(first, Duration::from_secs(1)).unwrap();
+        while timer.expirations() == Ok(0) {}
+        assert_eq!(timer.take(), Ok(0), "it was read just before");
+        timer.arm_at(Instant::from_nanos(1)).unwrap();
+        timer.disarm().unwrap();
+        assert_eq!(timer.take(), Ok(0));
     }
 
     #[test]

@@ -21,6 +21,24 @@ impl TimerFd {
         Err(TimerError::Unsupported)
     }
 
+    /// Fails.
+    ///
+    /// # Errors
+    ///
+    /// Always [`TimerError::Unsupported`].
+    pub fn watched() -> Result<TimerFd, TimerError> {
+        Err(TimerError::Unsupported)
+    }
+
+    /// There is no timer to read.
+    ///
+    /// # Errors
+    ///
+    /// Cannot be called.
+    pub fn take(&self) -> Result<u64, TimerError> {
+        match self.never {}
+    }
+
     /// There is no timer to arm.
     ///
     /// # Errors
