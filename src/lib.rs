@@ -80,8 +80,9 @@ pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};
 pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
-    Cycle, Distribution, Expiry, Instant, LateCycle, LoopReport, NextTick, Overrun, Periodic,
-    RanInstead, Tick, Ticks, Timer, UsageSince, now, periodic, ticks,
+    CallbackReport, Cycle, Distribution, Expiry, Firing, Instant, LateCycle, LoopReport, NextTick,
+    Overrun, Periodic, RanInstead, Tick, TickReport, Ticks, Timer, TimerCallback, TimerManager,
+    Timers, TimersReport, UsageSince, now, periodic, ticks,
 };
 
 #[doc(hidden)]

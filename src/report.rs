@@ -3,7 +3,7 @@
 use crate::safety::BudgetReport;
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
-use crate::time::{Distribution, LoopReport, short};
+use crate::time::{Distribution, LoopReport, TimersReport, short};
 use luna_executors::{Exit, ProcessHandle};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::Policy;
@@ -56,6 +56,8 @@ pub struct Report {
     pub shortfalls: Vec<Shortfall>,
     /// The deadlock that the system came to, if it did. A thread outside of it may have ended that later.
     pub deadlock: Option<Deadlock>,
+    /// What the timer manager did, if the system has one.
+    pub timers: Option<TimersReport>,
 }
 
 /// How a system came to its end.
@@ -289,6 +291,9 @@ impl fmt::Display for Report {
         }
         if self.earlier.number() > 0 {
             writeln!(f, "  {}", self.earlier)?;
+        }
+        if let Some(timers) = &self.timers {
+            writeln!(f, "  {}", timers.to_string().replace('\n', "\n  "))?;
         }
         if self.loops.is_empty() {
             return Ok(());

@@ -28,7 +28,7 @@ fn origin(cycle: &Cycle) -> Instant {
 fn burn_at_random(policy: Overrun, cycles: usize) -> (Vec<Cycle>, LoopReport) {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut random = Random::seeded();
-    let mut system = System::new("late");
+    let mut system = common::system("late");
     let executor = system.executor("control").build().unwrap();
     executor
         .process("loop")
@@ -214,7 +214,7 @@ fn a_cycle_in_time_begins_the_count_anew() {
 #[test]
 fn the_limit_ends_its_own_process_and_no_other() {
     let _watch = watchdog();
-    let mut system = System::new("limited");
+    let mut system = common::system("limited");
     let executor = system.executor("control").build().unwrap();
     let limited = || async {
         let mut tick = luna::periodic("limited", PERIOD)?.limit(1);
@@ -252,7 +252,7 @@ fn the_limit_ends_its_own_process_and_no_other() {
 #[test]
 fn the_limit_ends_a_process_that_would_end_at_the_same_poll() {
     let _watch = watchdog();
-    let mut system = System::new("limited");
+    let mut system = common::system("limited");
     let executor = system.executor("control").build().unwrap();
     // The wait that does not return is dropped by the other branch, which is ready: the failure must reach this process all the
     // same, and not the next one that its executor polls.

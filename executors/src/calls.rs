@@ -5,6 +5,7 @@ use crate::process::Living;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
 use std::cell::RefCell;
+use std::fmt;
 use std::sync::Arc;
 
 /// Where the calls of one thread are counted, and who is told when the last has ended.
@@ -50,16 +51,24 @@ impl Drop for DeskGuard {
     }
 }
 
-/// A call that is under way, from its beginning until after the wake that it leads to.
-pub(crate) struct UnderWay {
+/// Something that is under way outside of all processes and wakes one of this thread's when it is done: a call on the pool, or the wait for a thread that keeps time. As long as it
+/// is there, nobody takes the system for deadlocked.
+///
+/// ```
+/// let under_way = luna_executors::UnderWay::begin();
+/// // Another thread knows whom to wake, and this one may sleep.
+/// drop(under_way);
+/// ```
+#[must_use = "it is under way until it is dropped"]
+pub struct UnderWay {
     desk: Option<Desk>,
     /// Its number among those of its stage, until it is delivered.
     number: Option<u64>,
 }
 
 impl UnderWay {
-    /// A call begins on this thread. One that no home has begun is counted nowhere.
-    pub(crate) fn begin() -> Self {
+    /// Begins on this thread, and is to be dropped after the wake that it leads to. On a thread that runs no processes it is counted nowhere. Real-time path: yes; O(1), no allocation.
+    pub fn begin() -> Self {
         let desk = HERE.with_borrow(Clone::clone);
         let mut number = None;
         if let Some(desk) = &desk {
@@ -107,5 +116,13 @@ impl UnderWay {
         if let Some((stage, number)) = self.stage_to_tell() {
             stage.call_done(number, Box::new(|| ()));
         }
+    }
+}
+
+impl fmt::Debug for UnderWay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("UnderWay")
+            .field(&self.desk.is_some())
+            .finish()
     }
 }

@@ -75,6 +75,7 @@ mod loom_tests;
 #[cfg(not(loom))]
 pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
+    calls::UnderWay,
     executor::{Announced, Executor, ExecutorHandle, Refused},
     interference::{Interference, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},

@@ -170,6 +170,16 @@ where
     }
 }
 
+impl<B: Build> Prepared<B> {
+    /// Behind a box, for where its type is not known.
+    pub(crate) fn boxed(self) -> Prepared<Box<dyn Start>> {
+        Prepared {
+            resident: self.resident,
+            build: Box::new(self.build),
+        }
+    }
+}
+
 impl<B> fmt::Debug for Prepared<B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Prepared").finish_non_exhaustive()

@@ -50,6 +50,13 @@ pub enum Error {
     },
     /// A process panicked, with this message.
     Panicked(String),
+    /// A [callback](crate::TimerCallback) of the timer manager panicked.
+    Callback {
+        /// The callback's name.
+        name: String,
+        /// The panic's words.
+        message: String,
+    },
     /// A process was cancelled before its body had ended.
     Cancelled,
     /// A periodic loop missed its slots too often in a row, by the limit that was set for it.
@@ -183,6 +190,9 @@ impl fmt::Display for Error {
             ),
             Error::Process { name, source } => write!(f, "process `{name}`: {source}"),
             Error::Panicked(message) => write!(f, "panicked: {message}"),
+            Error::Callback { name, message } => {
+                write!(f, "timer callback `{name}` panicked: {message}")
+            }
             Error::Cancelled => f.write_str("cancelled before its body had ended"),
             Error::Overrun { name, consecutive } => write!(
                 f,

@@ -91,6 +91,18 @@ pub enum SetupError {
         /// How many there is room for.
         most: usize,
     },
+    /// There are more timer callbacks than room was set aside for before the start.
+    TooManyTimers {
+        /// The callback that came last.
+        name: String,
+        /// How many there is room for.
+        most: usize,
+    },
+    /// A timer manager was asked for where there is none.
+    NoTimerManager {
+        /// The system's name.
+        system: String,
+    },
     /// A loop was made outside of any process.
     NoProcess {
         /// The loop's name.
@@ -194,6 +206,15 @@ impl fmt::Display for SetupError {
                 f,
                 "loop `{name}` is one more than the {most} for which statistics were set aside; call System::max_loops \
                  before the start"
+            ),
+            SetupError::TooManyTimers { name, most } => write!(
+                f,
+                "timer callback `{name}` is one more than the {most} for which there is room; call System::max_timers before the start, or drop \
+                 one that is no longer used"
+            ),
+            SetupError::NoTimerManager { system } => write!(
+                f,
+                "system `{system}` has no timer manager; call System::timers with Timers::Manager first"
             ),
             SetupError::NoProcess { name } => {
                 write!(f, "loop `{name}` was made outside of any process; call luna::periodic in a process or luna::run")

@@ -304,7 +304,8 @@ impl ProcessBuilder {
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         self.plan.stand_ins().check_plain(&self.name)?;
-        self.spawn_with(|| process.prepare())
+        let (system, plan) = self.planned(|| process.prepare())?;
+        system.add_process(plan)
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
@@ -323,13 +324,23 @@ impl ProcessBuilder {
     ) -> Result<ProcessId> {
         let stand_in = self.plan.stand_ins().declare::<E>(&self.name)?;
         // Without the lock: what runs here is the user's.
-        self.spawn_with(|| match stand_in {
-            Some(stand_in) => stand_in.prepare(ends),
-            None => body(ends).prepare(),
-        })
+        match stand_in {
+            Some(stand_in) => {
+                let (system, plan) = self.planned(|| stand_in.prepare(ends))?;
+                system.add_boxed_process(plan)
+            }
+            None => {
+                let (system, plan) = self.planned(|| body(ends).prepare())?;
+                system.add_process(plan)
+            }
+        }
     }
 
-    fn spawn_with(self, prepare: impl FnOnce() -> Prepared) -> Result<ProcessId> {
+    /// What was said of the process, if it can be.
+    fn planned<B>(
+        self,
+        prepare: impl FnOnce() -> Prepared<B>,
+    ) -> Result<(Arc<Plan>, ProcessPlan<B>)> {
         let place = self.place?;
         if self.level >= LEVELS {
             return Err(SetupError::Level {
@@ -345,12 +356,13 @@ impl ProcessBuilder {
         if let Some(ledger) = &ledger {
             spec = spec.overseen(ledger.clone());
         }
-        self.plan.add_process(ProcessPlan {
+        let plan = ProcessPlan {
             place,
             spec,
             ledger,
             prepared: prepare(),
-        })
+        };
+        Ok((self.plan, plan))
     }
 }
 

@@ -7,7 +7,7 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
 use crate::safety::{Emergency, EmergencyThread};
-use crate::time::Scope;
+use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
 use luna_executors::{Executor, Living, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::current::ProcessId;
@@ -34,6 +34,7 @@ pub(super) struct Launched {
     pub(super) executors: Vec<(String, Executor)>,
     pub(super) running: Arc<Running>,
     pub(super) emergency: EmergencyThread,
+    pub(super) timers: Option<ManagerThread>,
     pub(super) shortfalls: Vec<Shortfall>,
     _memory: Option<MemoryLock>,
     _latency: Option<DmaLatency>,
@@ -122,7 +123,19 @@ fn launch_described(
     let loops = settings
         .max_loops
         .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
-    let scope = Scope::with_room_for(loops, living.clone(), clock.clone());
+    // On a clock that is not the machine's nothing but that clock wakes anybody.
+    let manager = settings.manager.filter(|_| handle.is_none());
+    let timers = match &manager {
+        Some(manager) => {
+            manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;
+            let (manager, emergency) = (manager.clone(), emergency.clone());
+            let thread = ManagerThread::start(manager, emergency, loops, real_time, mode)?;
+            shortfalls.extend_from_slice(thread.shortfalls());
+            Some(thread)
+        }
+        None => None,
+    };
+    let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager);
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
         let started = match &handle {
@@ -190,6 +203,7 @@ fn launch_described(
         executors,
         running,
         emergency: guard,
+        timers,
         shortfalls,
         _memory: memory,
         _latency: latency,

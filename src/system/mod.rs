@@ -20,8 +20,9 @@ pub use compose::Observer;
 
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
-use crate::error::Result;
+use crate::error::{Result, SetupError};
 use crate::report::Report;
+use crate::time::{Manager, TimerManager, Timers};
 use clock::ClockPlan;
 use luna_executors::{ClockDriver, ProcessHandle};
 use luna_platform::current::ProcessId;
@@ -80,6 +81,59 @@ impl System {
     /// four more, at most 256.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
+        self
+    }
+
+    /// Says who wakes the loops at their slots: their executors, which is the default, or the timer manager. The loops' code is the same.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use luna::Timers;
+    /// use std::time::Duration;
+    ///
+    /// let mut system = System::new("two cores");
+    /// system.timers(Timers::Manager);
+    /// let period = Duration::from_millis(1);
+    /// for name in ["left", "right"] {
+    ///     system.thread(name).process(name).spawn(async move {
+    ///         let mut tick = luna::periodic(name, period)?;
+    ///         for _ in 0..5 {
+    ///             tick.next().await;
+    ///         }
+    ///         Ok(())
+    ///     })?;
+    /// }
+    /// let report = system.run()?;
+    /// assert_eq!(report.timers.unwrap().ticks.len(), 1); // one timer for both
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn timers(&mut self, timers: Timers) -> &mut Self {
+        let mut settings = self.plan.settings();
+        match timers {
+            Timers::Executor => settings.manager = None,
+            // One that callbacks were made with stays.
+            Timers::Manager => drop(settings.manager.get_or_insert_with(Manager::new)),
+        }
+        drop(settings);
+        self
+    }
+
+    /// The timer manager, for callbacks. Also for a process, which takes it along.
+    ///
+    /// # Errors
+    ///
+    /// [`SetupError::NoTimerManager`](crate::SetupError::NoTimerManager): the system has none, or has been started.
+    pub fn timer_manager(&self) -> Result<TimerManager> {
+        let manager = self.plan.settings().manager.clone();
+        let none = || SetupError::NoTimerManager {
+            system: self.plan.name().to_owned(),
+        };
+        Ok(TimerManager::new(manager.ok_or_else(none)?))
+    }
+
+    /// Sets room aside for so many callbacks of the timer manager, those that are made before the start among them; 64 if not stated.
+    pub fn max_timers(&mut self, callbacks: usize) -> &mut Self {
+        self.plan.settings().max_timers = Some(callbacks);
         self
     }
 

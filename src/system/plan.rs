@@ -12,6 +12,7 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
 use crate::safety::{Function, Ledger};
+use crate::time::Manager;
 use luna_executors::{
     Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused, SimulationHandle,
     Standstill,
@@ -35,6 +36,9 @@ pub(crate) struct Settings {
     pub(crate) strict: bool,
     pub(crate) lock_memory: bool,
     pub(crate) max_loops: Option<usize>,
+    /// Who wakes the loops, if it is not their executors.
+    pub(crate) manager: Option<Arc<Manager>>,
+    pub(crate) max_timers: Option<usize>,
     /// Of how many that have ended more than their number is known.
     pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,
@@ -88,15 +92,11 @@ impl<B> ProcessPlan<B> {
 impl<B: Build> ProcessPlan<B> {
     /// It among others, whatever makes them.
     fn boxed(self) -> ProcessPlan {
-        let Prepared { resident, build } = self.prepared;
         ProcessPlan {
             place: self.place,
             spec: self.spec,
             ledger: self.ledger,
-            prepared: Prepared {
-                resident,
-                build: Box::new(build),
-            },
+            prepared: self.prepared.boxed(),
         }
     }
 }
@@ -445,6 +445,17 @@ impl Plan {
     /// Takes the name of an OS thread, which executors share.
     pub(crate) fn take_thread_name(&self, name: &str) -> Result<()> {
         self.members().take_thread_name(name)
+    }
+
+    /// As [`add_process`](Self::add_process), for a process whose type is not known.
+    pub(crate) fn add_boxed_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
+        let id = plan.id();
+        let mut members = self.admit(plan.name())?;
+        if members.running.is_some() {
+            return self.start_prepared(members, plan);
+        }
+        members.waiting.push(plan);
+        Ok(id)
     }
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.

@@ -1,6 +1,6 @@
 //! Stand-ins: other bodies for processes that are declared with their channel ends, chosen by name.
 
-use crate::csp::process::{IntoProcess, Prepared};
+use crate::csp::process::{IntoProcess, Prepared, Start};
 use crate::error::{Result, SetupError};
 use std::any::{Any, TypeId, type_name};
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub(crate) struct StandIns {
 pub(super) struct StandIn {
     ends: TypeId,
     type_name: &'static str,
-    prepare: Box<dyn FnOnce(Box<dyn Any>) -> Prepared + Send>,
+    prepare: Box<dyn FnOnce(Box<dyn Any>) -> Prepared<Box<dyn Start>> + Send>,
 }
 
 impl StandIns {
@@ -48,7 +48,7 @@ impl StandIns {
                 let Ok(ends) = ends.downcast() else {
                     unreachable!("its type was compared")
                 };
-                body(*ends).prepare()
+                body(*ends).prepare().boxed()
             }),
         };
         self.waiting.insert(process.to_owned(), stand_in);
@@ -113,7 +113,7 @@ impl StandIns {
 
 impl StandIn {
     /// Makes the process of the ends that were [declared](StandIns::declare). Calls what is the user's.
-    pub(super) fn prepare<E: Send + 'static>(self, ends: E) -> Prepared {
+    pub(super) fn prepare<E: Send + 'static>(self, ends: E) -> Prepared<Box<dyn Start>> {
         (self.prepare)(Box::new(ends))
     }
 }

@@ -10,7 +10,7 @@ use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, Report, ThreadReport};
-use crate::time::Witness;
+use crate::time::{ManagerThread, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
@@ -72,6 +72,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         simulation,
         executors,
         emergency: guard,
+        timers,
         shortfalls,
         ..
     } = launched;
@@ -85,6 +86,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         burial.bury();
         plan.members().started.first_error().cloned()
     });
+    // Nobody's function is called any more; loops that have not ended yet take their own deadlines.
+    let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
     let end = Burial {
         plan,
         running: &running,
@@ -164,6 +167,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         stand_ins: plan.stand_ins().replaced(),
         shortfalls,
         deadlock,
+        timers,
     };
     let cause = if report.end == End::Emergency {
         raised
@@ -174,7 +178,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let error = match report.end {
         End::Undriven => failed_before,
         End::Livelock => livelock,
-        _ => error_of_run(&members.started, cause, &report),
+        _ => error_of_run(&members.started, cause, &report)
+            .or_else(|| callback_panic.flatten().filter(|_| signal.is_none())),
     };
     members.report = Some(report.clone());
     match error {

@@ -5,6 +5,7 @@ mod clock;
 mod distribution;
 mod grid;
 mod late;
+pub(crate) mod manager;
 mod periodic;
 mod registry;
 mod spin;
@@ -19,6 +20,10 @@ pub use distribution::Distribution;
 pub(crate) use late::Witness;
 pub use late::{LateCycle, RanInstead};
 pub use luna_platform::clock::Instant;
+pub use manager::{
+    CallbackReport, Firing, TickReport, TimerCallback, TimerManager, Timers, TimersReport,
+};
+pub(crate) use manager::{MOST_CALLBACKS, Manager, ManagerThread};
 pub use periodic::{Cycle, Overrun, Periodic, periodic};
 pub(crate) use registry::{LoopName, Scope};
 pub use statistics::LoopReport;

@@ -1,6 +1,7 @@
 //! Periodic loops: absolute slots, a policy for late ones, and statistics of each cycle.
 
 use super::grid::{Grid, Trim};
+use super::manager::Seat;
 use super::registry::{LoopName, Scope};
 use super::spin;
 use super::statistics::Statistics;
@@ -73,9 +74,14 @@ pub struct Periodic {
     began: Option<Instant>,
     /// Whether that cycle is still under way.
     in_cycle: bool,
+    /// Where the loop waits, if the system has a timer manager.
+    seat: Option<Seat>,
+    /// Whether its slots are still those that it joined: only then the manager ticks for them.
+    is_on_grid: bool,
 }
 
-/// Begins a loop called `name` whose slots are `period` apart: the first one a period from now.
+/// Begins a loop called `name` whose slots are `period` apart: the first one a period from now, or with [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of
+/// this period have.
 ///
 /// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
 /// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
@@ -113,6 +119,15 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         .into());
     }
     let statistics = scope.enroll(name, period)?;
+    let now = Instant::now();
+    // With a manager all loops of a period are in phase.
+    let origin = match scope.manager() {
+        Some(manager) => manager.slot_before(now, length),
+        None => now,
+    };
+    let seat = scope
+        .manager()
+        .map(|manager| Seat::new(manager.clone(), length));
     Ok(Periodic {
         statistics: Some(statistics),
         scope,
@@ -121,7 +136,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         overrun: Overrun::default(),
         limit: None,
         consecutive: 0,
-        grid: Grid::new(Instant::now(), length),
+        grid: Grid::new(origin, length),
         number: 0,
         come: 0,
         trim: Trim::default(),
@@ -129,6 +144,8 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         guard: 0,
         began: None,
         in_cycle: false,
+        seat,
+        is_on_grid: true,
     })
 }
 
@@ -176,7 +193,8 @@ impl Periodic {
     ///
     /// Loops of one period with different phases thus keep their distance exactly, on whichever executors they run, and a slot has the same
     /// number in all of them. The loop joins at its first [`next`](Self::next): slots before that are not missed, and the first
-    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a loop's grid begins when the loop is made. O(1).
+    /// [`number`](Cycle::number) of one that starts late is that of the grid. Without a phase, a loop's grid begins when the loop is made, or with
+    /// [`Timers::Manager`](crate::Timers::Manager) at the slot of phase 0 that lasts then. O(1).
     ///
     /// [`Overrun::Rephase`] and [`correct`](Self::correct) leave the common grid.
     ///
@@ -281,6 +299,7 @@ impl Periodic {
         if self.phase.is_none() {
             self.grid.shift_behind(self.number, moved);
         }
+        self.is_on_grid &= moved == 0;
         moved
     }
 
@@ -317,7 +336,7 @@ impl Periodic {
 
     /// Ends the cycle, and waits for the next slot.
     ///
-    /// Real-time path: yes; O(log n) for n delays of this thread, no allocation. Cancel-safe: a wait that is dropped leaves the
+    /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
     /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the process ends.
     ///
     /// ```
@@ -381,11 +400,26 @@ impl Periodic {
             } else {
                 self.guard
             };
-            Sleep::until(target - Duration::from_nanos(guard)).await;
+            let awake = target - Duration::from_nanos(guard);
+            if !self.wait_for_tick(awake).await {
+                Sleep::until(awake).await;
+            }
         }
         // Without a guard the slot has come: one look at the clock.
         let now = spin::until(target).await;
         self.begin_cycle(target, now)
+    }
+
+    /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its executor's deadline.
+    async fn wait_for_tick(&mut self, at: Instant) -> bool {
+        match &mut self.seat {
+            Some(seat) if self.is_on_grid => seat.wait(at).await,
+            Some(seat) => {
+                seat.leave();
+                false
+            }
+            None => false,
+        }
     }
 
     /// Begins a cycle that was scheduled for `target`.
@@ -428,6 +462,7 @@ impl Periodic {
             now,
         ));
         self.grid.shift_behind(self.number, self.trim.nanos());
+        self.is_on_grid = self.trim.nanos() == 0;
     }
 
     /// Closes the present grid and begins one on which slot 1 is due at `now`; gives how many slots were missed on the old one. The slot that
@@ -436,6 +471,7 @@ impl Periodic {
         let first = now - self.period();
         let missed = self.close_grid(self.grid.last_at(first));
         self.begin_grid(Grid::new(first, self.period));
+        self.is_on_grid = false;
         missed
     }
 

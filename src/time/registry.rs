@@ -1,6 +1,7 @@
 //! The loops of a system: room for their statistics, set aside before the start, and their names.
 
 use super::late::Witness;
+use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
 use luna_executors::Living;
@@ -68,6 +69,8 @@ pub(crate) struct Scope {
     /// Who runs the system is told through this of the first loop.
     living: Option<Arc<Living>>,
     clock: Clock,
+    /// Who wakes the loops, if it is not their executors.
+    manager: Option<Arc<Manager>>,
 }
 
 #[expect(
@@ -89,7 +92,12 @@ thread_local! {
 
 impl Scope {
     /// Sets room for `most` loops aside.
-    pub(crate) fn with_room_for(most: usize, living: Arc<Living>, clock: Clock) -> Arc<Self> {
+    pub(crate) fn with_room_for(
+        most: usize,
+        living: Arc<Living>,
+        clock: Clock,
+        manager: Option<Arc<Manager>>,
+    ) -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
                 free: (0..most).map(|_| Statistics::new()).collect(),
@@ -102,6 +110,7 @@ impl Scope {
             has_loops: AtomicBool::new(false),
             living: Some(living),
             clock,
+            manager,
         })
     }
 
@@ -119,6 +128,7 @@ impl Scope {
             has_loops: AtomicBool::new(false),
             living: None,
             clock: Clock::REAL,
+            manager: None,
         })
     }
 
@@ -127,12 +137,20 @@ impl Scope {
         let now = self.clock.now();
         // Whoever is released sees what came before the release.
         self.start.store(now.as_nanos(), Ordering::Relaxed);
+        if let Some(manager) = &self.manager {
+            manager.begin(now);
+        }
         now
     }
 
     /// When the processes started.
     pub(crate) fn start(&self) -> Instant {
         Instant::from_nanos(self.start.load(Ordering::Relaxed))
+    }
+
+    /// Who wakes the loops, if it is not their executors.
+    pub(crate) fn manager(&self) -> Option<&Arc<Manager>> {
+        self.manager.as_ref()
     }
 
     /// Makes this the scope of the calling thread, for as long as the thread lives.

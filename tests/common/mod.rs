@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
-use luna::{Error, Policy, ProcessBuilder, SetupError, System};
+use luna::{Error, Policy, ProcessBuilder, SetupError, System, Timers};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::mpsc;
@@ -32,6 +32,21 @@ pub(crate) fn watchdog() -> impl Drop {
     // What its start allocates has been allocated then.
     let _ = started.recv();
     Watchdog(Some(alive))
+}
+
+/// Who wakes the loops of this test program: the tests of loops are built once more, for the manager.
+pub(crate) fn timers() -> Timers {
+    match env!("CARGO_CRATE_NAME") {
+        "loops_by_manager" => Timers::Manager,
+        _ => Timers::Executor,
+    }
+}
+
+/// A system whose loops are woken by whom this program tests.
+pub(crate) fn system(name: &str) -> System {
+    let mut system = System::new(name);
+    system.timers(timers());
+    system
 }
 
 /// Says what is to be read in any case.

@@ -1,0 +1,392 @@
+//! Functions that the manager's thread calls, each slot of a period or once at an instant.
+
+use super::Engine;
+use super::bases::Place;
+use super::heap::Heap;
+use super::report::CallbackReport;
+use crate::error::SetupError;
+use luna_platform::clock::Instant;
+use luna_platform::current;
+use luna_platform::lock::PiLock;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+/// What a callback is told: which of its deadlines has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Firing {
+    /// The slot's number on the common grid of its period and phase; 0 for an instant.
+    pub number: u64,
+    /// The slot, or the instant.
+    pub deadline: Instant,
+    /// From then until the callback was called.
+    pub lateness: Duration,
+    /// The slots that passed whole since the one before, or since it was set.
+    pub missed: u64,
+}
+
+/// A callback that takes longer holds up all that the manager wakes: it is counted.
+pub(super) const BUDGET: Duration = Duration::from_micros(100);
+
+type Function = Box<dyn FnMut(Firing) + Send>;
+
+/// When a callback is to be called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wish {
+    /// In nanoseconds: a period above zero, and a phase below it.
+    Every { period: u64, phase: u64 },
+    /// Once.
+    At(Instant),
+}
+
+pub(super) struct Callbacks {
+    table: PiLock<Table>,
+}
+
+#[derive(Default)]
+struct Table {
+    entries: Vec<Entry>,
+    /// Places of callbacks that were dropped.
+    free: Vec<usize>,
+    /// Those that the callbacks' timer is armed for.
+    timed: Heap,
+    /// Those for whose deadlines a base ticks.
+    ridden: Heap,
+    /// What the timer is armed for.
+    armed: Option<u64>,
+    /// How many there is room for, once that is settled.
+    most: Option<usize>,
+    /// When the processes started.
+    start: Option<Instant>,
+    has_ended: bool,
+    /// How many were dropped and made room for others.
+    replaced: u64,
+}
+
+struct Entry {
+    /// Taken out while it is called.
+    function: Option<Function>,
+    /// Changes whenever it is set or cancelled.
+    turn: u64,
+    wish: Option<Wish>,
+    place: Option<Place>,
+    /// Its next slot or its instant, and the slot's number.
+    deadline: Instant,
+    number: u64,
+    is_called: bool,
+    is_gone: bool,
+    counted: CallbackReport,
+}
+
+impl Entry {
+    fn new(name: String, function: Function) -> Self {
+        Self {
+            function: Some(function),
+            turn: 0,
+            wish: None,
+            place: None,
+            deadline: Instant::NEVER,
+            number: 0,
+            is_called: false,
+            is_gone: false,
+            counted: CallbackReport {
+                name,
+                ..CallbackReport::default()
+            },
+        }
+    }
+
+    fn period(&self) -> Option<u64> {
+        match self.wish? {
+            Wish::Every { period, .. } => Some(period),
+            Wish::At(_) => None,
+        }
+    }
+}
+
+impl Callbacks {
+    pub(super) fn new() -> Self {
+        Self {
+            table: PiLock::new(Table::default()),
+        }
+    }
+
+    /// From now on there is room for `most`, or those that are there if they are more. Allocates.
+    pub(super) fn close_room(&self, most: usize) {
+        let mut table = self.table.lock();
+        let most = most.max(table.entries.len());
+        table.most = Some(most);
+        table.reserve(most);
+    }
+
+    /// A callback that is not set; gives its number. Allocates only as long as the room is not closed, but for what is given.
+    pub(super) fn add(&self, name: String, function: Function) -> Result<usize, SetupError> {
+        let entry = Entry::new(name, function);
+        let mut table = self.table.lock();
+        let number = table.entries.len();
+        let Some(most) = table.most else {
+            table.entries.push(entry);
+            table.reserve(number + 1);
+            return Ok(number);
+        };
+        if number < most {
+            table.entries.push(entry);
+            return Ok(number);
+        }
+        let Some(free) = table.free.pop() else {
+            drop(table);
+            let name = entry.counted.name;
+            return Err(SetupError::TooManyTimers { name, most });
+        };
+        table.replaced += 1;
+        let former = std::mem::replace(&mut table.entries[free], entry);
+        // Dropped without the lock: it is the user's.
+        drop(table);
+        drop(former);
+        Ok(free)
+    }
+
+    /// Sets it anew. O(log n); at most two system calls.
+    pub(super) fn set(&self, callback: usize, wish: Wish, engine: Option<&Engine>) {
+        let mut table = self.table.lock();
+        table.unset(callback, engine);
+        if table.has_ended || table.entries[callback].counted.panicked {
+            return;
+        }
+        table.entries[callback].wish = Some(wish);
+        if let (Some(start), Some(engine)) = (table.start, engine) {
+            table.enter(callback, start, engine);
+            table.arm(engine);
+        }
+    }
+
+    /// Calls it no more; says whether it was set. O(log n); at most two system calls.
+    pub(super) fn cancel(&self, callback: usize, engine: Option<&Engine>) -> bool {
+        let mut table = self.table.lock();
+        let was_set = table.unset(callback, engine);
+        if let Some(engine) = engine {
+            table.arm(engine);
+        }
+        was_set
+    }
+
+    pub(super) fn is_set(&self, callback: usize) -> bool {
+        self.table.lock().entries[callback].wish.is_some()
+    }
+
+    /// Its handle is gone.
+    pub(super) fn release(&self, callback: usize, engine: Option<&Engine>) {
+        self.cancel(callback, engine);
+        let mut table = self.table.lock();
+        let entry = &mut table.entries[callback];
+        entry.is_gone = true;
+        if !entry.is_called {
+            let function = entry.function.take();
+            table.free.push(callback);
+            // Dropped without the lock: it is the user's.
+            drop(table);
+            drop(function);
+        }
+    }
+
+    /// The processes start: those that were set before count from `start`.
+    pub(super) fn begin(&self, start: Instant, engine: &Engine) {
+        let mut table = self.table.lock();
+        table.start = Some(start);
+        for callback in 0..table.entries.len() {
+            if table.entries[callback].wish.is_some() {
+                table.enter(callback, start, engine);
+            }
+        }
+        table.arm(engine);
+    }
+
+    /// Calls those that are due, each of them once at most; gives the panic of one with its name. Manager's thread alone.
+    pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
+        let mut table = self.table.lock();
+        // One that sets itself anew is to keep nobody from their ticks.
+        for _ in 0..table.entries.len() {
+            let now = Instant::now();
+            let Some((callback, firing)) = table.take_due(now) else {
+                break;
+            };
+            let entry = &mut table.entries[callback];
+            let Some(mut function) = entry.function.take() else {
+                continue;
+            };
+            let turn = entry.turn;
+            entry.is_called = true;
+            drop(table);
+            let outcome = catch_unwind(AssertUnwindSafe(|| function(firing)));
+            let taken = Instant::now() - now;
+            if let Err(payload) = outcome {
+                // It ends the system: nothing of what follows has to be in time.
+                current::set_on_path(false);
+                let message = luna_executors::panic_message(&*payload);
+                // Its drop is the user's code too.
+                std::mem::forget(payload);
+                table = self.table.lock();
+                table.unset(callback, Some(engine));
+                let counted = &mut table.entries[callback].counted;
+                counted.panicked = true;
+                let name = counted.name.clone();
+                drop(table);
+                on_panic(name, message);
+            }
+            table = self.table.lock();
+            table.was_called(callback, function, firing, taken, turn, engine);
+        }
+        table.armed = None;
+        table.arm(engine);
+    }
+
+    /// Calls nobody any more, and drops the functions. Not for the real-time path.
+    pub(super) fn end(&self, engine: Option<&Engine>) {
+        let mut functions = Vec::new();
+        let mut table = self.table.lock();
+        table.has_ended = true;
+        for callback in 0..table.entries.len() {
+            table.unset(callback, engine);
+            functions.extend(table.entries[callback].function.take());
+        }
+        drop(table);
+        for function in functions {
+            // The panic hook tells it; the others are to be dropped all the same.
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(function)));
+        }
+    }
+
+    /// What was counted, and how many made room for others. Not for the real-time path.
+    pub(super) fn reports(&self) -> (Vec<CallbackReport>, u64) {
+        let table = self.table.lock();
+        let reports = table.entries.iter().map(|entry| entry.counted.clone());
+        (reports.collect(), table.replaced)
+    }
+}
+
+impl Table {
+    fn reserve(&mut self, members: usize) {
+        self.entries.reserve(members - self.entries.len());
+        self.free.reserve(members - self.free.len());
+        self.timed.reserve(members);
+        self.ridden.reserve(members);
+    }
+
+    /// Takes it out of its heap, and off its base.
+    fn unset(&mut self, callback: usize, engine: Option<&Engine>) -> bool {
+        self.timed.remove(callback);
+        self.ridden.remove(callback);
+        let entry = &mut self.entries[callback];
+        entry.turn += 1;
+        if let (Some(mut place), Some(engine)) = (entry.place.take(), engine) {
+            engine.bases.vacate(&mut place, &engine.alarm);
+        }
+        entry.wish.take().is_some()
+    }
+
+    /// Enters one that was just set.
+    fn enter(&mut self, callback: usize, start: Instant, engine: &Engine) {
+        let entry = &mut self.entries[callback];
+        match entry.wish {
+            None => return,
+            Some(Wish::At(deadline)) => {
+                entry.deadline = deadline;
+                entry.number = 0;
+            }
+            Some(Wish::Every { period, phase }) => {
+                let origin = start.plus_nanos(phase);
+                let now = Instant::now();
+                // Before the grid begins the first is slot 1, as of a loop.
+                entry.number = now.nanos_since(origin) / period + 1;
+                entry.deadline = origin.plus_nanos(period.saturating_mul(entry.number));
+                entry.place = Some(Place::new(period));
+            }
+        }
+        self.list(callback, engine);
+    }
+
+    /// Puts it into the heap where its deadline belongs.
+    fn list(&mut self, callback: usize, engine: &Engine) {
+        let entry = &mut self.entries[callback];
+        let deadline = entry.deadline.as_nanos();
+        let rides = entry.place.as_mut().is_some_and(|place| {
+            engine.bases.settle(place, entry.deadline, &engine.alarm);
+            place.base().is_some()
+        });
+        let heap = if rides {
+            &mut self.ridden
+        } else {
+            &mut self.timed
+        };
+        heap.insert(callback, deadline);
+    }
+
+    /// Arms the timer for the first deadline that no base ticks for.
+    fn arm(&mut self, engine: &Engine) {
+        let first = self.timed.first().map(|(deadline, _)| deadline);
+        if first != self.armed {
+            self.armed = first;
+            let deadline = first.map_or(Instant::NEVER, Instant::from_nanos);
+            engine.alarm.arm_once(deadline);
+        }
+    }
+
+    /// Takes out the first that is due at `now`; what it is to be told.
+    fn take_due(&mut self, now: Instant) -> Option<(usize, Firing)> {
+        let firsts = [self.timed.first(), self.ridden.first()];
+        let (_, callback) = firsts
+            .into_iter()
+            .flatten()
+            .min()
+            .filter(|&(deadline, _)| deadline <= now.as_nanos())?;
+        self.timed.remove(callback);
+        self.ridden.remove(callback);
+        let entry = &mut self.entries[callback];
+        let mut missed = 0;
+        if let Some(period) = entry.period() {
+            // The slot that lasts now.
+            missed = now.nanos_since(entry.deadline) / period;
+            entry.number += missed;
+            entry.deadline = entry.deadline.plus_nanos(period.saturating_mul(missed));
+        } else {
+            entry.wish = None;
+        }
+        let firing = Firing {
+            number: entry.number,
+            deadline: entry.deadline,
+            lateness: now - entry.deadline,
+            missed,
+        };
+        Some((callback, firing))
+    }
+
+    fn was_called(
+        &mut self,
+        callback: usize,
+        function: Function,
+        firing: Firing,
+        taken: Duration,
+        turn: u64,
+        engine: &Engine,
+    ) {
+        let entry = &mut self.entries[callback];
+        entry.is_called = false;
+        entry.function = Some(function);
+        let counted = &mut entry.counted;
+        counted.calls += 1;
+        counted.missed += firing.missed;
+        counted.too_long += u64::from(taken > BUDGET);
+        counted.longest = counted.longest.max(taken);
+        counted.latest = counted.latest.max(firing.lateness);
+        if entry.is_gone {
+            // Its function is dropped by whoever takes the place, or at the end: not here, on the path.
+            self.free.push(callback);
+        } else if let Some(period) = entry.period()
+            && entry.turn == turn
+        {
+            entry.number += 1;
+            entry.deadline = entry.deadline.plus_nanos(period);
+            self.list(callback, engine);
+        }
+    }
+}

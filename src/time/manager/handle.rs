@@ -1,0 +1,171 @@
+//! What the user has of the manager: callbacks.
+
+use super::callbacks::Wish;
+use super::{Firing, Manager};
+use crate::error::{Result, SetupError};
+use luna_platform::clock::{Instant, nanos};
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The timer manager of a system, for callbacks: from [`System::timer_manager`](crate::System::timer_manager). Cloning it is cheap; processes can keep one.
+#[derive(Clone)]
+pub struct TimerManager {
+    manager: Arc<Manager>,
+}
+
+impl TimerManager {
+    pub(crate) fn new(manager: Arc<Manager>) -> Self {
+        Self { manager }
+    }
+
+    /// A function that the manager's thread calls when it is set: see [`TimerCallback`]. Not for the real-time path: it allocates.
+    ///
+    /// # Errors
+    ///
+    /// [`SetupError::TooManyTimers`]: the system runs, and the room that was set aside before the start is taken
+    /// ([`System::max_timers`](crate::System::max_timers)).
+    pub fn callback(
+        &self,
+        name: &str,
+        function: impl FnMut(Firing) + Send + 'static,
+    ) -> Result<TimerCallback> {
+        let number = (self.manager.callbacks).add(name.to_owned(), Box::new(function))?;
+        Ok(TimerCallback {
+            manager: self.manager.clone(),
+            number,
+        })
+    }
+}
+
+/// A function that the timer manager calls on its own thread: each slot of a period, or once at an instant.
+///
+/// That thread is above all processes, so **the function must be short**: while it runs, no loop of the system is woken. It must not wait, nor allocate. What takes longer than 100 µs is counted, and
+/// the longest time stands in the [report](crate::TimersReport). It is called after the loops of the same tick were woken; several that are due together in the order of their deadlines.
+///
+/// A panic in it is an emergency like one in a process: the functions of [`on_emergency`](crate::System::on_emergency) run, and the system ends with
+/// [`Error::Callback`](crate::Error::Callback). Callbacks do not keep a system running, and end with it: their functions are dropped then, and setting one later does nothing.
+///
+/// Setting and cancelling are for any thread, on the real-time path too: O(log n) for n callbacks, no allocation, at most two system calls. One may set and cancel itself. Dropping the handle
+/// ends the callback, off the path, since it frees the function.
+///
+/// ```
+/// use luna::prelude::*;
+/// use luna::Timers;
+/// use std::time::Duration;
+///
+/// let mut system = System::new("sampler");
+/// system.timers(Timers::Manager);
+/// let timers = system.timer_manager()?;
+/// let (sample, samples) = luna::buffered(Buffer::fifo(8));
+/// let sampler = timers.callback("sample", move |firing| {
+///     let _ = sample.try_send(firing.number); // never waits
+/// })?;
+/// sampler.every(Duration::from_millis(1), Duration::ZERO)?;
+/// let main = system.executor("main").build()?;
+/// main.process("filter").spawn(async move {
+///     let first = samples.recv().await?;
+///     assert!(samples.recv().await? > first);
+///     Ok(())
+/// })?;
+/// let report = system.run()?;
+/// assert!(report.timers.unwrap().callbacks[0].calls >= 2);
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub struct TimerCallback {
+    manager: Arc<Manager>,
+    number: usize,
+}
+
+impl TimerCallback {
+    /// Calls it at each slot of the common grid of `period`, `phase` behind it, as [`Periodic::phase`](crate::Periodic::phase) says it of loops; no more at what it was set to before.
+    ///
+    /// A slot can be served while it lasts; those that pass whole are missed, and counted. Before the system runs it counts from the start.
+    ///
+    /// # Errors
+    ///
+    /// [`SetupError::ZeroPeriod`], [`SetupError::PeriodTooLong`] (of more than 292 years) and [`SetupError::PhaseTooLong`] (of a period or more).
+    pub fn every(&self, period: Duration, phase: Duration) -> Result<()> {
+        let name = || "timer callback".to_owned();
+        let (length, behind) = (nanos(period), nanos(phase));
+        if length == 0 {
+            return Err(SetupError::ZeroPeriod { name: name() }.into());
+        }
+        if length > i64::MAX as u64 {
+            let name = name();
+            return Err(SetupError::PeriodTooLong { name, period }.into());
+        }
+        if behind >= length {
+            let name = name();
+            return Err(SetupError::PhaseTooLong {
+                name,
+                phase,
+                period,
+            }
+            .into());
+        }
+        self.set(Wish::Every {
+            period: length,
+            phase: behind,
+        });
+        Ok(())
+    }
+
+    /// Calls it once, at `deadline`, which may have passed; no more at what it was set to before.
+    pub fn at(&self, deadline: Instant) {
+        self.set(Wish::At(deadline));
+    }
+
+    /// Calls it once, `delay` from now; no more at what it was set to before.
+    pub fn after(&self, delay: Duration) {
+        self.at(Instant::now() + delay);
+    }
+
+    /// Calls it no more; says whether it was set. A call that has begun goes on, and may end after this returns.
+    ///
+    /// ```
+    /// # let mut system = luna::System::new("machine");
+    /// system.timers(luna::Timers::Manager);
+    /// let late = system.timer_manager()?.callback("late", |_| ())?;
+    /// late.after(std::time::Duration::from_secs(1));
+    /// assert!(late.is_set());
+    /// assert!(late.cancel());
+    /// assert!(!late.cancel());
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn cancel(&self) -> bool {
+        let engine = self.manager.engine.get();
+        self.manager.callbacks.cancel(self.number, engine)
+    }
+
+    /// Whether it is set: to a period, or to an instant at which it was not called yet.
+    pub fn is_set(&self) -> bool {
+        self.manager.callbacks.is_set(self.number)
+    }
+
+    fn set(&self, wish: Wish) {
+        let engine = self.manager.engine.get();
+        self.manager.callbacks.set(self.number, wish, engine);
+    }
+}
+
+impl Drop for TimerCallback {
+    fn drop(&mut self) {
+        let engine = self.manager.engine.get();
+        self.manager.callbacks.release(self.number, engine);
+    }
+}
+
+impl fmt::Debug for TimerManager {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TimerManager").finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for TimerCallback {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TimerCallback")
+            .field("number", &self.number)
+            .finish_non_exhaustive()
+    }
+}

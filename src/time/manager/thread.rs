@@ -1,0 +1,167 @@
+//! The manager's thread.
+
+use super::report::{TickReport, TimersReport};
+use super::{Engine, Manager};
+use crate::error::{Error, Result};
+use crate::safety::Emergency;
+use luna_platform::clock::Instant;
+use luna_platform::current;
+use luna_platform::lock::PiLock;
+use luna_platform::shortfall::Shortfall;
+use luna_platform::thread::{self, Attributes, Mode, Policy, TIMER_PRIORITY, Thread};
+use luna_platform::tick_list::Due;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// The thread, as the system sees it. Dropping it ends it.
+pub(crate) struct ManagerThread {
+    shared: Arc<Shared>,
+    thread: Option<Thread<()>>,
+}
+
+struct Shared {
+    manager: Arc<Manager>,
+    emergency: Arc<Emergency>,
+    is_to_end: AtomicBool,
+    /// How many wake-ups it made.
+    woken: AtomicU64,
+    /// The first panic of a callback.
+    panic: PiLock<Option<Error>>,
+}
+
+impl ManagerThread {
+    /// Starts the thread, with a priority if the system is a `real_time` one, and room for the loops that `most_loops` says.
+    pub(crate) fn start(
+        manager: Arc<Manager>,
+        emergency: Arc<Emergency>,
+        most_loops: usize,
+        real_time: bool,
+        mode: Mode,
+    ) -> Result<Self> {
+        let policy = if real_time {
+            Policy::fifo(TIMER_PRIORITY)
+        } else {
+            Policy::Other
+        };
+        let shared = Arc::new(Shared {
+            manager,
+            emergency,
+            is_to_end: AtomicBool::new(false),
+            woken: AtomicU64::new(0),
+            panic: PiLock::new(None),
+        });
+        let own = shared.clone();
+        let thread = thread::spawn(
+            Attributes::framework("luna-timers", policy).mode(mode),
+            move |_| Ok::<_, Infallible>(Due::with_room_for(most_loops)),
+            move |mut due| {
+                if let Some(engine) = own.manager.engine.get() {
+                    own.keep_time(engine, &mut due);
+                }
+            },
+        )
+        .map_err(|error| Error::not_started("the timer manager", error))?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// What the thread was refused.
+    pub(crate) fn shortfalls(&self) -> &[Shortfall] {
+        self.thread
+            .as_ref()
+            .map_or(&[], |thread| &thread.obtained().shortfalls)
+    }
+
+    /// Ends the thread; gives what it did, and the first panic of a callback.
+    pub(crate) fn stop(mut self) -> (TimersReport, Option<Error>) {
+        let policy = self.thread.as_ref().map(|thread| thread.obtained().policy);
+        self.join();
+        let shared = &self.shared;
+        let (callbacks, earlier_callbacks) = shared.manager.callbacks.reports();
+        let bases = shared.manager.engine.get().map(|engine| &engine.bases);
+        let report = TimersReport {
+            policy: policy.unwrap_or_default(),
+            ticks: bases
+                .into_iter()
+                .flat_map(|bases| bases.used())
+                .map(|base| {
+                    let [period, ticks, missed, latest] = [
+                        &base.counted.period,
+                        &base.counted.ticks,
+                        &base.counted.missed,
+                        &base.counted.longest,
+                    ]
+                    .map(|counter| counter.load(Ordering::Relaxed));
+                    TickReport {
+                        period: Duration::from_nanos(period),
+                        ticks,
+                        missed,
+                        latest: Duration::from_nanos(latest),
+                    }
+                })
+                .collect(),
+            woken: shared.woken.load(Ordering::Relaxed),
+            loops_without_timer: bases.map_or(0, |bases| bases.refused()),
+            callbacks,
+            earlier_callbacks,
+        };
+        (report, shared.panic.lock().take())
+    }
+
+    fn join(&mut self) {
+        let Some(thread) = self.thread.take() else {
+            return;
+        };
+        self.shared.is_to_end.store(true, Ordering::Release);
+        let manager = &self.shared.manager;
+        if let Some(engine) = manager.engine.get() {
+            engine.alarm.wake();
+        }
+        // A callback's panic is caught; the thread's own was reported by the panic hook.
+        let _ = thread.join();
+        manager.callbacks.end(manager.engine.get());
+    }
+}
+
+impl Drop for ManagerThread {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+impl Shared {
+    /// The life of the thread.
+    fn keep_time(&self, engine: &Engine, due: &mut Due) {
+        current::set_on_path(true);
+        while !self.is_to_end.load(Ordering::Acquire) {
+            let mut woken = 0;
+            engine.alarm.wait(&mut |number, times| {
+                let now = Instant::now();
+                let base = engine.bases.base(number);
+                base.counted.expired(times, now);
+                while !base.list.fire(now, due) {
+                    woken += due.wake();
+                }
+            });
+            woken += due.wake();
+            self.woken.fetch_add(woken as u64, Ordering::Relaxed);
+            self.manager
+                .callbacks
+                .call_due(engine, |name, message| self.panicked(name, message));
+        }
+        current::set_on_path(false);
+        // Whoever still waits takes the deadlines of its own thread.
+        engine.bases.close();
+    }
+
+    fn panicked(&self, name: String, message: String) {
+        self.panic
+            .lock()
+            .get_or_insert(Error::Callback { name, message });
+        self.emergency.trigger();
+    }
+}
