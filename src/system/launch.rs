@@ -14,7 +14,7 @@ use luna_platform::current::ProcessId;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{Mode, Policy};
+use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
 use std::sync::Arc;
 
 use super::plan::{ExecutorPlan, Place, Settings};
@@ -128,8 +128,16 @@ fn launch_described(
     let timers = match &manager {
         Some(manager) => {
             manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;
+            let policy = match real_time {
+                true => Policy::fifo(TIMER_PRIORITY),
+                false => Policy::Other,
+            };
+            let mut attributes = Attributes::framework("luna-timers", policy).mode(mode);
+            if let Some(core) = settings.timer_core {
+                attributes = attributes.core(core);
+            }
             let (manager, emergency) = (manager.clone(), emergency.clone());
-            let thread = ManagerThread::start(manager, emergency, loops, real_time, mode)?;
+            let thread = ManagerThread::start(manager, emergency, loops, attributes)?;
             shortfalls.extend_from_slice(thread.shortfalls());
             Some(thread)
         }

@@ -131,6 +131,24 @@ impl System {
         Ok(TimerManager::new(manager.ok_or_else(none)?))
     }
 
+    /// Pins the timer manager's thread to `core`; to none if not stated. One whose loops are all on one core is best on the same: then one core is woken for a tick, and not two
+    /// (`docs/time-sources.md`). Where it cannot be had that is a [`Shortfall`](crate::Shortfall).
+    ///
+    /// ```
+    /// use luna::{Timers, prelude::*};
+    ///
+    /// let mut system = System::new("one core");
+    /// system.timers(Timers::Manager).timer_core(0);
+    /// let main = system.executor("main").core(0).build()?;
+    /// main.process("one").spawn(async { Ok(()) })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn timer_core(&mut self, core: usize) -> &mut Self {
+        self.plan.settings().timer_core = Some(core);
+        self
+    }
+
     /// Sets room aside for so many callbacks of the timer manager, those that are made before the start among them; 64 if not stated.
     pub fn max_timers(&mut self, callbacks: usize) -> &mut Self {
         self.plan.settings().max_timers = Some(callbacks);

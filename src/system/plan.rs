@@ -39,6 +39,8 @@ pub(crate) struct Settings {
     /// Who wakes the loops, if it is not their executors.
     pub(crate) manager: Option<Arc<Manager>>,
     pub(crate) max_timers: Option<usize>,
+    /// The core of the timer manager.
+    pub(crate) timer_core: Option<usize>,
     /// Of how many that have ended more than their number is known.
     pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,

@@ -21,7 +21,7 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 12] = [
+const BENCHES: [&str; 13] = [
     "commstime",
     "switch",
     "rendezvous",
@@ -31,6 +31,7 @@ const BENCHES: [&str; 12] = [
     "ring",
     "fan",
     "timers",
+    "loops",
     "spawn",
     "startup",
     "memory",

@@ -8,7 +8,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current;
 use luna_platform::lock::PiLock;
 use luna_platform::shortfall::Shortfall;
-use luna_platform::thread::{self, Attributes, Mode, Policy, TIMER_PRIORITY, Thread};
+use luna_platform::thread::{self, Attributes, Thread};
 use luna_platform::tick_list::Due;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -32,19 +32,13 @@ struct Shared {
 }
 
 impl ManagerThread {
-    /// Starts the thread, with a priority if the system is a `real_time` one, and room for the loops that `most_loops` says.
+    /// Starts the thread, with room for so many loops.
     pub(crate) fn start(
         manager: Arc<Manager>,
         emergency: Arc<Emergency>,
         most_loops: usize,
-        real_time: bool,
-        mode: Mode,
+        attributes: Attributes,
     ) -> Result<Self> {
-        let policy = if real_time {
-            Policy::fifo(TIMER_PRIORITY)
-        } else {
-            Policy::Other
-        };
         let shared = Arc::new(Shared {
             manager,
             emergency,
@@ -54,7 +48,7 @@ impl ManagerThread {
         });
         let own = shared.clone();
         let thread = thread::spawn(
-            Attributes::framework("luna-timers", policy).mode(mode),
+            attributes,
             move |_| Ok::<_, Infallible>(Due::with_room_for(most_loops)),
             move |mut due| {
                 if let Some(engine) = own.manager.engine.get() {
