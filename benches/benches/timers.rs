@@ -29,7 +29,7 @@ fn waiting() -> &'static [u64] {
     if is_quick() {
         &[0, 100]
     } else {
-        &[0, 100, 10_000]
+        &[0, 10, 100, 1_000, 10_000, 100_000]
     }
 }
 
@@ -38,7 +38,7 @@ fn expiring() -> &'static [u64] {
     if is_quick() {
         &[10, 100]
     } else {
-        &[10, 100, 1_000, 10_000]
+        &[10, 100, 1_000, 10_000, 100_000]
     }
 }
 
@@ -218,7 +218,107 @@ struct Woken<M> {
     last: Option<M>,
 }
 
+/// A system with a timer manager, which has so many callbacks of an hour from now on.
+fn managed(others: u64) -> (luna::System, luna::TimerManager, Vec<luna::TimerCallback>) {
+    let mut system = luna::System::new("bench");
+    let most = usize::try_from(others).expect("they fit in memory") + 1;
+    system.timers(luna::Timers::Manager).max_timers(most);
+    let manager = system.timer_manager().expect("it was just asked for");
+    let now = luna::now();
+    let others = (0..others).map(|other| {
+        let callback = manager.callback("other", |_| ()).expect("there is room");
+        callback.at(now + FAR + spread(other));
+        callback
+    });
+    let others = others.collect();
+    (system, manager, others)
+}
+
+/// The same with the timer manager's callbacks, set and cancelled by a process.
+fn callback_set_and_cancelled(others: u64, operations: u64) -> Duration {
+    let (mut system, manager, _others) = managed(others);
+    let core = one_core().id;
+    let executor = system.executor("bench").core(core).build();
+    let taken: Arc<OnceLock<Duration>> = Arc::default();
+    let result = taken.clone();
+    let process = async move {
+        let callback = manager.callback("timed", |_| unreachable!("not an hour"))?;
+        // Behind the first of the others, so that no timer of the kernel is armed where there are any.
+        let far = luna::now() + FAR + Duration::from_secs(1);
+        let mut start = Instant::now();
+        let warm_up = warm_up(operations);
+        for operation in 0..warm_up + operations {
+            if operation == warm_up {
+                start = Instant::now();
+            }
+            callback.at(far);
+            assert!(callback.cancel());
+        }
+        result.set(start.elapsed()).expect("it is set once");
+        Ok(())
+    };
+    let executor = executor.expect("the core is one of the machine's");
+    let spawned = executor.process("bench").spawn(process);
+    spawned.expect("it has a name of its own");
+    system.run().expect("its checks hold");
+    *taken.get().expect("the process has ended")
+}
+
+/// The same with the timer manager's callbacks: with the clock that each reads, and that the manager reads around each.
+fn callbacks_expired(size: u64) -> f64 {
+    let (mut system, manager, _) = managed(0);
+    system.max_timers(usize::try_from(size).expect("they fit in memory"));
+    let called: Arc<Mutex<(u64, Woken<luna::Instant>)>> = Arc::new(Mutex::new((
+        0,
+        Woken {
+            first: None,
+            last: None,
+        },
+    )));
+    let callbacks: Vec<_> = (0..size)
+        .map(|_| {
+            let called = called.clone();
+            let callback = manager.callback("one", move |firing| {
+                let now = luna::now();
+                assert!(now >= firing.deadline, "called too early");
+                let mut called = called.lock().unwrap_or_else(PoisonError::into_inner);
+                called.0 += 1;
+                called.1.first.get_or_insert(now);
+                called.1.last = Some(now);
+            });
+            callback.expect("there is room")
+        })
+        .collect();
+    let executor = system.executor("bench").build();
+    let counted = called.clone();
+    let process = async move {
+        let deadline = luna::now() + Duration::from_micros(1_000 + size);
+        for callback in &callbacks {
+            callback.at(deadline);
+        }
+        loop {
+            luna::after(Duration::from_millis(1)).await;
+            let called = counted.lock().unwrap_or_else(PoisonError::into_inner);
+            if called.0 == size {
+                return Ok(());
+            }
+        }
+    };
+    let executor = executor.expect("it has a name of its own");
+    let spawned = executor.process("bench").spawn(process);
+    spawned.expect("it has a name of its own");
+    system.run().expect("its checks hold");
+    let called = called.lock().unwrap_or_else(PoisonError::into_inner);
+    let elapsed = called.1.first.zip(called.1.last);
+    let elapsed = elapsed.map(|(first, last)| last - first);
+    elapsed.expect("some were called").as_secs_f64() * 1e9 / (size - 1) as f64
+}
+
 const TOKIO: &str = "tokio, spawn";
+const MANAGER: &str = "LUNA, timer manager's callbacks";
+
+/// Some are too large to be measured as often as the others.
+const LARGE: u64 = 100_000;
 
 fn main() {
     let mut cases = Vec::new();
@@ -230,13 +330,16 @@ fn main() {
             .size(size)
         };
         cases.push(case("LUNA", set_and_taken_back::<Luna>));
+        cases.push(case(MANAGER, callback_set_and_cancelled));
         cases.push(case(TOKIO, set_and_taken_back::<TokioTimed>));
     }
     for &size in expiring() {
         let case = |peer, block: fn(u64) -> f64| {
-            Case::once(EXPIRED, peer, "ns/process", move || block(size)).size(size)
+            let case = Case::once(EXPIRED, peer, "ns/process", move || block(size)).size(size);
+            case.blocks(if size == LARGE { 3 } else { usize::MAX })
         };
         cases.push(case("LUNA", expired::<Luna>));
+        cases.push(case(MANAGER, callbacks_expired));
         cases.push(case(TOKIO, expired::<TokioTimed>));
     }
     cases.extend(primitives::one_core_cases());
