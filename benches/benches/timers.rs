@@ -139,7 +139,7 @@ fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
             while !listed.load(Ordering::Relaxed) {
                 E::yield_now().await;
             }
-            let far = E::from_now(FAR);
+            let among = amidst(E::from_now);
             let mut start = Instant::now();
             let warm_up = warm_up(operations);
             for operation in 0..warm_up + operations {
@@ -149,8 +149,9 @@ fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
                 if operation == warm_up {
                     start = Instant::now();
                 }
+                let deadline = among[operation as usize % among.len()];
                 assert!(
-                    poll_once(E::sleep_until(far)).await.is_none(),
+                    poll_once(E::sleep_until(deadline)).await.is_none(),
                     "not an hour"
                 );
             }
@@ -168,6 +169,12 @@ fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
 /// Up to ten seconds, without order.
 fn spread(number: u64) -> Duration {
     Duration::from_millis(number * 7_919 % 10_007)
+}
+
+/// Deadlines amidst those of the others, in no order.
+fn amidst<M>(from_now: impl Fn(Duration) -> M) -> Vec<M> {
+    let deadlines = (0..1_024).map(|number| from_now(FAR + spread(number * 37 + 13)));
+    deadlines.collect()
 }
 
 /// From when the first process runs until the last one has, divided by those between: the wake-up from sleep, which comes before, is another bench's. With the clock
@@ -243,15 +250,14 @@ fn callback_set_and_cancelled(others: u64, operations: u64) -> Duration {
     let result = taken.clone();
     let process = async move {
         let callback = manager.callback("timed", |_| unreachable!("not an hour"))?;
-        // Behind the first of the others, so that no timer of the kernel is armed where there are any.
-        let far = luna::now() + FAR + Duration::from_secs(1);
+        let among = amidst(|delay| luna::now() + delay);
         let mut start = Instant::now();
         let warm_up = warm_up(operations);
         for operation in 0..warm_up + operations {
             if operation == warm_up {
                 start = Instant::now();
             }
-            callback.at(far);
+            callback.at(among[operation as usize % among.len()]);
             assert!(callback.cancel());
         }
         result.set(start.elapsed()).expect("it is set once");

@@ -34,6 +34,12 @@ pub(super) const TESTS: &[Test] = &[
         shows: "loops half a period apart keep that distance, one wakes by a guard spin and not before its slot, and a trim moves the slots",
         run: phased,
     },
+    Test {
+        name: "timer-manager",
+        component: "time",
+        shows: "the timer manager wakes two loops in phase on one timer, and calls a function at its slots",
+        run: managed,
+    },
 ];
 
 const MILLISECOND: Duration = Duration::from_millis(1);
@@ -123,6 +129,46 @@ fn periodic() -> Outcome {
     let kept = kept.map(|one| (one.cycles, one.cycles + one.missed == one.slots_elapsed));
     same("cycles kept, and the sum holds", kept, Some((CYCLES, true)))?;
     Ok(format!("{CYCLES} cycles"))
+}
+
+fn managed() -> Outcome {
+    let mut system = luna::System::new("managed");
+    system.timers(luna::Timers::Manager);
+    let (called, calls) = luna::buffered(luna::Buffer::fifo(64));
+    let callback = system
+        .timer_manager()?
+        .callback("callback", move |firing| {
+            // When nobody takes any more, the loops have ended.
+            let _ = called.try_send(luna::now() >= firing.deadline);
+        })?;
+    callback.every(MILLISECOND, Duration::ZERO)?;
+    let (say, said) = luna::buffered(luna::Buffer::fifo(2));
+    for (name, periods) in [("fine", 1), ("coarse", 3)] {
+        let say = say.clone();
+        system.thread(name).process(name).spawn(async move {
+            let mut tick = luna::periodic(name, MILLISECOND * periods)?;
+            let mut slot = tick.next().await.deadline;
+            for _ in 0..12 / periods {
+                slot = tick.next().await.deadline;
+                ensure(luna::now() >= slot, "not before its slot")?;
+            }
+            say.send(slot).await?;
+            Ok(())
+        })?;
+    }
+    let main = system.executor("main").build()?;
+    main.process("compares").spawn(async move {
+        let [one, other] = [said.recv().await?, said.recv().await?];
+        let apart = one.as_nanos().abs_diff(other.as_nanos());
+        same("out of phase by", apart % 1_000_000, 0)?;
+        ensure(calls.recv().await?, "called not before its slot")
+    })?;
+    let report = system.run()?;
+    let timers = report.timers.unwrap_or_default();
+    same("loops without a timer", timers.loops_without_timer, 0)?;
+    let calls = timers.callbacks.first().map_or(0, |one| one.calls);
+    ensure(calls > 0 && timers.woken > 0, "it woke and called")?;
+    Ok(format!("{} wake-ups, {calls} calls", timers.woken))
 }
 
 fn phased() -> Outcome {

@@ -2,7 +2,7 @@
 
 use super::Places;
 use luna::prelude::*;
-use luna::{OnOverrun, Overrun, Timer, Watchdog};
+use luna::{OnOverrun, Overrun, Timer, Timers, Watchdog};
 use std::time::Duration;
 
 const SHORT: Duration = Duration::from_micros(50);
@@ -66,6 +66,29 @@ pub(crate) fn loops_in_phase(places: &mut Places) {
                 tick.next().await;
                 tick.correct(if n % 2 == 0 { 500 } else { -700 });
             }
+            Ok(())
+        });
+    }
+}
+
+/// Loops that the timer manager wakes, which join its ticks and leave them, and callbacks on its thread, which is on the path too.
+pub(crate) fn loops_by_the_manager(places: &mut Places) {
+    places.system.timers(Timers::Manager);
+    let manager = places.system.timer_manager().unwrap();
+    for (name, periods) in [("fine", 1), ("coarse", 5), ("odd", 3)] {
+        let callback = manager.callback(name, |_| ()).unwrap();
+        places.process(name, async move {
+            let mut tick = luna::periodic(name, PERIOD * periods)?;
+            for n in 0..30 {
+                tick.next().await;
+                match n % 4 {
+                    0 => callback.every(PERIOD * 2, PERIOD / 2)?,
+                    1 => callback.after(SHORT),
+                    2 => drop(callback.cancel()),
+                    _ => tick = tick.phase(PERIOD * (n % 3) / 3)?,
+                }
+            }
+            luna::off_path(|| drop(callback));
             Ok(())
         });
     }
