@@ -1,10 +1,12 @@
-//! The tests of loops once more, with the timer manager instead of the executors' deadlines.
+//! The same tests of loops that the timer manager wakes.
 
-#[path = "bad_loops.rs"]
+mod common;
+
+#[path = "loops/bad_loops.rs"]
 mod bad_loops;
-#[path = "overrun.rs"]
+#[path = "loops/overrun.rs"]
 mod overrun;
-#[path = "periodic.rs"]
+#[path = "loops/periodic.rs"]
 mod periodic;
-#[path = "phased_loops.rs"]
+#[path = "loops/phased_loops.rs"]
 mod phased_loops;

@@ -176,7 +176,7 @@ fn a_callback_is_called_once_a_slot_and_never_before() {
         seen.iter().map(|one| one.missed).sum::<u64>()
     );
     assert!(
-        one.is_set() == false && !one.cancel(),
+        !one.is_set() && !one.cancel(),
         "it has ended with its system"
     );
     one.every(PERIOD, phase).unwrap();

@@ -1,8 +1,6 @@
 //! Loops that cannot be: a typed error each, and nothing taken by what was refused.
 
-mod common;
-
-use common::{setup_error, watchdog};
+use crate::common::{setup_error, watchdog};
 use luna::prelude::*;
 use luna::{Error, SetupError};
 use std::time::Duration;
@@ -10,7 +8,7 @@ use std::time::Duration;
 /// What a process gets that does nothing but what `body` says.
 fn in_a_process<T: Send + 'static>(body: impl AsyncFnOnce() -> T + Send + 'static) -> T {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
-    let mut system = common::system("around one");
+    let mut system = crate::common::system("around one");
     let executor = system.executor("main").build().unwrap();
     executor
         .process("one")
@@ -30,7 +28,7 @@ fn two_loops_of_one_name() {
     let period = Duration::from_millis(1);
     let (first_is_there, second_may) = luna::channel();
     let (ended, end) = luna::channel::<()>();
-    let mut system = common::system("twins");
+    let mut system = crate::common::system("twins");
     let left = system.executor("left").build().unwrap();
     let right = system.executor("right").build().unwrap();
     left.process("first")
@@ -126,7 +124,7 @@ fn a_loops_name_too_long() {
 #[test]
 fn more_loops_than_room_was_set_aside_for() {
     let _watch = watchdog();
-    let mut system = common::system("many");
+    let mut system = crate::common::system("many");
     system.max_loops(2);
     let executor = system.executor("main").build().unwrap();
     executor

@@ -1,8 +1,6 @@
 //! Loops that are late: no policy ever loses or doubles a slot without counting it.
 
-mod common;
-
-use common::{Random, burn_until, watchdog};
+use crate::common::{Random, burn_until, watchdog};
 use luna::prelude::*;
 use luna::{Cycle, Error, Instant, LoopReport, Overrun};
 use std::time::Duration;
@@ -28,7 +26,7 @@ fn origin(cycle: &Cycle) -> Instant {
 fn burn_at_random(policy: Overrun, cycles: usize) -> (Vec<Cycle>, LoopReport) {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
     let mut random = Random::seeded();
-    let mut system = common::system("late");
+    let mut system = crate::common::system("late");
     let executor = system.executor("control").build().unwrap();
     executor
         .process("loop")
@@ -214,7 +212,7 @@ fn a_cycle_in_time_begins_the_count_anew() {
 #[test]
 fn the_limit_ends_its_own_process_and_no_other() {
     let _watch = watchdog();
-    let mut system = common::system("limited");
+    let mut system = crate::common::system("limited");
     let executor = system.executor("control").build().unwrap();
     let limited = || async {
         let mut tick = luna::periodic("limited", PERIOD)?.limit(1);
@@ -252,7 +250,7 @@ fn the_limit_ends_its_own_process_and_no_other() {
 #[test]
 fn the_limit_ends_a_process_that_would_end_at_the_same_poll() {
     let _watch = watchdog();
-    let mut system = common::system("limited");
+    let mut system = crate::common::system("limited");
     let executor = system.executor("control").build().unwrap();
     // The wait that does not return is dropped by the other branch, which is ready: the failure must reach this process all the
     // same, and not the next one that its executor polls.

@@ -1,8 +1,6 @@
 //! Periodic loops: absolute slots, their numbers, and what is counted of them.
 
-mod common;
-
-use common::{Random, burn_until, watchdog};
+use crate::common::{Random, burn_until, watchdog};
 use futures_lite::future;
 use luna::prelude::*;
 use luna::{Cycle, LoopReport, Overrun};
@@ -15,7 +13,7 @@ fn run_loops<T: Send + 'static>(
     body: impl AsyncFnOnce() -> luna::Result<T> + Send + 'static,
 ) -> (T, std::collections::BTreeMap<String, LoopReport>) {
     let (sender, receiver) = luna::buffered(Buffer::fifo(1));
-    let mut system = common::system("loops");
+    let mut system = crate::common::system("loops");
     let executor = system.executor("control").build().unwrap();
     executor
         .process("looping")
@@ -46,7 +44,7 @@ fn smoke() {
         // The first slot is a period after the loop was made, or the next that all loops of the period have.
         let origin = origin(&cycles[0], PERIOD);
         assert!(origin <= after);
-        match common::timers() {
+        match crate::common::timers() {
             luna::Timers::Manager => assert!(before < origin + PERIOD),
             _ => assert!(before <= origin),
         }

@@ -1,8 +1,6 @@
 //! Phases on a common grid, guards, and trims: which slot is where, exactly; and what is refused.
 
-mod common;
-
-use common::{PLACES, Random, burn_until, setup_error, watchdog};
+use crate::common::{PLACES, Random, burn_until, setup_error, watchdog};
 use luna::prelude::*;
 use luna::{Cycle, Overrun, SetupError};
 use std::sync::{Arc, Mutex};
@@ -24,7 +22,7 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
         PERIOD - Duration::from_nanos(1),
     ];
     let cycles: Arc<Mutex<Vec<(Duration, Cycle)>>> = Arc::default();
-    let mut system = common::system("phases");
+    let mut system = crate::common::system("phases");
     for place in PLACES {
         for phase in phases {
             let name = format!("{place:?} {phase:?}");
@@ -72,7 +70,7 @@ fn loops_of_one_period_share_a_grid_wherever_they_run() {
 fn who_joins_late_misses_nothing_and_counts_as_the_others() {
     let _watch = watchdog();
     let (send, receive) = luna::buffered(Buffer::fifo(2));
-    let mut system = common::system("late");
+    let mut system = crate::common::system("late");
     let executor = system.executor("one").build().unwrap();
     let on = executor.clone();
     executor
@@ -150,7 +148,7 @@ fn a_guarded_loop_has_the_slots_that_it_would_have_without() {
     let _watch = watchdog();
     for place in PLACES {
         for overrun in [Overrun::SkipToGrid, Overrun::CatchUp] {
-            let mut system = common::system("guard");
+            let mut system = crate::common::system("guard");
             place
                 .process(&mut system, "one", "one")
                 .spawn(async move {
@@ -187,7 +185,7 @@ fn a_guarded_loop_has_the_slots_that_it_would_have_without() {
 fn a_trim_moves_the_following_slots_by_what_it_says_and_loses_none() {
     let _watch = watchdog();
     for overrun in [Overrun::SkipToGrid, Overrun::CatchUp] {
-        let mut system = common::system("trim");
+        let mut system = crate::common::system("trim");
         let executor = system.executor("one").build().unwrap();
         executor
             .process("one")
@@ -238,7 +236,7 @@ fn a_trim_moves_the_following_slots_by_what_it_says_and_loses_none() {
 #[test]
 fn a_phase_given_in_mid_run_begins_with_the_next_wait() {
     let _watch = watchdog();
-    let mut system = common::system("changes");
+    let mut system = crate::common::system("changes");
     let executor = system.executor("one").build().unwrap();
     executor
         .process("one")

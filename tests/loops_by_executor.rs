@@ -1,0 +1,12 @@
+//! The tests of loops that their executors' own deadlines wake.
+
+mod common;
+
+#[path = "loops/bad_loops.rs"]
+mod bad_loops;
+#[path = "loops/overrun.rs"]
+mod overrun;
+#[path = "loops/periodic.rs"]
+mod periodic;
+#[path = "loops/phased_loops.rs"]
+mod phased_loops;
