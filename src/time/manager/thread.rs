@@ -130,6 +130,8 @@ impl Drop for ManagerThread {
 impl Shared {
     /// The life of the thread.
     fn keep_time(&self, engine: &Engine, due: &mut Due) {
+        // A thread's first lock asks the kernel for its number: not on the path.
+        drop(self.panic.lock());
         current::set_on_path(true);
         while !self.is_to_end.load(Ordering::Acquire) {
             let mut woken = 0;
