@@ -127,9 +127,31 @@ impl Drop for ManagerThread {
     }
 }
 
+/// The end of the thread's life, however it comes.
+struct End<'a> {
+    shared: &'a Shared,
+    engine: &'a Engine,
+}
+
+impl Drop for End<'_> {
+    fn drop(&mut self) {
+        current::set_on_path(false);
+        // Whoever still waits takes the deadlines of its own thread.
+        self.engine.bases.close();
+        if std::thread::panicking() {
+            // A fault of the framework: nobody keeps time any more as the system was told.
+            self.shared.emergency.trigger();
+        }
+    }
+}
+
 impl Shared {
     /// The life of the thread.
     fn keep_time(&self, engine: &Engine, due: &mut Due) {
+        let _end = End {
+            shared: self,
+            engine,
+        };
         // A thread's first lock asks the kernel for its number: not on the path.
         drop(self.panic.lock());
         current::set_on_path(true);
@@ -149,9 +171,6 @@ impl Shared {
                 .callbacks
                 .call_due(engine, |name, message| self.panicked(name, message));
         }
-        current::set_on_path(false);
-        // Whoever still waits takes the deadlines of its own thread.
-        engine.bases.close();
     }
 
     fn panicked(&self, name: String, message: String) {
