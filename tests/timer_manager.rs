@@ -586,3 +586,42 @@ fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
         assert_eq!(is_missing, asks && !has_real_time);
     }
 }
+
+/// Threads of one priority on one core run in the order in which they are woken: so that is seen.
+#[test]
+fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
+    let _watch = watchdog();
+    if !COMPLETE || !common::has_real_time() {
+        skip("no real-time policies here");
+        return;
+    }
+    const CYCLES: u64 = 100;
+    let mut system = managed("order");
+    system.timer_core(0);
+    let begun: Arc<Mutex<BTreeMap<u64, Vec<u8>>>> = Arc::default();
+    // Who comes first at first is the least urgent.
+    for level in [3, 10, 20, 30] {
+        let begun = begun.clone();
+        let name: &'static str = format!("level {level}").leak();
+        let thread = system.thread(name).core(0).policy(Policy::fifo(10));
+        thread
+            .process(name)
+            .priority(level)
+            .spawn(async move {
+                let mut tick = luna::periodic(name, PERIOD)?.phase(Duration::ZERO)?;
+                for _ in 0..CYCLES {
+                    let number = tick.next().await.number;
+                    begun.lock().unwrap().entry(number).or_default().push(level);
+                }
+                Ok(())
+            })
+            .unwrap();
+    }
+    system.run().unwrap();
+    let begun = begun.lock().unwrap();
+    let whole = || begun.values().filter(|levels| levels.len() == 4);
+    let in_order = whole().filter(|levels| **levels == [30, 20, 10, 3]).count();
+    // Where the machine stood still for more than a period, loops go on by themselves.
+    assert!(2 * in_order > whole().count(), "{begun:?}");
+    assert!(whole().count() > 0, "{begun:?}");
+}
