@@ -169,7 +169,7 @@ impl Place {
     }
 
     /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
-    #[inline(never)]
+    #[inline]
     pub(crate) fn lock_lists(&self) -> HomeGuard<'_, Lists> {
         let mut lists = self.lock.lock();
         self.clear_spots(&mut lists);
