@@ -269,17 +269,25 @@ impl WaitList {
     unsafe fn link(&mut self, before: Option<NonNull<WaitNode>>, node: NonNull<WaitNode>) {
         // SAFETY: by the contract the new node is live and ours; by the invariant so are all in the list.
         unsafe {
-            let last = self.last();
-            let after = match before {
-                Some(before) => (*before.as_ptr()).after.replace(node),
-                None => self.first.replace(node),
-            };
             let fields = &mut *node.as_ptr();
-            // The first has the last before it, which is itself where nobody else is.
-            fields.before = before.or(last).or(Some(node));
-            fields.after = after;
-            if let Some(follower) = after.or(self.first) {
-                (*follower.as_ptr()).before = Some(node);
+            match (before, self.first) {
+                (Some(before), Some(first)) => {
+                    let after = (*before.as_ptr()).after.replace(node);
+                    fields.before = Some(before);
+                    fields.after = after;
+                    // Before who follows, or as the last before the first.
+                    (*after.unwrap_or(first).as_ptr()).before = Some(node);
+                }
+                (_, Some(first)) => {
+                    fields.before = (*first.as_ptr()).before.replace(node);
+                    fields.after = Some(first);
+                    self.first = Some(node);
+                }
+                (_, None) => {
+                    fields.before = Some(node);
+                    fields.after = None;
+                    self.first = Some(node);
+                }
             }
         }
     }
@@ -335,7 +343,10 @@ impl WaitList {
     pub fn pop(&mut self) -> Option<NonNull<WaitNode>> {
         let node = self.first?;
         // SAFETY: it is this list's first.
-        unsafe { self.remove(node) };
+        unsafe {
+            self.remove_first(node);
+            (*node.as_ptr()).after = None;
+        }
         Some(node)
     }
 }
