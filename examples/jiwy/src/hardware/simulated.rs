@@ -4,7 +4,6 @@ use super::{Bench, Registers, registers};
 use crate::AXES;
 use luna_plants::{Encoder, Motor, MotorState};
 
-use crate::processes::Slots;
 use luna::prelude::*;
 use luna::{Executor, TryRecvError};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -76,7 +75,8 @@ pub fn simulated(
     })
 }
 
-/// Gives the motor what was written, in its own time.
+/// Gives the motor what was written, in its own time: a period a cycle. The simulated world stands still while its thread is kept from running. It would else leap, which no machine
+/// does, and which safety would take for a broken encoder.
 struct Bridge {
     name: String,
     period: Duration,
@@ -89,10 +89,10 @@ struct Bridge {
 impl Process for Bridge {
     async fn run(&mut self) -> luna::Result<()> {
         let mut tick = luna::periodic(&self.name, self.period)?;
-        let mut slots = Slots::new(self.period);
+        let time = self.period.as_secs_f64();
         let (mut duty, mut enabled, mut unwritten) = (0.0, false, 0.0);
         loop {
-            let time = slots.elapsed(tick.next().await.deadline);
+            tick.next().await;
             let on = enabled && unwritten < WATCHDOG && self.line.load(Ordering::Relaxed);
             // First what was applied until now, then what was written meanwhile.
             let applied = Applied {

@@ -38,7 +38,7 @@ pub(crate) async fn watch_motion(
     Ok(())
 }
 
-/// Switches both motors off at the first fault, and fails with it: that is an emergency, and ends the system.
+/// Switches both motors off at the first fault, and raises an emergency with it, which ends the system.
 pub(crate) async fn keep_safe(
     faults: Receiver<(usize, Fault)>,
     gates: [Sender<()>; 2],
@@ -50,5 +50,6 @@ pub(crate) async fn keep_safe(
         // Nobody waits for a gate that has ended.
         let _ = gate.send(()).await;
     }
-    Err(luna::Error::other(format!("{}: {fault}", AXES[axis].name)))
+    let cause = luna::Error::other(format!("{}: {fault}", AXES[axis].name));
+    Err(luna::emergency(cause))
 }

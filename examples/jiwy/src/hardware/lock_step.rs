@@ -1,0 +1,94 @@
+//! The machine outside of the system, in lock-step with it: time goes on for the processes only as far as the machine has been computed.
+
+use super::{Bench, Registers, registers};
+use crate::AXES;
+use luna::{ClockDriver, DriveError, System};
+use luna_plants::{Encoder, Motor, MotorState};
+use std::time::Duration;
+
+/// A simulator of the machine, which drives the system's clock. For a thread of its own, beside the one that runs the system.
+#[derive(Debug)]
+pub struct Simulator {
+    driver: ClockDriver,
+    axes: [Axis; 2],
+}
+
+/// One axis of the machine. What a test breaks is public.
+#[derive(Debug)]
+pub struct Axis {
+    /// The motor and what it turns.
+    pub motor: Motor,
+    /// Whether the encoder counts.
+    pub counts: bool,
+    encoder: Encoder,
+    bench: Bench,
+    duty: f64,
+    enabled: bool,
+}
+
+/// Puts `system` on a driven clock. Gives the registers for its processes, and who is behind them.
+pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
+    let driver = system.driven_clock();
+    let axis = |index: usize| {
+        let axis = &AXES[index];
+        let (registers, bench) = registers();
+        let encoder = Encoder::new(axis.plant.gear_ratio, axis.count_at_zero);
+        let simulated = Axis {
+            motor: Motor::new(axis.plant),
+            counts: true,
+            encoder,
+            bench,
+            duty: 0.0,
+            enabled: false,
+        };
+        (registers, simulated)
+    };
+    let ((pan, pan_axis), (tilt, tilt_axis)) = (axis(0), axis(1));
+    let simulator = Simulator {
+        driver,
+        axes: [pan_axis, tilt_axis],
+    };
+    ([pan, tilt], simulator)
+}
+
+impl Simulator {
+    /// Takes steps of `step` until the system has ended, with `before` called before each, with its number from 0 on. Gives where the joints are then.
+    ///
+    /// In each step the machine moves under what was written in the steps before, its counters tell where it is, and then the processes do all that they do until then.
+    pub fn run(
+        mut self,
+        step: Duration,
+        mut before: impl FnMut(u64, &mut [Axis; 2]),
+    ) -> [MotorState; 2] {
+        for number in 0.. {
+            before(number, &mut self.axes);
+            for axis in &mut self.axes {
+                axis.step(step);
+            }
+            if let Err(DriveError::Ended { .. }) = self.driver.advance_by(step) {
+                break;
+            }
+        }
+        self.axes.map(|axis| axis.motor.state())
+    }
+}
+
+impl Axis {
+    fn step(&mut self, step: Duration) {
+        if let Ok(written) = self.bench.enable.try_recv() {
+            self.enabled = written;
+        }
+        if let Ok(written) = self.bench.pwm.try_recv() {
+            self.duty = written;
+        }
+        let duty = if self.enabled { self.duty } else { 0.0 };
+        self.motor.drive(duty, step.as_secs_f64());
+        if self.counts {
+            // Who reads the counter may have ended: that is no matter of the machine.
+            let _ = self
+                .bench
+                .count
+                .try_send(self.encoder.count(self.motor.state().angle));
+        }
+    }
+}
