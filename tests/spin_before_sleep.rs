@@ -363,3 +363,48 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
         plain.join().unwrap();
     }
 }
+
+/// Blocking operations of one poll are more than a turn has, so those behind them may not look; they wait as any other.
+#[test]
+fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    let _watch = watchdog();
+    let core = |core| COMPLETE.then_some(core);
+    let (sender, receiver) = luna::channel::<u32>();
+    let (_nobody_sends, silent) = luna::channel::<u32>();
+    let mut system = System::new("many");
+    for (name, place) in [("sends", core(first)), ("receives", core(second))] {
+        let mut thread = system.thread(name).spin_before_sleep(SPIN);
+        if let Some(core) = place {
+            thread = thread.core(core);
+        }
+        let process = thread.process(name);
+        let spawned = match name {
+            "sends" => {
+                let sender = sender.clone();
+                process.spawn(async move {
+                    for number in 0..5_000 {
+                        sender.blocking_send(number)?;
+                    }
+                    Ok(())
+                })
+            }
+            _ => {
+                let (receiver, silent) = (receiver.clone(), silent.clone());
+                process.spawn(async move {
+                    for expected in 0..5_000 {
+                        assert_eq!(receiver.blocking_recv()?, expected);
+                    }
+                    let late = silent.blocking_recv_timeout(Duration::from_millis(5));
+                    assert!(late.unwrap_err().is_timeout());
+                    Ok(())
+                })
+            }
+        };
+        spawned.unwrap();
+    }
+    drop((sender, receiver));
+    system.run().unwrap();
+}

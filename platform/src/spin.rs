@@ -130,7 +130,7 @@ thread_local! {
 /// Lets operations of this thread's processes look for their partners until the guard is dropped. Not for the real-time path.
 ///
 /// ```
-/// use luna_platform::spin::{self, MayLook, Outside};
+/// use luna_platform::spin::{self, Outside};
 /// use std::sync::Arc;
 ///
 /// struct Quiet;
@@ -140,13 +140,13 @@ thread_local! {
 ///     }
 /// }
 ///
-/// assert_eq!(spin::may_look(), MayLook::No);
+/// assert!(!spin::may_look());
 /// let looking = spin::enter(Arc::new(Quiet));
-/// assert_eq!(spin::may_look(), MayLook::Yes);
+/// assert!(spin::may_look());
 /// assert!(spin::look(|| true));
 /// assert!(!spin::look(|| false)); // after about 2 µs
 /// drop(looking);
-/// assert_eq!(spin::may_look(), MayLook::No);
+/// assert!(!spin::may_look());
 /// ```
 #[cfg(not(loom))]
 pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
@@ -170,30 +170,14 @@ impl Drop for Looking {
     }
 }
 
-/// Whether an operation that has to wait may look for its partner first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MayLook {
-    /// It waits at once.
-    No,
-    /// It looks first.
-    Yes,
-    /// It could look, but its process has completed so many operations in this turn that its thread is to come to its timers and files first. The operation is to
-    /// be polled again.
-    InNextTurn,
-}
-
 /// Whether an operation that has to wait may look for its partner first: its thread may look, its process has no other branch and has not used up its turn, and
 /// nobody else is to run there. Real-time path: yes; one load where the thread may not look, else a few, and a clock reading if it has a deadline. Example:
 /// [`enter`].
 #[cfg(not(loom))]
 #[inline]
-pub fn may_look() -> MayLook {
-    match HAS_OUTSIDE.get() && has_nothing_else() {
-        false => MayLook::No,
-        // Counted, so that the executor comes to its files.
-        true if current::count_operation() => MayLook::Yes,
-        true => MayLook::InNextTurn,
-    }
+pub fn may_look() -> bool {
+    // Counted, so that the executor comes to its files. Who may not look waits: one that came again instead would be seen by nobody meanwhile.
+    HAS_OUTSIDE.get() && has_nothing_else() && current::count_operation()
 }
 
 #[cfg(not(loom))]
@@ -235,11 +219,8 @@ pub fn let_look() {
 
 /// Whether the model's thread has said so.
 #[cfg(loom)]
-pub fn may_look() -> MayLook {
-    match LOOKS.with(std::cell::Cell::get) {
-        true => MayLook::Yes,
-        false => MayLook::No,
-    }
+pub fn may_look() -> bool {
+    LOOKS.with(std::cell::Cell::get)
 }
 
 /// Looks once: what follows does not depend on how many looks there were.

@@ -6,7 +6,7 @@ use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current;
-use luna_platform::spin::{self, MayLook};
+use luna_platform::spin;
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -16,10 +16,17 @@ pub(crate) enum OnSpots<'a, T, R> {
     Done(R),
     /// It waits on its spot, and is to [look](Channel::look_from_spot).
     Waits,
-    /// Nothing has happened; it is to be polled again in its process' next turn.
-    InNextTurn,
     /// Nothing has happened. The lock is held, and nobody waits on a spot.
     No(Locked<'a, T>),
+}
+
+/// Ends the program if it is dropped.
+struct AbortOnDrop;
+
+impl Drop for AbortOnDrop {
+    fn drop(&mut self) {
+        std::process::abort();
+    }
 }
 
 impl<T> Channel<T> {
@@ -53,22 +60,16 @@ impl<T> Channel<T> {
                     spots.settle(Side::Receiver);
                     return OnSpots::Done(());
                 }
-                if spots.is_free(Side::Sender) {
-                    match spin::may_look() {
-                        MayLook::Yes => {
-                            lists.sender = LastUser::of(current::user());
-                            Waiter::begin_on_spot(node);
-                            lists.on_spots.note(Side::Sender, node.cast());
-                            if has_room::<T>() {
-                                // It stays in the node too: where it is taken from, if the node is listed.
-                                spots.put(Side::Sender, Waiter::take_value_of(node));
-                            }
-                            spots.occupy(Side::Sender);
-                            return OnSpots::Waits;
-                        }
-                        MayLook::InNextTurn => return OnSpots::InNextTurn,
-                        MayLook::No => {}
+                if spots.is_free(Side::Sender) && spin::may_look() {
+                    lists.sender = LastUser::of(current::user());
+                    Waiter::begin_on_spot(node);
+                    lists.on_spots.note(Side::Sender, node.cast());
+                    if has_room::<T>() {
+                        // It stays in the node too: where it is taken from, if the node is listed.
+                        spots.put(Side::Sender, Waiter::take_value_of(node));
                     }
+                    spots.occupy(Side::Sender);
+                    return OnSpots::Waits;
                 }
             }
         }
@@ -103,18 +104,12 @@ impl<T> Channel<T> {
                     spots.settle(Side::Sender);
                     return OnSpots::Done(value);
                 }
-                if spots.is_free(Side::Receiver) {
-                    match spin::may_look() {
-                        MayLook::Yes => {
-                            lists.receiver = LastUser::of(current::user());
-                            Waiter::begin_on_spot(node);
-                            lists.on_spots.note(Side::Receiver, node.cast());
-                            spots.occupy(Side::Receiver);
-                            return OnSpots::Waits;
-                        }
-                        MayLook::InNextTurn => return OnSpots::InNextTurn,
-                        MayLook::No => {}
-                    }
+                if spots.is_free(Side::Receiver) && spin::may_look() {
+                    lists.receiver = LastUser::of(current::user());
+                    Waiter::begin_on_spot(node);
+                    lists.on_spots.note(Side::Receiver, node.cast());
+                    spots.occupy(Side::Receiver);
+                    return OnSpots::Waits;
                 }
             }
         }
@@ -138,7 +133,10 @@ impl<T> Channel<T> {
         cx: &Context<'_>,
     ) -> Outcome {
         let spots = &self.place.spots;
+        // Who looks must come to leave the spot: what would drop the operation on the way (a panic of who is asked whether the thread is called) ends the program.
+        let stays = AbortOnDrop;
         spin::look(|| !spots.is_waiting(side));
+        std::mem::forget(stays);
         // SAFETY: the contract.
         unsafe {
             if spots.is_done(side) {

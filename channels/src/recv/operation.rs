@@ -7,8 +7,8 @@ use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::spots::Side;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Place, Wakeup};
-use luna_platform::spin::{self, MayLook};
+use luna_platform::current::{self, Wakeup};
+use luna_platform::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -219,10 +219,6 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the spot is left.
             match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
                 OnSpots::No(section) => section,
-                OnSpots::InNextTurn => {
-                    current::ready_again(cx, Place::Last);
-                    return Poll::Pending;
-                }
                 OnSpots::Done(value) => {
                     if crate::gives_way(cx) {
                         this.keep(value, 0);
@@ -272,7 +268,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 Poll::Ready(Ok(M::received(this.receiver, value, ticket, note)))
             }
             Received::Empty => {
-                let looks = spin::may_look() == MayLook::Yes;
+                let looks = spin::may_look();
                 let wakeup = (!looks).then(|| Wakeup::of(cx));
                 // SAFETY: the future is pinned, and its drop withdraws the node.
                 unsafe {

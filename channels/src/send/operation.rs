@@ -7,8 +7,8 @@ use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
 use crate::spots::Side;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Place, Wakeup};
-use luna_platform::spin::{self, MayLook};
+use luna_platform::current::{self, Wakeup};
+use luna_platform::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -262,10 +262,6 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
                 OnSpots::No(section) => section,
                 OnSpots::Done(()) => return this.sent(cx),
-                OnSpots::InNextTurn => {
-                    current::ready_again(cx, Place::Last);
-                    return Poll::Pending;
-                }
                 OnSpots::Waits => {
                     this.phase = Phase::Listed;
                     // SAFETY: the node waits on the spot.
@@ -288,7 +284,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 this.sent(cx)
             }
             Sent::Full => {
-                let looks = spin::may_look() == MayLook::Yes;
+                let looks = spin::may_look();
                 let wakeup = (!looks).then(|| Wakeup::of(cx));
                 // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
                 unsafe {
