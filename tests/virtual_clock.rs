@@ -893,3 +893,80 @@ fn a_start_that_fails_leaves_nothing() {
     let empty = simulated().0;
     assert_eq!(empty.run().unwrap().elapsed, Duration::ZERO);
 }
+
+/// Holds an end, which goes when the process is buried.
+struct Holder(#[expect(dead_code, reason = "its drop counts")] luna::Sender<u32>);
+
+impl Process for Holder {
+    async fn run(&mut self) -> luna::Result<()> {
+        luna::after(MS).await;
+        Ok(())
+    }
+}
+
+/// What a process held is dropped by another thread; when others see it does not depend on that thread.
+#[test]
+fn what_an_ended_process_held_goes_before_anybody_else_runs() {
+    let _alive = watchdog();
+    let turns_until_closed = || {
+        let (system, main) = simulated();
+        let (held, end) = luna::channel::<u32>();
+        let turns = Arc::new(AtomicU64::new(0));
+        let (counted, seen) = (turns.clone(), Arc::new(AtomicU64::new(u64::MAX)));
+        let (own, at_close) = (turns, seen.clone());
+        main.process("holder").spawn(Holder(held)).unwrap();
+        main.process("reader")
+            .spawn(async move {
+                assert!(end.recv().await.is_err());
+                at_close.store(own.load(Relaxed), Relaxed);
+                Ok(())
+            })
+            .unwrap();
+        main.process("counter")
+            .spawn(async move {
+                luna::after(MS).await;
+                for _ in 0..20_000 {
+                    counted.fetch_add(1, Relaxed);
+                    luna::yield_now().await;
+                }
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+        seen.load(Relaxed)
+    };
+    let first = turns_until_closed();
+    assert!(first < 10, "{first}");
+    for _ in 0..20 {
+        assert_eq!(turns_until_closed(), first);
+    }
+}
+
+/// Tells its end to a process that is not ready for it yet.
+struct TellsItsEnd(luna::Sender<u32>);
+
+impl Process for TellsItsEnd {
+    async fn run(&mut self) -> luna::Result<()> {
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        self.0.blocking_send(1).unwrap();
+    }
+}
+
+#[test]
+fn a_post_run_that_waits_for_time_does_not_keep_time_from_going_on() {
+    let _alive = watchdog();
+    let (system, main) = simulated();
+    let (sender, receiver) = luna::channel();
+    main.process("tells").spawn(TellsItsEnd(sender)).unwrap();
+    main.process("logger")
+        .spawn(async move {
+            luna::after(MS).await;
+            assert_eq!(receiver.recv().await, Ok(1));
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap().end, End::Completed);
+}

@@ -148,7 +148,10 @@ fn a_motor_that_is_blocked_ends_the_run_with_both_motors_off() {
     });
     assert!(error.contains("pan: it was driven for"), "{error}");
     assert!(
-        outcome.states.iter().all(|state| state.current.abs() < 1.0),
+        outcome
+            .states
+            .iter()
+            .all(|state| state.current.abs() < 1e-3),
         "{outcome:?}"
     );
 }

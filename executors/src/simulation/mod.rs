@@ -17,7 +17,7 @@
 //!
 //! **Why every run is the same.** One thread decides all, and nothing it decides by depends on how long anything took: not the machine's clock, not
 //! addresses, not the order in which threads happen to run. Other threads come in at rest alone: results of blocking calls in the order of their
-//! beginnings, burials before time goes on, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
+//! beginnings, burials before anybody else runs, requests to stop when nobody can run. What is left are threads and files outside of the system, which wake
 //! processes when they will.
 //!
 //! `Play::rest` in `stage` is the one place where the thread waits for a deadline, real or virtual: a recorder that replays, or a thread that times others, begins there.

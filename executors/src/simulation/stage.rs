@@ -21,6 +21,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How long nobody runs, in the machine's time, while ends are looked after. What looks after them may itself wait for processes: then they go on.
+const LONGEST_ATTENDANCE: Duration = Duration::from_secs(1);
 
 /// How many turns are taken after a request to stop until it is followed though somebody can still run.
 const TURNS_TO_STOP: u64 = 100_000;
@@ -156,6 +160,13 @@ impl Stage {
         }
     }
 
+    /// Whether there were more ends in a hurry than those that have been looked after and those up to `given_up`.
+    #[inline]
+    fn is_to_be_attended(&self, given_up: u64) -> bool {
+        let ends = self.living.hurried();
+        ends > given_up && ends > self.attended.load(Ordering::Acquire)
+    }
+
     pub(super) fn standstill(&self) -> Option<Standstill> {
         *self
             .standstill
@@ -208,6 +219,7 @@ pub(super) fn run(stage: &Arc<Stage>) {
         members: Vec::new(),
         turns: 0,
         turns_to_stop: 0,
+        given_up: 0,
     }
     .play();
     // Whoever comes now is refused.
@@ -231,6 +243,8 @@ struct Play<'a> {
     turns: u64,
     /// How many since a request to stop was seen.
     turns_to_stop: u64,
+    /// Up to which end nobody waits any more until it has been looked after.
+    given_up: u64,
 }
 
 impl Play<'_> {
@@ -239,6 +253,10 @@ impl Play<'_> {
             // Before the look at who can run: what was asked for then is done if nobody can.
             let asked = self.stage.driven.as_ref().map_or(0, |d| d.0.requests());
             self.take_in();
+            if self.is_to_be_attended() {
+                self.wait_for_attendance();
+                continue;
+            }
             let can_go_on = self.turns < self.stage.most_turns;
             if can_go_on
                 && self.turns_to_stop < TURNS_TO_STOP
@@ -263,6 +281,23 @@ impl Play<'_> {
             let member = Member::new(executor);
             let place = self.members.partition_point(|one| !member.outranks(one));
             self.members.insert(place, member);
+        }
+    }
+
+    /// Whether somebody has ended whose end is to be looked after before anybody else runs: what is dropped then wakes others, and when it does must not depend on how fast
+    /// another thread is.
+    #[inline]
+    fn is_to_be_attended(&self) -> bool {
+        self.stage.is_to_be_attended(self.given_up)
+    }
+
+    fn wait_for_attendance(&mut self) {
+        let ends = self.stage.living.hurried();
+        let latest = self.stage.clock.now() + LONGEST_ATTENDANCE;
+        while self.is_to_be_attended() {
+            if !self.stage.parker.park(latest) {
+                self.given_up = ends;
+            }
         }
     }
 
@@ -294,10 +329,12 @@ impl Play<'_> {
         let (now, released) = (self.stage.clock.now(), self.is_released());
         let (above, others) = self.members.split_at_mut(index);
         let above = &*above;
+        let (stage, given_up) = (self.stage, self.given_up);
         let is_outdone = |member: &Member| {
-            above.iter().any(|one| {
-                one.has_turns() && one.outranks(member) && one.shared.inbound().is_signalled()
-            })
+            stage.is_to_be_attended(given_up)
+                || above.iter().any(|one| {
+                    one.has_turns() && one.outranks(member) && one.shared.inbound().is_signalled()
+                })
         };
         let most = self.stage.most_turns - self.turns;
         let (taken, goes_on) = others[0].serve(now, released, most, is_outdone);
@@ -330,10 +367,6 @@ impl Play<'_> {
                 self.stage
                     .stand_still(Standstill::Livelock { process, turns });
             }
-            self.sleep(false);
-            return true;
-        }
-        if self.stage.living.hurried() > self.stage.attended.load(Ordering::Acquire) {
             self.sleep(false);
             return true;
         }

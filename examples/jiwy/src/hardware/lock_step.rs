@@ -4,13 +4,20 @@ use super::{Bench, Registers, registers};
 use crate::AXES;
 use luna::{ClockDriver, DriveError, System};
 use luna_plants::{Encoder, Motor, MotorState};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+
+/// How many steps the machine goes on after the system has ended: until a motor that was switched off has no current any more.
+const STEPS_AFTER_THE_END: u32 = 50;
 
 /// A simulator of the machine, which drives the system's clock. For a thread of its own, beside the one that runs the system.
 #[derive(Debug)]
 pub struct Simulator {
     driver: ClockDriver,
     axes: [Axis; 2],
+    /// The bridges' enable line.
+    line: Arc<AtomicBool>,
 }
 
 /// One axis of the machine. What a test breaks is public.
@@ -26,9 +33,12 @@ pub struct Axis {
     enabled: bool,
 }
 
-/// Puts `system` on a driven clock. Gives the registers for its processes, and who is behind them.
+/// Puts `system` on a driven clock. Gives the registers for its processes, and who is behind them. An emergency pulls the bridges' enable line.
 pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
     let driver = system.driven_clock();
+    let line = Arc::new(AtomicBool::new(true));
+    let pulled = Arc::clone(&line);
+    system.on_emergency("motors off", move || pulled.store(false, Ordering::Relaxed));
     let axis = |index: usize| {
         let axis = &AXES[index];
         let (registers, bench) = registers();
@@ -47,12 +57,13 @@ pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
     let simulator = Simulator {
         driver,
         axes: [pan_axis, tilt_axis],
+        line,
     };
     ([pan, tilt], simulator)
 }
 
 impl Simulator {
-    /// Takes steps of `step` until the system has ended, with `before` called before each, with its number from 0 on. Gives where the joints are then.
+    /// Takes steps of `step` until the system has ended and the motors are off, with `before` called before each of the system's, with its number from 0 on. Gives where the joints are then.
     ///
     /// In each step the machine moves under what was written in the steps before, its counters tell where it is, and then the processes do all that they do until then.
     pub fn run(
@@ -62,26 +73,34 @@ impl Simulator {
     ) -> [MotorState; 2] {
         for number in 0.. {
             before(number, &mut self.axes);
-            for axis in &mut self.axes {
-                axis.step(step);
-            }
+            self.step(step);
             if let Err(DriveError::Ended { .. }) = self.driver.advance_by(step) {
                 break;
             }
         }
+        for _ in 0..STEPS_AFTER_THE_END {
+            self.step(step);
+        }
         self.axes.map(|axis| axis.motor.state())
+    }
+
+    fn step(&mut self, step: Duration) {
+        let line = self.line.load(Ordering::Relaxed);
+        for axis in &mut self.axes {
+            axis.step(step, line);
+        }
     }
 }
 
 impl Axis {
-    fn step(&mut self, step: Duration) {
+    fn step(&mut self, step: Duration, line: bool) {
         if let Ok(written) = self.bench.enable.try_recv() {
             self.enabled = written;
         }
         if let Ok(written) = self.bench.pwm.try_recv() {
             self.duty = written;
         }
-        let duty = if self.enabled { self.duty } else { 0.0 };
+        let duty = if self.enabled && line { self.duty } else { 0.0 };
         self.motor.drive(duty, step.as_secs_f64());
         if self.counts {
             // Who reads the counter may have ended: that is no matter of the machine.
