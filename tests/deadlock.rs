@@ -681,3 +681,46 @@ fn part() {
         _ => {}
     }
 }
+
+/// Ends when the one before has, and holds what the next one waits for until it is buried.
+struct Link {
+    before: luna::Receiver<()>,
+    _next: luna::Sender<()>,
+}
+
+impl Process for Link {
+    async fn run(&mut self) -> luna::Result<()> {
+        assert!(self.before.recv().await.is_err());
+        Ok(())
+    }
+}
+
+#[test]
+fn what_those_hold_who_are_not_buried_yet_is_no_deadlock() {
+    let _watchdog = watchdog();
+    for _ in 0..300 {
+        let mut system = strict("chain");
+        let (first, mut before) = luna::channel();
+        let executors = ["one", "other"].map(|name| system.executor(name).build().unwrap());
+        for number in 0..4 {
+            let (next, after) = luna::channel();
+            let link = Link {
+                before: std::mem::replace(&mut before, after),
+                _next: next,
+            };
+            executors[number % 2]
+                .process(&format!("link {number}"))
+                .spawn(link)
+                .unwrap();
+        }
+        executors[0]
+            .process("first")
+            .spawn(async move {
+                luna::after(Duration::from_millis(1)).await;
+                drop(first);
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}

@@ -77,12 +77,12 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Deadlo
     None
 }
 
-/// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it.
+/// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it; or has ended and is not buried, since what it held is yet to be dropped.
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
         let has_ended = match member.handle.state() {
-            ProcessState::Ended => true,
+            ProcessState::Ended if member.buried => true,
             ProcessState::Waiting => false,
             _ => return None,
         };
