@@ -86,10 +86,20 @@ impl Parker {
     pub fn park_between(
         &self,
         deadline: Instant,
+        before: impl FnMut(),
+        after: impl FnMut(),
+    ) -> bool {
+        self.park_on_machine(Clock::deadline_of_machine(deadline), before, after)
+    }
+
+    /// As [`park_between`](Self::park_between), with a deadline on the machine's clock.
+    #[inline]
+    fn park_on_machine(
+        &self,
+        deadline: Instant,
         mut before: impl FnMut(),
         mut after: impl FnMut(),
     ) -> bool {
-        let deadline = Clock::deadline_of_machine(deadline);
         loop {
             self.bell.quiet();
             let mut waited = Waited::Woken;
@@ -244,8 +254,8 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
     }
 }
 
-/// Blocks this thread until `future` is done or `deadline` has come. At the deadline the future is polled once more, so that
-/// what it says is exact. Panics as [`block_on`] does.
+/// Blocks this thread until `future` is done or `deadline` has come, however often it is woken. At the deadline the future is polled once more, so that
+/// what it says is exact. Where the clock is a virtual one the deadline comes once the machine's has moved as far. Panics as [`block_on`] does.
 #[cfg(not(loom))]
 #[track_caller]
 pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> Option<F::Output> {
@@ -257,11 +267,16 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
     let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
     let waker = waker(&parker);
     let mut cx = Context::from_waker(&waker);
+    let mut on_machine = None;
     let output = loop {
         if let Poll::Ready(output) = future.as_mut().poll(&mut cx) {
             break Some(output);
         }
-        if !parker.park(deadline) {
+        // Once: a virtual clock stands meanwhile, and each wake would give all the time anew.
+        let deadline = *on_machine.get_or_insert_with(|| Clock::deadline_of_machine(deadline));
+        let was_woken = parker.park_on_machine(deadline, || (), || ());
+        // A wake that is always there already must not hide the deadline.
+        if !was_woken || (deadline != Instant::NEVER && Instant::now_real() >= deadline) {
             break match future.as_mut().poll(&mut cx) {
                 Poll::Ready(output) => Some(output),
                 Poll::Pending => None,
@@ -296,6 +311,37 @@ mod tests {
             block_on_until(pin!(std::future::ready(7)), Instant::now()),
             Some(7)
         );
+    }
+
+    #[test]
+    fn wakes_do_not_hide_the_deadline() {
+        let mut polls = 0;
+        let busy = std::future::poll_fn(|cx| {
+            polls += 1;
+            assert!(polls < 10, "the deadline came before the first wake");
+            cx.waker().wake_by_ref();
+            Poll::<()>::Pending
+        });
+        assert_eq!(block_on_until(pin!(busy), Instant::now()), None);
+        assert_eq!(polls, 2);
+    }
+
+    #[test]
+    fn wakes_give_no_time_anew_where_the_clock_stands() {
+        const TIME: Duration = Duration::from_micros(100);
+        let clock = Clock::from(crate::clock::VirtualClock::new());
+        let _inside = clock.enter();
+        let mut polls = 0;
+        let busy = std::future::poll_fn(|cx| {
+            polls += 1;
+            assert!(polls < 10, "the time is up at the first wakes");
+            let end = Instant::now_real() + TIME;
+            while Instant::now_real() < end {}
+            cx.waker().wake_by_ref();
+            Poll::<()>::Pending
+        });
+        assert_eq!(block_on_until(pin!(busy), Instant::now() + TIME), None);
+        assert!(polls <= 3, "{polls}");
     }
 }
 
