@@ -292,6 +292,38 @@ fn a_driver_of_a_system_that_never_runs_is_told() {
 }
 
 #[test]
+fn an_advance_without_an_end_stays_at_the_last_deadline() {
+    let _alive = watchdog();
+    let (system, main, mut driver) = driven();
+    let (go, gone) = luna::buffered::<()>(luna::Buffer::fifo(1));
+    let body = async move {
+        luna::after(MS).await;
+        luna::after(MS * 2).await;
+        gone.recv().await?;
+        luna::after(MS * 4).await;
+        std::future::pending().await
+    };
+    main.process("waits").spawn(body).unwrap();
+    let (report, ()) = beside(&system, move || {
+        let start = driver.now();
+        driver.advance_to(Instant::NEVER).unwrap();
+        assert_eq!(driver.now(), start + MS * 3);
+        // Whoever is woken later has not the driver's leave.
+        assert!(go.try_send(()).is_ok());
+        driver.advance_by(Duration::ZERO).unwrap();
+        assert_eq!(driver.now(), start + MS * 3);
+        assert_eq!(driver.next_deadline(), Ok(Some(start + MS * 7)));
+        driver.advance_by(MS).unwrap();
+        assert_eq!(driver.now(), start + MS * 4);
+        driver.advance_by(Duration::MAX).unwrap();
+        assert_eq!(driver.now(), start + MS * 7);
+        assert_eq!(driver.advance_by(Duration::MAX), Ok(()), "nobody waits");
+        assert_eq!(driver.now(), start + MS * 7);
+    });
+    assert_eq!(report.unwrap().elapsed, MS * 7);
+}
+
+#[test]
 fn a_panic_on_the_way_stops_time_and_tells_the_driver() {
     let _alive = watchdog();
     let (system, main, mut driver) = driven();

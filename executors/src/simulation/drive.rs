@@ -71,10 +71,15 @@ impl Drive {
         if state.requests != requests {
             return Order::LookAgain;
         }
-        if next <= state.limit {
+        if next <= state.limit && next != Instant::NEVER {
             return Order::MoveTo(next);
         }
-        if self.clock.now() < state.limit {
+        let now = self.clock.now();
+        if state.limit == Instant::NEVER {
+            // Behind the last deadline nothing is left to move for; who is woken later waits for the driver's leave.
+            state.limit = now;
+        }
+        if now < state.limit {
             return Order::MoveTo(state.limit);
         }
         state.next = next;
@@ -178,6 +183,9 @@ impl ClockDriver {
     /// Moves time on to `instant`, and returns when every process is at rest there. Waits for the system's start, if that is still to come; and for blocking calls
     /// that processes make, as long as they take. Blocks the calling thread; not for a process.
     ///
+    /// [`Instant::NEVER`] means for as long as a process has a deadline: the clock then stays where the last one was. A process that always takes another, as a
+    /// loop does, lets that never return.
+    ///
     /// # Errors
     ///
     /// [`DriveError::Past`] before the present; [`DriveError::Ended`] if all processes ended on the way, or had before: the clock then stands where the last one did.
@@ -210,7 +218,8 @@ impl ClockDriver {
         Ok(())
     }
 
-    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it lets those run whom something from outside has woken.
+    /// Moves time on by `duration`: as [`advance_to`](Self::advance_to). By nothing, it lets those run whom something from outside has woken;
+    /// by [`Duration::MAX`], it moves on to [`Instant::NEVER`], as described there.
     ///
     /// # Errors
     ///
