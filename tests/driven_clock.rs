@@ -292,6 +292,21 @@ fn a_driver_of_a_system_that_never_runs_is_told() {
 }
 
 #[test]
+fn a_driver_of_a_system_whose_start_fails_is_told() {
+    let _alive = watchdog();
+    let (mut system, _main, mut driver) = driven();
+    system.stand_in("nobody", |_: u8| async { Ok(()) }).unwrap();
+    let (report, told) = beside(&system, move || driver.advance_by(MS));
+    assert!(report.unwrap_err().to_string().contains("nobody"));
+    assert!(matches!(told, Err(DriveError::Ended { .. })), "{told:?}");
+    let again = system.run().unwrap_err().to_string();
+    assert!(
+        again.contains("run"),
+        "as of every start that has failed: {again}"
+    );
+}
+
+#[test]
 fn an_advance_without_an_end_stays_at_the_last_deadline() {
     let _alive = watchdog();
     let (system, main, mut driver) = driven();

@@ -42,7 +42,7 @@ pub(super) struct Launched {
 
 /// Takes the plan and starts it. On an error all that was started is ended again.
 pub(super) fn launch(plan: &Plan) -> Result<Launched> {
-    plan.stand_ins().close()?;
+    let stand_ins = plan.stand_ins().close();
     let (executors, waiting) = {
         let mut members = plan.members();
         if members.phase != Phase::Described {
@@ -60,7 +60,10 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
     };
     let settings = std::mem::take(&mut *plan.settings());
     let living = Arc::new(Living::new());
-    launch_described(plan, settings, executors, waiting, &living).inspect_err(|_| {
+    // Also a start that fails on these takes the settings, so that the driver of its clock is told.
+    let launched =
+        stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &living));
+    launched.inspect_err(|_| {
         living.close_ended(|_| ());
         let mut members = plan.members();
         members.phase = Phase::Ended;
