@@ -91,6 +91,71 @@ fn who_raises_it_may_go_on_and_the_cause_is_told_all_the_same() {
     assert_eq!(error.to_string(), "process `sensor`: the sensor is dead");
 }
 
+struct Last(fn());
+
+impl Drop for Last {
+    fn drop(&mut self) {
+        self.0();
+    }
+}
+
+/// Runs a system whose time comes to stand still, and where what a process drops then does `last`.
+fn stands_still_and_then(is_livelock: bool, last: fn()) -> (Error, End, u32) {
+    let mut system = System::new("stands");
+    let calls = Arc::new(AtomicU32::new(0));
+    let counted = calls.clone();
+    system.on_emergency("count", move || {
+        counted.fetch_add(1, Ordering::Relaxed);
+    });
+    if is_livelock {
+        system.virtual_clock();
+        system.most_turns_at_an_instant(1000);
+    } else {
+        drop(system.driven_clock());
+    }
+    let executor = system.executor("main").build().unwrap();
+    if is_livelock {
+        let spins = executor.process("spins").spawn(async {
+            loop {
+                luna::yield_now().await;
+            }
+        });
+        spins.unwrap();
+    }
+    executor
+        .process("arm")
+        .spawn(async move {
+            let _last = Last(last);
+            std::future::pending().await
+        })
+        .unwrap();
+    let error = system.run().unwrap_err();
+    let end = system.report().unwrap().end;
+    (error, end, calls.load(Ordering::Relaxed))
+}
+
+#[test]
+fn one_that_is_raised_during_the_cancellation_is_told_too() {
+    let _watch = watchdog();
+    for is_livelock in [false, true] {
+        let (error, end, calls) = stands_still_and_then(is_livelock, || {
+            let _ = luna::emergency(cause());
+        });
+        assert_eq!(error.to_string(), "process `arm`: the sensor is dead");
+        assert_eq!((end, calls), (End::Emergency, 1));
+    }
+}
+
+#[test]
+fn a_panic_during_the_cancellation_is_told_too() {
+    let _watch = watchdog();
+    for is_livelock in [false, true] {
+        let (error, end, calls) = stands_still_and_then(is_livelock, || panic!("on purpose"));
+        assert!(error.to_string().contains("on purpose"), "{error}");
+        assert_eq!((end, calls), (End::Panic, 1));
+    }
+}
+
 #[test]
 fn outside_of_a_system_it_is_an_error_as_any_other() {
     assert_eq!(luna::emergency(Error::Timeout), Error::Timeout);

@@ -12,14 +12,14 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 const NORMAL: u8 = 0;
 /// Triggered by a process, or a signal was seen: the functions run.
 const TRIGGERED: u8 = 1;
 /// The functions have run.
 const SAFE: u8 = 2;
-/// The system has ended, with or without an emergency: the thread ends.
+/// The system has ended without an emergency: none can begin any more.
 const ENDED: u8 = 3;
 
 /// What the triggers share with the thread.
@@ -27,6 +27,8 @@ const ENDED: u8 = 3;
 pub(crate) struct Emergency {
     /// Only rises.
     phase: AtomicU8,
+    /// The system has ended: the thread is to end, once the functions have run if there is an emergency.
+    is_to_end: AtomicBool,
     /// Who raised it by [`emergency`], and with what, if that was the first trigger.
     cause: PiLock<Option<(ProcessId, Error)>>,
     /// Where the processes run, if time is virtual there.
@@ -43,7 +45,8 @@ thread_local! {
 /// For what must not go on, but is no bug to panic over: a sensor that is dead, a simulated plant that cannot be stepped. The functions of
 /// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest priority; then all processes are cancelled, and
 /// [`System::run`](crate::System::run) returns the cause with this process' name, whatever the others return on their way out. The report says
-/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its own cause stays.
+/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its own cause stays. So it is too for what a process drops while it is cancelled, after
+/// a livelock or because the driver of its clock is gone.
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back.
 /// Real-time path: yes; O(1), one system call, and a clone of the cause.
@@ -74,6 +77,7 @@ impl Emergency {
     pub(crate) fn new(simulation: Option<SimulationHandle>) -> Arc<Self> {
         Arc::new(Self {
             phase: AtomicU8::new(NORMAL),
+            is_to_end: AtomicBool::new(false),
             cause: PiLock::new(None),
             simulation,
         })
@@ -140,8 +144,17 @@ impl Emergency {
     }
 
     fn end(&self) {
-        self.phase.store(ENDED, Ordering::Release);
+        self.is_to_end.store(true, Ordering::Release);
         signals::announce_event();
+    }
+
+    /// Whether the thread may end without an emergency: there is none, and none will begin.
+    fn may_end(&self) -> bool {
+        self.is_to_end.load(Ordering::Acquire)
+            && self
+                .phase
+                .compare_exchange(NORMAL, ENDED, Ordering::AcqRel, Ordering::Relaxed)
+                .is_ok()
     }
 }
 
@@ -196,7 +209,8 @@ impl EmergencyThread {
             .map_or(&[], |thread| &thread.obtained().shortfalls)
     }
 
-    /// Ends the thread; gives the signal that made the emergency, if one did.
+    /// Ends the thread, which runs the functions before that if there is an emergency; gives the signal that made it, if one did. From then on
+    /// [`Emergency::is_safe`] says for good whether there was one.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.join()
     }
@@ -228,7 +242,7 @@ fn watch_over(
     let mut seen = signals::event_count();
     // A signal that comes as the system ends is seen all the same.
     while received().is_none() && emergency.phase.load(Ordering::Acquire) != TRIGGERED {
-        if emergency.phase.load(Ordering::Acquire) == ENDED {
+        if emergency.may_end() {
             return received();
         }
         seen = signals::wait_for_event(seen, Instant::NEVER);
@@ -251,7 +265,7 @@ fn watch_over(
     for name in panicked {
         eprintln!("luna: emergency function `{name}` panicked; the others ran");
     }
-    while emergency.phase.load(Ordering::Acquire) != ENDED {
+    while !emergency.is_to_end.load(Ordering::Acquire) {
         seen = signals::wait_for_event(seen, Instant::NEVER);
     }
     received()

@@ -64,8 +64,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
 
     let mut stolen = Stolen::begin();
     let (threads, deadlock) = watch(plan, &launched, &mut stolen);
-    let was_emergency = emergency.is_safe();
-    let standstill = running.standstill().filter(|_| !was_emergency);
+    let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
     let Launched {
         clock: clock_kind,
@@ -109,6 +108,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     plan.members().started.note_last_ends(living, emergency);
     end.bury();
     let signal = guard.stop();
+    // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
+    let was_emergency = emergency.is_safe();
     stolen.sample();
 
     let mut members = plan.members();
@@ -175,6 +176,10 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         overrun
     };
     let livelock = livelock(&members.started, standstill, clock.now());
+    if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
+        // What ended the system first, though something graver has come of it.
+        eprintln!("luna: {livelock}");
+    }
     let error = match report.end {
         End::Undriven => failed_before,
         End::Livelock => livelock,
