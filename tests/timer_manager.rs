@@ -221,6 +221,55 @@ fn one_shots_fire_once_each_and_one_can_set_itself_anew() {
     assert!(!first.is_set());
 }
 
+/// Callbacks that set themselves, or each other, to an instant long ago in every call.
+#[test]
+fn who_is_always_late_starves_nobody() {
+    let _watch = watchdog();
+    const PAST: Instant = Instant::from_nanos(1);
+    // Of each: whom it sets.
+    for partners in [&[0][..], &[1, 0]] {
+        let mut system = managed("late");
+        let manager = system.timer_manager().unwrap();
+        let handles: Arc<Mutex<Vec<luna::TimerCallback>>> = Arc::default();
+        for (number, &partner) in partners.iter().enumerate() {
+            let sets = handles.clone();
+            let late = manager
+                .callback(&format!("late {number}"), move |firing| {
+                    assert_eq!(firing.deadline, PAST);
+                    sets.lock().unwrap()[partner].at(PAST);
+                })
+                .unwrap();
+            handles.lock().unwrap().push(late);
+        }
+        handles.lock().unwrap()[0].at(PAST);
+        let (calls, counted) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
+        let (slots, once) = (calls.clone(), counted.clone());
+        let patient = manager
+            .callback("patient", move |_| {
+                calls.fetch_add(1, Ordering::Relaxed);
+            })
+            .unwrap();
+        patient.every(PERIOD, Duration::ZERO).unwrap();
+        let single = manager
+            .callback("single", move |_| {
+                counted.fetch_add(1, Ordering::Relaxed);
+            })
+            .unwrap();
+        single.at(Instant::now() + PERIOD * 2);
+        runs_until(&mut system, move || {
+            slots.load(Ordering::Relaxed) >= 5 && once.load(Ordering::Relaxed) == 1
+        });
+        let began = Instant::now();
+        let report = system.run().unwrap();
+        // Each rests for at least 100 µs between two calls.
+        let most = (Instant::now() - began).as_micros() / 100 + 1;
+        for number in 0..partners.len() {
+            let late = callback(&report, &format!("late {number}"));
+            assert!(late.calls > 1 && u128::from(late.calls) <= most, "{late:?}");
+        }
+    }
+}
+
 #[test]
 fn removal_while_it_is_called() {
     let _watch = watchdog();

@@ -25,7 +25,7 @@ pub struct Firing {
     pub missed: u64,
 }
 
-/// A callback that takes longer holds up all that the manager wakes: it is counted.
+/// A callback that takes longer holds up all that the manager wakes: it is counted. The least that one rests which is always late already.
 pub(super) const BUDGET: Duration = Duration::from_micros(100);
 
 type Function = Box<dyn FnMut(Firing) + Send>;
@@ -73,6 +73,8 @@ struct Entry {
     /// Its next slot or its instant, and the slot's number.
     deadline: Instant,
     number: u64,
+    /// From when on it may be called for an instant that has passed.
+    rests_until: Instant,
     is_called: bool,
     is_gone: bool,
     counted: CallbackReport,
@@ -87,6 +89,7 @@ impl Entry {
             place: None,
             deadline: Instant::NEVER,
             number: 0,
+            rests_until: Instant::from_nanos(0),
             is_called: false,
             is_gone: false,
             counted: CallbackReport {
@@ -201,13 +204,14 @@ impl Callbacks {
         table.arm(engine);
     }
 
-    /// Calls those that are due, each of them once at most; gives the panic of one with its name. Manager's thread alone.
+    /// Calls those that are due by now, each of them once at most; gives the panic of one with its name. Manager's thread alone.
     pub(super) fn call_due(&self, engine: &Engine, mut on_panic: impl FnMut(String, String)) {
         let mut table = self.table.lock();
-        // One that sets itself anew is to keep nobody from their ticks.
+        // Who is set during this pass, as those are that rest, comes in the next: ticks and all others come before.
+        let due_by = Instant::now();
         for _ in 0..table.entries.len() {
             let now = Instant::now();
-            let Some((callback, firing)) = table.take_due(now) else {
+            let Some((callback, firing)) = table.take_due(due_by, now) else {
                 break;
             };
             let entry = &mut table.entries[callback];
@@ -218,7 +222,8 @@ impl Callbacks {
             entry.is_called = true;
             drop(table);
             let outcome = catch_unwind(AssertUnwindSafe(|| function(firing)));
-            let taken = Instant::now() - now;
+            let ended = Instant::now();
+            let taken = ended - now;
             if let Err(payload) = outcome {
                 // It ends the system: nothing of what follows has to be in time.
                 current::set_on_path(false);
@@ -234,6 +239,8 @@ impl Callbacks {
                 on_panic(name, message);
             }
             table = self.table.lock();
+            // Half of a core at most for one that is always late.
+            table.entries[callback].rests_until = ended + taken.max(BUDGET);
             table.was_called(callback, function, firing, taken, turn, engine);
         }
         table.armed = None;
@@ -305,10 +312,19 @@ impl Table {
         self.list(callback, engine);
     }
 
-    /// Puts it into the heap where its deadline belongs.
+    /// Puts it into the heap where its deadline belongs. If that is an instant that has passed, when it has rested since its last call: else one that always
+    /// sets itself to the past would be called without end, on a thread above all others, and before them.
     fn list(&mut self, callback: usize, engine: &Engine) {
         let entry = &mut self.entries[callback];
-        let deadline = entry.deadline.as_nanos();
+        let is_late = entry.period().is_none()
+            && entry.deadline < entry.rests_until
+            && entry.deadline <= Instant::now();
+        let deadline = if is_late {
+            entry.rests_until
+        } else {
+            entry.deadline
+        };
+        let deadline = deadline.as_nanos();
         let rides = entry.place.as_mut().is_some_and(|place| {
             engine.bases.settle(place, entry.deadline, &engine.alarm);
             place.base().is_some()
@@ -331,14 +347,14 @@ impl Table {
         }
     }
 
-    /// Takes out the first that is due at `now`; what it is to be told.
-    fn take_due(&mut self, now: Instant) -> Option<(usize, Firing)> {
+    /// Takes out the first that was due at `due_by`; what it is to be told if it is called `now`.
+    fn take_due(&mut self, due_by: Instant, now: Instant) -> Option<(usize, Firing)> {
         let firsts = [self.timed.first(), self.ridden.first()];
         let (_, callback) = firsts
             .into_iter()
             .flatten()
             .min()
-            .filter(|&(deadline, _)| deadline <= now.as_nanos())?;
+            .filter(|&(deadline, _)| deadline <= due_by.as_nanos())?;
         self.timed.remove(callback);
         self.ridden.remove(callback);
         let entry = &mut self.entries[callback];
@@ -386,6 +402,9 @@ impl Table {
         {
             entry.number += 1;
             entry.deadline = entry.deadline.plus_nanos(period);
+            self.list(callback, engine);
+        } else if entry.period().is_none() && self.timed.remove(callback) {
+            // Set in the call, whose end was not known then.
             self.list(callback, engine);
         }
     }

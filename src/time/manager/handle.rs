@@ -112,11 +112,15 @@ impl TimerCallback {
     }
 
     /// Calls it once, at `deadline`, which may have passed; no more at what it was set to before.
+    ///
+    /// For an instant that has passed it is called at once, but not before it has rested after its last call for as long as that took, and for 100 µs at least:
+    /// one that sets itself to the past in each call takes half of a core at most, and keeps nobody from being called. Each such call counts as late
+    /// ([`Firing::lateness`]).
     pub fn at(&self, deadline: Instant) {
         self.set(Wish::At(deadline));
     }
 
-    /// Calls it once, `delay` from now; no more at what it was set to before.
+    /// Calls it once, `delay` from now; no more at what it was set to before. After no delay, as [`at`](Self::at) an instant that has passed.
     pub fn after(&self, delay: Duration) {
         self.at(Instant::now() + delay);
     }
