@@ -4,8 +4,10 @@ mod common;
 
 use common::{PLACES, watchdog};
 use luna::prelude::*;
-use luna::{Error, SetupError};
+use luna::{Error, ProcessBuilder, SetupError};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
+use std::time::Duration;
 
 struct SensorEnds {
     values: Sender<u32>,
@@ -215,6 +217,102 @@ fn what_comes_too_late_twice_or_without_ends_is_refused() {
     assert!(matches!(
         setup(plain.unwrap_err()),
         SetupError::NotReplaceable { .. }
+    ));
+}
+
+#[test]
+fn a_declaration_that_fails_does_not_use_up_the_stand_in() {
+    type Attempt = fn(ProcessBuilder) -> ProcessBuilder;
+    let _watch = watchdog();
+    let attempts: [Attempt; 2] = [
+        |process| process.priority(32),
+        |process| process.poll_budget(Duration::ZERO),
+    ];
+    for attempt in attempts {
+        let mut system = System::new("again");
+        system
+            .stand_in("sensor", |ends: SensorEnds| async move {
+                ends.values.send(7).await?;
+                Ok(())
+            })
+            .unwrap();
+        let wrong = system.executor("wrong").build().unwrap();
+        let values = luna::channel().0;
+        attempt(wrong.process("sensor"))
+            .replaceable(SensorEnds { values }, |_| async { Ok(()) })
+            .unwrap_err();
+        let refused = system.thread("sensors").stack_size(1).process("sensor");
+        let values = luna::channel().0;
+        refused
+            .replaceable(SensorEnds { values }, |_| async { Ok(()) })
+            .unwrap_err();
+        let told = build(&mut system, PLACES[0]).unwrap();
+        let report = system.run().unwrap();
+        assert_eq!(told.iter().collect::<Vec<_>>(), [7]);
+        assert_eq!(report.stand_ins, ["sensor"]);
+    }
+}
+
+#[test]
+fn a_name_that_is_taken_leaves_the_stand_in_and_the_declaration_as_they_were() {
+    let _watch = watchdog();
+    let duplicate = |error| {
+        let error = setup(error);
+        assert!(
+            matches!(error, SetupError::DuplicateName { .. }),
+            "{error:?}"
+        );
+    };
+    // A plain process has it: nobody is replaced, and that is said.
+    let mut system = System::new("taken");
+    let main = system.executor("plain").build().unwrap();
+    main.process("sensor").spawn(async { Ok(()) }).unwrap();
+    system
+        .stand_in("sensor", |_: SensorEnds| async { Ok(()) })
+        .unwrap();
+    duplicate(build(&mut system, PLACES[0]).unwrap_err());
+    let error = setup(system.run().unwrap_err());
+    assert!(matches!(error, SetupError::NobodyToReplace { .. }));
+
+    // One that is replaced has it: it still is.
+    let mut system = System::new("twice");
+    system
+        .stand_in("sensor", |ends: SensorEnds| async move {
+            ends.values.send(7).await?;
+            Ok(())
+        })
+        .unwrap();
+    let told = build(&mut system, PLACES[0]).unwrap();
+    let other = system.executor("other").build().unwrap();
+    let values = luna::channel().0;
+    let again = other
+        .process("sensor")
+        .replaceable(SensorEnds { values }, |_| async { Ok(()) });
+    duplicate(again.unwrap_err());
+    assert_eq!(system.run().unwrap().stand_ins, ["sensor"]);
+    assert_eq!(told.iter().collect::<Vec<_>>(), [7]);
+}
+
+#[test]
+fn a_stand_in_that_panics_while_it_is_made_is_not_followed_by_the_process_itself() {
+    let _watch = watchdog();
+    let mut system = System::new("panics");
+    system
+        .stand_in(
+            "sensor",
+            |_: SensorEnds| -> std::future::Ready<luna::Result<()>> { panic!("as it is made") },
+        )
+        .unwrap();
+    let main = system.executor("main").build().unwrap();
+    let declare = || {
+        let values = luna::channel().0;
+        main.process("sensor")
+            .replaceable(SensorEnds { values }, |_| async { Ok(()) })
+    };
+    assert!(catch_unwind(AssertUnwindSafe(declare)).is_err());
+    assert!(matches!(
+        setup(declare().unwrap_err()),
+        SetupError::DuplicateName { .. }
     ));
 }
 

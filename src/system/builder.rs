@@ -1,9 +1,9 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
-use crate::csp::process::{IntoProcess, Prepared};
+use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
-use crate::safety::{Budgets, OnOverrun};
+use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
 use luna_platform::current::{LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
@@ -304,8 +304,13 @@ impl ProcessBuilder {
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
         self.plan.stand_ins().check_plain(&self.name)?;
-        let (system, plan) = self.planned(|| process.prepare())?;
-        system.add_process(plan)
+        let (system, place, spec, ledger) = self.checked()?;
+        system.add_process(ProcessPlan {
+            place,
+            spec,
+            ledger,
+            prepared: process.prepare(),
+        })
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
@@ -316,31 +321,46 @@ impl ProcessBuilder {
     ///
     /// # Errors
     ///
-    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of another type.
+    /// As [`spawn`](Self::spawn), and [`SetupError::StandInDoesNotFit`] if a stand-in takes ends of another type. After an error the stand-in waits as before, so that it
+    /// may be tried again.
     pub fn replaceable<E: Send + 'static, M, P: IntoProcess<M>>(
         self,
         ends: E,
         body: impl FnOnce(E) -> P,
     ) -> Result<ProcessId> {
-        let stand_in = self.plan.stand_ins().declare::<E>(&self.name)?;
-        // Without the lock: what runs here is the user's.
-        match stand_in {
+        // All that can be refused is refused before the stand-in is taken: otherwise a second attempt would run the process itself, and nobody would be told.
+        let (system, place, spec, ledger) = self.checked()?;
+        let name = system.reserve(spec.name())?;
+        // Without the lock: what is made here is the user's.
+        match system.stand_ins().declare::<E>(spec.name())? {
             Some(stand_in) => {
-                let (system, plan) = self.planned(|| stand_in.prepare(ends))?;
-                system.add_boxed_process(plan)
+                // From here on it is used up, so the name stays taken, also if what is the user's panics.
+                name.keep();
+                let prepared = stand_in.prepare(ends);
+                system.add_reserved_boxed(ProcessPlan {
+                    place,
+                    spec,
+                    ledger,
+                    prepared,
+                })
             }
             None => {
-                let (system, plan) = self.planned(|| body(ends).prepare())?;
-                system.add_process(plan)
+                let prepared = body(ends).prepare();
+                name.keep();
+                system.add_reserved(ProcessPlan {
+                    place,
+                    spec,
+                    ledger,
+                    prepared,
+                })
             }
         }
     }
 
     /// What was said of the process, if it can be.
-    fn planned<B>(
-        self,
-        prepare: impl FnOnce() -> Prepared<B>,
-    ) -> Result<(Arc<Plan>, ProcessPlan<B>)> {
+    #[inline]
+    #[expect(clippy::type_complexity, reason = "the parts of a plan")]
+    fn checked(self) -> Result<(Arc<Plan>, Place, ProcessSpec, Option<Arc<Ledger>>)> {
         let place = self.place?;
         if self.level >= LEVELS {
             return Err(SetupError::Level {
@@ -356,13 +376,7 @@ impl ProcessBuilder {
         if let Some(ledger) = &ledger {
             spec = spec.overseen(ledger.clone());
         }
-        let plan = ProcessPlan {
-            place,
-            spec,
-            ledger,
-            prepared: prepare(),
-        };
-        Ok((self.plan, plan))
+        Ok((self.plan, place, spec, ledger))
     }
 }
 

@@ -383,6 +383,27 @@ impl Members {
     }
 }
 
+/// The name of a process that is about to be added. Dropping it gives the name back.
+pub(crate) struct Reservation<'a> {
+    plan: &'a Plan,
+    name: Option<Arc<str>>,
+}
+
+impl Reservation<'_> {
+    /// The name stays taken.
+    pub(crate) fn keep(mut self) {
+        self.name = None;
+    }
+}
+
+impl Drop for Reservation<'_> {
+    fn drop(&mut self) {
+        if let Some(name) = &self.name {
+            self.plan.members().started.give_name_back(name);
+        }
+    }
+}
+
 fn duplicate(kind: &'static str, name: &str) -> Error {
     SetupError::DuplicateName {
         kind,
@@ -449,10 +470,23 @@ impl Plan {
         self.members().take_thread_name(name)
     }
 
-    /// As [`add_process`](Self::add_process), for a process whose type is not known.
-    pub(crate) fn add_boxed_process(&self, plan: ProcessPlan) -> Result<ProcessId> {
+    /// Takes the name of a process whose body is still to be made.
+    pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
+        drop(self.admit(name)?);
+        Ok(Reservation {
+            plan: self,
+            name: Some(name.clone()),
+        })
+    }
+
+    /// As [`add_reserved`](Self::add_reserved), for a process whose type is not known.
+    pub(crate) fn add_reserved_boxed(&self, plan: ProcessPlan) -> Result<ProcessId> {
         let id = plan.id();
-        let mut members = self.admit(plan.name())?;
+        let mut members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            return Err(self.ended(plan.name()));
+        }
         if members.running.is_some() {
             return self.start_prepared(members, plan);
         }
@@ -462,8 +496,26 @@ impl Plan {
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let members = self.admit(plan.name())?;
+        self.add_admitted(members, plan)
+    }
+
+    /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
+    pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            return Err(self.ended(plan.name()));
+        }
+        self.add_admitted(members, plan)
+    }
+
+    fn add_admitted<B: Build>(
+        &self,
+        mut members: MutexGuard<'_, Members>,
+        plan: ProcessPlan<B>,
+    ) -> Result<ProcessId> {
         let id = plan.id();
-        let mut members = self.admit(plan.name())?;
         let Members {
             running: Some(running),
             started,
