@@ -19,8 +19,10 @@ pub(crate) struct StandIns {
 pub(super) struct StandIn {
     ends: TypeId,
     type_name: &'static str,
-    prepare: Box<dyn FnOnce(Box<dyn Any>) -> Prepared<Box<dyn Start>> + Send>,
+    prepare: Box<Prepare>,
 }
+
+type Prepare = dyn FnOnce(Box<dyn Any>) -> Prepared<Box<dyn Start>> + Send;
 
 impl StandIns {
     pub(super) fn add<E: Send + 'static, M, P: IntoProcess<M>>(
