@@ -104,6 +104,70 @@ fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
 }
 
 #[test]
+fn slots_that_are_missed_before_the_first_one_are_part_of_the_time() {
+    let mut system = System::new("late start");
+    let main = system.executor("main").build().unwrap();
+    let (time, times) = register::<f64>();
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
+    link.sensor("time", time).unwrap();
+    main.process("plant")
+        .spawn(link.periodic(MS).unwrap())
+        .unwrap();
+    main.process("hog")
+        .spawn(async move {
+            // The loop has been made, and waits for its first slot.
+            assert_eq!(times.recv().await?, 0.0);
+            let end = luna::now() + 10 * MS;
+            while luna::now() < end {}
+            // The slot that lasts is served, so that at most one period is not simulated yet.
+            let simulated = times.recv().await?;
+            assert!(simulated > 0.009 - 1e-9, "{simulated}");
+            assert!((simulated * 1e3 - (simulated * 1e3).round()).abs() < 1e-9);
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn a_first_slot_that_comes_early_is_no_whole_period() {
+    let period = 20 * MS;
+    let mut system = System::new("common grid");
+    system.timers(luna::Timers::Manager);
+    let main = system.executor("main").build().unwrap();
+    let (time, times) = register::<f64>();
+    let mut link = PlantLink::new("stopwatch", Stopwatch::new());
+    link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
+    link.sensor("time", time).unwrap();
+    let plant = link.periodic(period).unwrap();
+    let own = main.clone();
+    main.process("late")
+        .spawn(async move {
+            // Within a period that all share.
+            let mut tick = luna::periodic("late", period)?;
+            let slot = tick.next().await.deadline;
+            while luna::now() < slot + period / 2 {}
+            let before = luna::now();
+            own.process("plant").spawn(plant)?;
+            assert_eq!(times.recv().await?, 0.0);
+            let mut last = 0.0;
+            for _ in 0..3 {
+                let simulated = times.recv().await?;
+                let passed = (luna::now() - before).as_secs_f64();
+                assert!(
+                    last < simulated && simulated <= passed + 1e-9,
+                    "{simulated}, {passed}"
+                );
+                last = simulated;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
 fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
     let control = |count: i32, gain: f64| -gain * f64::from(count - 500) / 500.0;
     let cycles = 500;

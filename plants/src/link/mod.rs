@@ -165,7 +165,9 @@ impl<P: Plant> PlantLink<P> {
     /// A process that steps the plant each `period`, as hardware that goes on by itself.
     ///
     /// In each slot the plant is stepped by the time since the slot before, with the set-points that were taken last; then the newest value of each actuator is
-    /// taken, then each sensor is sent what is now, if there is room or somebody waits. Before the first slot the sensors say how it all begins. The plant never waits. So
+    /// taken, then each sensor is sent what is now, if there is room or somebody waits. Before the first slot the sensors say how it all begins: time counts from there, so the
+    /// first step is a period and what was missed, or with [`Timers::Manager`](luna::Timers::Manager), whose slots all loops of a period share, what is left of the period that
+    /// lasts. (Then an FMU that takes steps of one length alone fails at the second.) The plant never waits. So
     /// give both registers ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)): on a rendezvous a writer waits for the next slot, and so does a reader; in a FIFO that is
     /// full the newest values are lost. Until an actuator has been written to, its input is neutral (0, or the end of its range next to 0); one whose
     /// writers are gone keeps its last value.

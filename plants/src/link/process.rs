@@ -146,20 +146,44 @@ struct Body<'a, P> {
 
 impl<P: Plant> Body<'_, P> {
     async fn go_on(mut self, name: &str, period: Duration) -> Result<(), Stop> {
+        let began = luna::now();
         let mut tick = luna::periodic(name, period).map_err(Stop::Luna)?;
         self.tell()?;
         let mut last = None;
         while !self.has_ended() {
-            let slot = tick.next().await.deadline;
-            // A missed slot is part of the time.
-            let elapsed = last.replace(slot).map_or(period, |last| slot - last);
+            let cycle = tick.next().await;
+            let slot = cycle.deadline;
             // First what was applied until now, then what was written meanwhile.
             self.set_inputs()?;
-            self.plant.step(elapsed)?;
+            // A missed slot is part of the time.
+            match last.replace(slot) {
+                Some(last) => self.plant.step(slot - last)?,
+                None => self.step_to_first(slot - began, period, cycle.number)?,
+            }
             self.listen()?;
             self.tell()?;
         }
         Ok(())
+    }
+
+    /// The time from when the loop was made to its first slot that is served, which is number `slots` of its grid and begins `elapsed` after the look at the clock.
+    fn step_to_first(
+        &mut self,
+        elapsed: Duration,
+        period: Duration,
+        slots: u64,
+    ) -> Result<(), PlantError> {
+        let nanos = period.as_nanos().saturating_mul(slots.into());
+        let on_grid = Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX));
+        // A grid of the loop's own begins with it, a hair after that look. A common one is older, and its first slot comes earlier.
+        let elapsed = elapsed.min(on_grid);
+        // A period first, whatever was missed: what takes steps of one length alone takes the first one's.
+        let first = elapsed.min(period);
+        self.plant.step(first)?;
+        match elapsed - first {
+            Duration::ZERO => Ok(()),
+            rest => self.plant.step(rest),
+        }
     }
 
     async fn exchange(
