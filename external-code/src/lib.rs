@@ -223,4 +223,39 @@ mod tests {
         );
         assert_eq!(system.report().unwrap().end, luna::End::Emergency);
     }
+
+    #[test]
+    fn what_is_left_over_of_one_that_fails_is_gone_before_the_emergency() {
+        use luna::TryRecvError;
+        use luna::prelude::*;
+        use std::sync::mpsc;
+        let mut system = System::new("left over");
+        let main = system.executor("main").build().unwrap();
+        let (a, on_a) = luna::channel::<f64>();
+        let (b, on_b) = luna::channel::<f64>();
+        let [(quotient, quotients), (time, times)] =
+            std::array::from_fn(|_| luna::buffered::<f64>(Buffer::overwrite_oldest(1)));
+        let step = Duration::from_millis(10);
+        let process = SubmodelProcess::new(submodel(divide), step, [on_a, on_b], [quotient, time]);
+        main.process("divider").spawn(process).unwrap();
+        main.process("user")
+            .spawn(async move {
+                for divisor in [2.0, 0.0] {
+                    a.send(1.0).await?;
+                    b.send(divisor).await?;
+                }
+                Ok(())
+            })
+            .unwrap();
+        let (tell, told) = mpsc::channel();
+        system.on_emergency("look", move || {
+            for outputs in [&quotients, &times] {
+                tell.send(outputs.try_recv()).unwrap();
+            }
+        });
+        system.run().unwrap_err();
+        assert_eq!(system.report().unwrap().end, luna::End::Emergency);
+        let seen: Vec<_> = told.try_iter().collect();
+        assert_eq!(seen, [Err(TryRecvError::Poisoned); 2]);
+    }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 ///
 /// It has no clock: who writes to its inputs says when it goes on, as a periodic reader of a sensor does. The time that the code is told is 0 in the first step, and by
 /// `step` later in each. It is initialized in `pre_run`, and ends without an error when an input's writers or an output's readers are gone. An output that is not
-/// finite is sent to nobody: it raises an emergency ([`luna::emergency`]).
+/// finite is sent to nobody: all outputs are poisoned, with what a buffer still holds, and an emergency is raised ([`luna::emergency`]).
 ///
 /// ```no_run
 /// # use luna_external_code::{Submodel, SubmodelProcess};
@@ -87,7 +87,13 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Process
             }
             let outputs = match self.submodel.step(inputs, time.as_secs_f64()) {
                 Ok(outputs) => outputs,
-                Err(error) => return Err(luna::off_path(|| luna::emergency(error.into()))),
+                Err(error) => {
+                    // Before the emergency: nobody whom that brings to run finds a value that is left over.
+                    for output in &self.outputs {
+                        output.poison();
+                    }
+                    return Err(luna::off_path(|| luna::emergency(error.into())));
+                }
             };
             time += self.step;
             for (&value, output) in outputs.iter().zip(&self.outputs) {

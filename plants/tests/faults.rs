@@ -1,10 +1,10 @@
 //! A plant that fails, in each way that it can: the emergency functions run, the cause is told, and no value of it gets out any more.
 
 use luna::prelude::*;
-use luna::{End, Error};
-use luna_plants::{Plant, PlantError, PlantFailure, PlantLink, Port, Side};
+use luna::{End, Error, TryRecvError};
+use luna_plants::{Measured, Plant, PlantError, PlantFailure, PlantLink, Port, Side};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
 const MS: Duration = Duration::from_millis(1);
@@ -217,6 +217,59 @@ fn each_ends_in_the_emergency_and_no_value_gets_out() {
             assert_eq!(calls.load(Ordering::Relaxed), 1, "{context}");
         }
     }
+}
+
+/// Half of something. When one is dropped, the functions of an emergency that has been raised get the time to run.
+struct Half;
+
+/// Whether those of the test below have run.
+static HAVE_RUN: AtomicBool = AtomicBool::new(false);
+
+impl Measured for Half {
+    const NAME: &str = "half";
+
+    fn from_value(_: f64) -> Option<Self> {
+        Some(Self)
+    }
+}
+
+impl Drop for Half {
+    fn drop(&mut self) {
+        let end = luna::now() + 40 * MS;
+        while !HAVE_RUN.load(Ordering::Acquire) && luna::now() < end {
+            std::thread::yield_now();
+        }
+    }
+}
+
+#[test]
+fn what_is_left_over_is_gone_before_the_emergency() {
+    let mut system = System::new("left over");
+    let main = system.executor("main").build().unwrap();
+    let (factor, factors) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
+    let (half, _halves) = luna::buffered::<Half>(Buffer::overwrite_oldest(1));
+    let (step, steps) = luna::buffered::<u8>(Buffer::overwrite_oldest(1));
+    let mut link = PlantLink::new("counter", Counter::new(Fault::Step));
+    link.actuator("factor", factors).unwrap();
+    // It is poisoned first, which drops the value that it still holds.
+    link.sensor("half", half).unwrap();
+    link.sensor("steps", step).unwrap();
+    main.process("plant")
+        .spawn(link.lock_step(MS).unwrap())
+        .unwrap();
+    main.process("control")
+        .spawn(async move {
+            while factor.send(1.0).await.is_ok() {}
+            Ok(())
+        })
+        .unwrap();
+    let (tell, told) = std::sync::mpsc::channel();
+    system.on_emergency("look", move || {
+        tell.send(steps.try_recv()).unwrap();
+        HAVE_RUN.store(true, Ordering::Release);
+    });
+    system.run().unwrap_err();
+    assert_eq!(told.recv().unwrap(), Err(TryRecvError::Poisoned));
 }
 
 #[test]

@@ -55,8 +55,8 @@ use std::time::Duration;
 ///
 /// ## When a plant fails
 ///
-/// A step that fails, an output that is not a number or out of its range, an input that is not a number: from then on nothing of the plant is delivered. Its channels are poisoned, also what
-/// a buffer still holds, and an emergency is raised ([`luna::emergency`]) whose cause is a [`PlantFailure`](crate::PlantFailure): the functions of
+/// A step that fails, an output that is not a number or out of its range, an input that is not a number: from then on nothing of the plant is delivered. Its channels are poisoned one after the
+/// other, also what a buffer still holds, and then an emergency is raised ([`luna::emergency`]) whose cause is a [`PlantFailure`](crate::PlantFailure): the functions of
 /// [`on_emergency`](luna::System::on_emergency) run, the system ends, and [`System::run`](luna::System::run) returns the cause.
 pub struct PlantLink<P> {
     name: Arc<str>,
