@@ -970,3 +970,35 @@ fn a_post_run_that_waits_for_time_does_not_keep_time_from_going_on() {
         .unwrap();
     assert_eq!(system.run().unwrap().end, End::Completed);
 }
+
+#[test]
+fn callbacks_of_the_timer_manager_are_refused_where_nobody_could_call_them() {
+    let _alive = watchdog();
+    let (mut system, main) = simulated();
+    system.timers(luna::Timers::Manager);
+    let timers = system.timer_manager().unwrap();
+    let own = timers.clone();
+    main.process("late")
+        .spawn(async move {
+            let late = own.callback("late", |_| ());
+            assert!(matches!(
+                late,
+                Err(Error::Setup(SetupError::CallbackOnVirtualClock { name })) if name == "late"
+            ));
+            // Loops are as ever.
+            let mut tick = luna::periodic("loop", MS)?;
+            assert_eq!(tick.next().await.number, 1);
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+
+    let (mut system, _main) = simulated();
+    system.timers(luna::Timers::Manager);
+    let timers = system.timer_manager().unwrap();
+    let _callback = timers.callback("early", |_| ()).unwrap();
+    assert!(matches!(
+        system.run(),
+        Err(Error::Setup(SetupError::CallbackOnVirtualClock { name })) if name == "early"
+    ));
+}

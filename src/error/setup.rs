@@ -98,6 +98,11 @@ pub enum SetupError {
         /// How many there is room for.
         most: usize,
     },
+    /// A callback of the timer manager in a system on a virtual clock, where there is no thread that could call it.
+    CallbackOnVirtualClock {
+        /// The callback's name.
+        name: String,
+    },
     /// A timer manager was asked for where there is none.
     NoTimerManager {
         /// The system's name.
@@ -211,6 +216,10 @@ impl fmt::Display for SetupError {
                 f,
                 "timer callback `{name}` is one more than the {most} for which there is room; call System::max_timers before the start, or drop \
                  one that is no longer used"
+            ),
+            SetupError::CallbackOnVirtualClock { name } => write!(
+                f,
+                "timer callback `{name}` needs the machine's clock, and the system is on a virtual one; let a process with a loop do it"
             ),
             SetupError::NoTimerManager { system } => write!(
                 f,

@@ -127,7 +127,13 @@ fn launch_described(
         .max_loops
         .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
     // On a clock that is not the machine's nothing but that clock wakes anybody.
-    let manager = settings.manager.filter(|_| handle.is_none());
+    let manager = match settings.manager {
+        Some(manager) if handle.is_some() => {
+            manager.refuse()?;
+            None
+        }
+        manager => manager,
+    };
     let timers = match &manager {
         Some(manager) => {
             manager.prepare(settings.max_timers.unwrap_or(MOST_CALLBACKS))?;

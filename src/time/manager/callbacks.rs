@@ -58,6 +58,8 @@ struct Table {
     most: Option<usize>,
     /// When the processes started.
     start: Option<Instant>,
+    /// The system is on a virtual clock.
+    is_refused: bool,
     has_ended: bool,
     /// How many were dropped and made room for others.
     replaced: u64,
@@ -122,10 +124,27 @@ impl Callbacks {
         table.reserve(most);
     }
 
+    /// There will be nobody to call any: an error if there is one, and for each that comes.
+    pub(super) fn refuse(&self) -> Result<(), SetupError> {
+        let mut table = self.table.lock();
+        table.is_refused = true;
+        match table.entries.first() {
+            None => Ok(()),
+            Some(entry) => Err(SetupError::CallbackOnVirtualClock {
+                name: entry.counted.name.clone(),
+            }),
+        }
+    }
+
     /// A callback that is not set; gives its number. Allocates only as long as the room is not closed, but for what is given.
     pub(super) fn add(&self, name: String, function: Function) -> Result<usize, SetupError> {
         let entry = Entry::new(name, function);
         let mut table = self.table.lock();
+        if table.is_refused {
+            drop(table);
+            let name = entry.counted.name;
+            return Err(SetupError::CallbackOnVirtualClock { name });
+        }
         let number = table.entries.len();
         let Some(most) = table.most else {
             table.entries.push(entry);

@@ -98,6 +98,11 @@ impl Manager {
         Ok(())
     }
 
+    /// There is no thread for it, since time is virtual: callbacks are refused.
+    pub(crate) fn refuse(&self) -> Result<(), SetupError> {
+        self.callbacks.refuse()
+    }
+
     /// The processes start at `start`: callbacks that were started before begin to count.
     pub(crate) fn begin(&self, start: Instant) {
         // Whoever is released sees what came before the release.
