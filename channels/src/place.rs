@@ -18,8 +18,8 @@ pub(crate) enum Ending {
 
 /// What a place's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What each rendezvous writes comes first, so that it lies on one cache line with the lock: between two cores each line is a transfer of its own. What it
-/// only reads is on both cores at the same time.
+/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the spots: between two cores each line is a transfer of its own. What it
+/// only reads follows on the next, which is on both cores at the same time.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Lists {
@@ -107,7 +107,7 @@ impl LastUser {
     }
 }
 
-/// Where processes meet. To lie at the beginning of a cache line, so that what a rendezvous touches lies on one.
+/// Where processes meet. To lie at the beginning of a cache line, so that what a rendezvous writes lies on one.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Place {
