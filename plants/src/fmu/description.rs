@@ -12,7 +12,7 @@ pub(super) struct Description {
     pub(super) version: Version,
     pub(super) model: String,
     /// guid, instantiationToken.
-    token: String,
+    pub(super) token: String,
     pub(super) identifier: String,
     pub(super) takes_any_step: bool,
     pub(super) variables: Vec<Variable>,

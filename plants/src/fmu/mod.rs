@@ -26,6 +26,7 @@
 //! An FMU is foreign code: it may allocate, wait, and take any time in a step, and a crash in it is one of the program. Give its plant an executor or an OS thread of
 //! its own, below those of control. Load only what you trust as you trust a library that you link.
 
+mod code;
 mod description;
 mod error;
 mod instance;

@@ -139,6 +139,9 @@ fn what_does_not_go_on_says_which_call_and_why() {
         (9.0, Some(call("set", FmuStatus::Error))),
         (11.0, None),
         (12.0, Some(out_of_range)),
+        // It logs texts that are null, with a status that there is not, though it was asked not to.
+        (13.0, None),
+        (15.0, Some(call("doStep", FmuStatus::Unknown))),
     ];
     let of_three = [
         (6.0, Some(call("doStep", FmuStatus::Ended))),
@@ -271,6 +274,38 @@ fn versions_and_kinds_that_are_not_read() {
         error.unwrap_err().to_string(),
         "the FMU's description is of FMI 2.0, and its code of FMI 1.0"
     );
+}
+
+#[test]
+fn code_that_does_not_say_its_version() {
+    for version in VERSIONS {
+        let flagged = |flag| {
+            let flag = Some(flag);
+            odd(
+                version,
+                Odd {
+                    flag,
+                    ..Odd::default()
+                },
+            )
+            .unwrap_err()
+        };
+        assert_eq!(
+            flagged("-DNO_VERSION").to_string(),
+            "the FMU's code cannot be loaded: it does not say its version"
+        );
+        let error = flagged("-DNO_TEXT");
+        assert!(matches!(error, FmuError::VersionOfCode { .. }), "{error}");
+    }
+}
+
+#[test]
+fn a_byte_that_is_no_boolean_is_a_failure() {
+    let fmu = open(Version::Three).parameter("fault", 14.0).unwrap();
+    let mut plant = Checked::new(fmu.instantiate("lag", &["u"], &["is high"]).unwrap());
+    let error = (0..6).find_map(|_| plant.step(MS).and_then(|()| plant.get("is high")).err());
+    let error = error.unwrap().to_string();
+    assert!(error.contains("output `is high` is 2"), "{error}");
 }
 
 #[test]

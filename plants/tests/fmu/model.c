@@ -19,13 +19,14 @@ enum { U, Y, STEPS, GAIN, T, FAULT, INVERT, IS_HIGH };
 enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED };
 enum {
     NO_FAULT, STEP_DISCARD, STEP_ERROR, STEP_FATAL, NOT_A_NUMBER, STEP_PENDING, STEP_TERMINATE, STEP_EARLY, GET_ERROR, SET_ERROR, INIT_ERROR,
-    STEP_WARNING, OUT_OF_RANGE
+    STEP_WARNING, OUT_OF_RANGE, LOGS_NONSENSE, NO_BOOLEAN, STEP_UNKNOWN
 };
 
 typedef struct {
     double u, y, gain, t, now;
     int32_t steps, fault, invert;
     int state, has_failed, is_fatal;
+    void (*log)(void);
 } Model;
 
 static int faulty(const Model *m, int fault) { return m->fault == fault && m->steps >= 4; }
@@ -76,6 +77,8 @@ static void destroy(Model *m) {
     free(m);
 }
 
+static void log_nonsense(const Model *m);
+
 __attribute__((unused)) static int step(Model *m, double at, double by) {
     alive(m);
     if (m->state != STEPPING || fabs(at - m->now) > 1e-9 || !(by > 0)) return fails(m, ERROR);
@@ -84,6 +87,8 @@ __attribute__((unused)) static int step(Model *m, double at, double by) {
     if (faulty(m, STEP_ERROR)) return fails(m, ERROR);
     if (faulty(m, STEP_FATAL)) return fails(m, FATAL);
     if (faulty(m, STEP_PENDING)) return fails(m, PENDING);
+    if (faulty(m, STEP_UNKNOWN)) return fails(m, 42);
+    if (faulty(m, LOGS_NONSENSE)) log_nonsense(m);
     double target = m->gain * (m->invert ? -m->u : m->u);
     m->y = target + (m->y - target) * exp(-by / m->t);
     m->now += by;
@@ -137,16 +142,31 @@ static int set_integer(Model *m, const unsigned *vr, size_t n, const int32_t *fr
 #if FMI == 2
 
 typedef void *Component;
+typedef void (*Log)(void *environment, const char *name, int status, const char *category, const char *message, ...);
+
+/* Without a look whether it was asked to log, as some do. */
+static void log_nonsense(const Model *m) {
+    ((Log)m->log)(NULL, NULL, 99, NULL, "%s is %f of %d", "it", 1.5, 7);
+    ((Log)m->log)(NULL, "lag", PENDING, NULL, NULL);
+}
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
-#ifdef OTHER_VERSION
+#ifdef NO_VERSION
+EXPORT const char *fmi2GetVersion(void) { return NULL; }
+#elif defined NO_TEXT
+EXPORT const char *fmi2GetVersion(void) { return "\xff\xfe"; }
+#elif defined OTHER_VERSION
 EXPORT const char *fmi2GetVersion(void) { return "1.0"; }
 #else
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 #endif
 EXPORT Component fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *callbacks, int visible, int logging) {
     (void)resources, (void)visible, (void)logging;
-    return type == 1 && *name != 0 && callbacks != NULL ? create(guid) : NULL;
+    if (type != 1 || *name == 0 || callbacks == NULL) return NULL;
+    Model *m = create(guid);
+    /* It is the first of them. */
+    if (m != NULL) memcpy(&m->log, callbacks, sizeof m->log);
+    return m;
 }
 EXPORT void fmi2FreeInstance(Component c) { destroy(c); }
 EXPORT int fmi2SetupExperiment(Component c, int has_tolerance, double tolerance, double start, int has_stop, double stop) {
@@ -181,12 +201,27 @@ EXPORT int fmi2DoStep(Component c, double at, double by, int is_final) {
 #else
 
 typedef void *Instance;
+typedef void (*Log)(void *environment, int status, const char *category, const char *message);
 
+static void log_nonsense(const Model *m) {
+    ((Log)m->log)(NULL, 99, NULL, NULL);
+    ((Log)m->log)(NULL, PENDING, "\xff", NULL);
+}
+
+#ifdef NO_VERSION
+EXPORT const char *fmi3GetVersion(void) { return NULL; }
+#elif defined NO_TEXT
+EXPORT const char *fmi3GetVersion(void) { return "\xff\xfe"; }
+#else
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
+#endif
 EXPORT Instance fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible, bool logging, bool events,
     bool early, const uint32_t *required, size_t n, void *environment, void *log, void *intermediate) {
-    (void)resources, (void)visible, (void)logging, (void)required, (void)environment, (void)log, (void)intermediate;
-    return *name != 0 && !events && !early && n == 0 ? create(token) : NULL;
+    (void)resources, (void)visible, (void)logging, (void)required, (void)environment, (void)intermediate;
+    if (*name == 0 || events || early || n != 0) return NULL;
+    Model *m = create(token);
+    if (m != NULL) memcpy(&m->log, &log, sizeof m->log);
+    return m;
 }
 EXPORT void fmi3FreeInstance(Instance c) { destroy(c); }
 EXPORT int fmi3EnterInitializationMode(Instance c, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) {
@@ -211,6 +246,8 @@ EXPORT int fmi3SetInt32(Instance c, const uint32_t *vr, size_t n, const int32_t 
 EXPORT int fmi3GetBoolean(Instance c, const uint32_t *vr, size_t n, bool *to, size_t values) {
     if (n != 1 || values != 1 || vr[0] != IS_HIGH) return fails(c, ERROR);
     to[0] = ((Model *)c)->y > 1;
+    /* No bool, but a byte where one is wanted. */
+    if (faulty(c, NO_BOOLEAN)) memset(to, 2, 1);
     return OK;
 }
 EXPORT int fmi3SetBoolean(Instance c, const uint32_t *vr, size_t n, const bool *from, size_t values) {

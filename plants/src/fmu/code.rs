@@ -1,0 +1,377 @@
+//! The code of an FMU: its functions, called by the bindings of the `fmi` crate.
+//!
+//! The instances of that crate are not used. Their log callbacks read texts that may be null, and panic on a status that there is not: in a function that C calls, that ends the
+//! program. And they let foreign code write to a `bool`.
+
+use super::description::Description;
+use super::error::{FmuError, FmuStatus};
+use super::instance::Called;
+use super::{Kind, Version};
+use fmi::fmi2::binding as two;
+use fmi::fmi2::import::Fmi2Import;
+use fmi::fmi3::binding as three;
+use fmi::fmi3::import::Fmi3Import;
+use fmi::traits::FmiImport;
+use std::ffi::{CStr, CString, c_char};
+use tempfile::TempDir;
+
+fn library(error: fmi::Error) -> FmuError {
+    FmuError::Library {
+        reason: error.to_string(),
+    }
+}
+
+const NOT_INSTANTIATED: FmuError = FmuError::Refused {
+    call: "instantiate",
+    status: FmuStatus::Error,
+};
+
+fn text(text: &str) -> Result<CString, FmuError> {
+    CString::new(text).map_err(|_| FmuError::Description {
+        reason: format!("`{}` has a zero in it", text.escape_debug()),
+    })
+}
+
+/// Names the first function that is not there.
+macro_rules! demand {
+    ($code:expr; $($function:ident),+ $(,)?) => { $(
+        if $code.$function.is_err() {
+            return Err(FmuError::Library { reason: concat!("it has no function ", stringify!($function)).to_owned() });
+        }
+    )+ };
+}
+
+/// # Safety
+///
+/// What the code gives is null, or a text that ends.
+unsafe fn check_version(description: Version, said: *const c_char) -> Result<(), FmuError> {
+    if said.is_null() {
+        return Err(FmuError::Library {
+            reason: "it does not say its version".to_owned(),
+        });
+    }
+    // SAFETY: it is not null, so it ends.
+    let code = unsafe { CStr::from_ptr(said) }.to_string_lossy();
+    let first = match description {
+        Version::Two => '2',
+        Version::Three => '3',
+    };
+    if code.starts_with(first) {
+        return Ok(());
+    }
+    Err(FmuError::VersionOfCode {
+        description,
+        code: code.into_owned(),
+    })
+}
+
+fn called_two(status: two::fmi2Status) -> Called {
+    match status {
+        two::fmi2Status_fmi2OK | two::fmi2Status_fmi2Warning => Ok(()),
+        two::fmi2Status_fmi2Discard => Err(FmuStatus::Discard),
+        two::fmi2Status_fmi2Error => Err(FmuStatus::Error),
+        two::fmi2Status_fmi2Fatal => Err(FmuStatus::Fatal),
+        _ => Err(FmuStatus::Unknown),
+    }
+}
+
+fn called_three(status: three::fmi3Status) -> Called {
+    match status {
+        three::fmi3Status_fmi3OK | three::fmi3Status_fmi3Warning => Ok(()),
+        three::fmi3Status_fmi3Discard => Err(FmuStatus::Discard),
+        three::fmi3Status_fmi3Error => Err(FmuStatus::Error),
+        three::fmi3Status_fmi3Fatal => Err(FmuStatus::Fatal),
+        _ => Err(FmuStatus::Unknown),
+    }
+}
+
+/// What an FMU logs, though it was asked not to: nothing of it is looked at.
+unsafe extern "C" fn ignore_two(
+    _: two::fmi2ComponentEnvironment,
+    _: two::fmi2String,
+    _: two::fmi2Status,
+    _: two::fmi2String,
+    _: two::fmi2String,
+) {
+}
+
+unsafe extern "C" fn ignore_three(
+    _: three::fmi3InstanceEnvironment,
+    _: three::fmi3Status,
+    _: three::fmi3String,
+    _: three::fmi3String,
+) {
+}
+
+fn callbacks_two() -> two::fmi2CallbackFunctions {
+    type Fixed = unsafe extern "C" fn(
+        two::fmi2ComponentEnvironment,
+        two::fmi2String,
+        two::fmi2Status,
+        two::fmi2String,
+        two::fmi2String,
+    );
+    type Variadic = unsafe extern "C" fn(
+        two::fmi2ComponentEnvironment,
+        two::fmi2String,
+        two::fmi2Status,
+        two::fmi2String,
+        two::fmi2String,
+        ...
+    );
+    // SAFETY: Rust cannot define a variadic function. This one reads no argument, and in the calling conventions of the platforms that FMUs are for it is the caller who
+    // puts arguments there and takes them away.
+    let logger = unsafe { std::mem::transmute::<Fixed, Variadic>(ignore_two) };
+    // calloc and free.
+    let memory = fmi::fmi2::CallbackFunctions::default();
+    two::fmi2CallbackFunctions {
+        logger: Some(logger),
+        allocateMemory: memory.allocate_memory,
+        freeMemory: memory.free_memory,
+        stepFinished: None,
+        componentEnvironment: std::ptr::null_mut(),
+    }
+}
+
+/// An instance of version 2. Dropping it frees it. Its files must live as long.
+pub(super) struct Two {
+    code: two::Fmi2Binding,
+    component: two::fmi2Component,
+    /// The code may keep where they are.
+    _callbacks: Box<two::fmi2CallbackFunctions>,
+}
+
+// The SAFETY of all calls below: the functions are there, with the types of the standard; the instance is one that the code gave and that was not freed, used by one thread at a time;
+// arrays have the lengths that are said. What the code does is its own: see the module `fmu`.
+
+impl Two {
+    pub(super) fn new(
+        files: TempDir,
+        description: &Description,
+        name: &str,
+    ) -> Result<(Self, Fmi2Import), FmuError> {
+        let import = Fmi2Import::new(files, &description.for_loader()).map_err(library)?;
+        let code = import.binding(&description.identifier).map_err(library)?;
+        demand!(code; fmi2GetVersion, fmi2Instantiate, fmi2FreeInstance, fmi2SetupExperiment, fmi2EnterInitializationMode,
+            fmi2ExitInitializationMode, fmi2Terminate, fmi2GetReal, fmi2SetReal, fmi2GetInteger, fmi2SetInteger, fmi2GetBoolean,
+            fmi2SetBoolean, fmi2DoStep);
+        // SAFETY: as above.
+        unsafe { check_version(Version::Two, code.fmi2GetVersion())? };
+        let (name, token) = (text(name)?, text(&description.token)?);
+        let resources = text(&import.canonical_resource_path_string())?;
+        let callbacks = Box::new(callbacks_two());
+        // SAFETY: as above; the texts live until it returns, the callbacks longer than the instance.
+        let component = unsafe {
+            code.fmi2Instantiate(
+                name.as_ptr(),
+                two::fmi2Type_fmi2CoSimulation,
+                token.as_ptr(),
+                resources.as_ptr(),
+                &raw const *callbacks,
+                0,
+                0,
+            )
+        };
+        if component.is_null() {
+            return Err(NOT_INSTANTIATED);
+        }
+        let loaded = Self {
+            code,
+            component,
+            _callbacks: callbacks,
+        };
+        Ok((loaded, import))
+    }
+
+    pub(super) fn enter_initialization(&mut self) -> Called {
+        // SAFETY: as above.
+        called_two(unsafe {
+            self.code
+                .fmi2SetupExperiment(self.component, 0, 0.0, 0.0, 0, 0.0)
+        })?;
+        // SAFETY: as above.
+        called_two(unsafe { self.code.fmi2EnterInitializationMode(self.component) })
+    }
+
+    pub(super) fn exit_initialization(&mut self) -> Called {
+        // SAFETY: as above.
+        called_two(unsafe { self.code.fmi2ExitInitializationMode(self.component) })
+    }
+
+    pub(super) fn do_step(&mut self, at: f64, by: f64) -> Called {
+        // SAFETY: as above.
+        called_two(unsafe { self.code.fmi2DoStep(self.component, at, by, 1) })
+    }
+
+    pub(super) fn set(&mut self, kind: Kind, reference: u32, value: f64) -> Called {
+        let (code, component) = (&self.code, self.component);
+        let at = &raw const reference;
+        // SAFETY: as above; one variable, one value.
+        called_two(unsafe {
+            match kind {
+                Kind::Real => code.fmi2SetReal(component, at, 1, &raw const value),
+                Kind::Integer => code.fmi2SetInteger(component, at, 1, &(value as i32)),
+                Kind::Boolean => code.fmi2SetBoolean(component, at, 1, &i32::from(value != 0.0)),
+            }
+        })
+    }
+
+    pub(super) fn get(&mut self, kind: Kind, reference: u32) -> Called<f64> {
+        let (code, component) = (&self.code, self.component);
+        let at = &raw const reference;
+        let (mut real, mut integer) = (f64::NAN, 0_i32);
+        // SAFETY: as above; one variable, one value.
+        called_two(unsafe {
+            match kind {
+                Kind::Real => code.fmi2GetReal(component, at, 1, &raw mut real),
+                Kind::Integer => code.fmi2GetInteger(component, at, 1, &raw mut integer),
+                Kind::Boolean => code.fmi2GetBoolean(component, at, 1, &raw mut integer),
+            }
+        })?;
+        Ok(match kind {
+            Kind::Real => real,
+            Kind::Integer => integer.into(),
+            Kind::Boolean => f64::from(u8::from(integer != 0)),
+        })
+    }
+
+    pub(super) fn terminate(&mut self) -> Called {
+        // SAFETY: as above.
+        called_two(unsafe { self.code.fmi2Terminate(self.component) })
+    }
+}
+
+impl Drop for Two {
+    fn drop(&mut self) {
+        // SAFETY: as above; it is not used any more.
+        unsafe { self.code.fmi2FreeInstance(self.component) };
+    }
+}
+
+/// An instance of version 3. Dropping it frees it. Its files must live as long.
+pub(super) struct Three {
+    code: three::Fmi3Binding,
+    instance: three::fmi3Instance,
+}
+
+impl Three {
+    pub(super) fn new(
+        files: TempDir,
+        description: &Description,
+        name: &str,
+    ) -> Result<(Self, Fmi3Import), FmuError> {
+        let import = Fmi3Import::new(files, &description.for_loader()).map_err(library)?;
+        let code = import.binding(&description.identifier).map_err(library)?;
+        demand!(code; fmi3GetVersion, fmi3InstantiateCoSimulation, fmi3FreeInstance, fmi3EnterInitializationMode,
+            fmi3ExitInitializationMode, fmi3Terminate, fmi3GetFloat64, fmi3SetFloat64, fmi3GetInt32, fmi3SetInt32, fmi3GetBoolean,
+            fmi3SetBoolean, fmi3DoStep);
+        // SAFETY: as above.
+        unsafe { check_version(Version::Three, code.fmi3GetVersion())? };
+        let (name, token) = (text(name)?, text(&description.token)?);
+        let resources = text(&import.canonical_resource_path_string())?;
+        // SAFETY: as above; the texts live until it returns.
+        let instance = unsafe {
+            code.fmi3InstantiateCoSimulation(
+                name.as_ptr(),
+                token.as_ptr(),
+                resources.as_ptr(),
+                false,
+                false,
+                false,
+                false,
+                std::ptr::null(),
+                0,
+                std::ptr::null_mut(),
+                Some(ignore_three),
+                None,
+            )
+        };
+        if instance.is_null() {
+            return Err(NOT_INSTANTIATED);
+        }
+        let loaded = Self { code, instance };
+        Ok((loaded, import))
+    }
+
+    pub(super) fn enter_initialization(&mut self) -> Called {
+        // SAFETY: as above.
+        called_three(unsafe {
+            self.code
+                .fmi3EnterInitializationMode(self.instance, false, 0.0, 0.0, false, 0.0)
+        })
+    }
+
+    pub(super) fn exit_initialization(&mut self) -> Called {
+        // SAFETY: as above.
+        called_three(unsafe { self.code.fmi3ExitInitializationMode(self.instance) })
+    }
+
+    pub(super) fn do_step(&mut self, at: f64, by: f64) -> Called {
+        // Bytes, since a `bool` that is neither 0 nor 1 must not be: whether there is an event, it wants to end, it has ended early.
+        let [mut event, mut end, mut early] = [0_u8; 3];
+        let mut reached = at;
+        // SAFETY: as above; a bool of C is a byte.
+        called_three(unsafe {
+            self.code.fmi3DoStep(
+                self.instance,
+                at,
+                by,
+                true,
+                (&raw mut event).cast(),
+                (&raw mut end).cast(),
+                (&raw mut early).cast(),
+                &raw mut reached,
+            )
+        })?;
+        if end != 0 || early != 0 {
+            return Err(FmuStatus::Ended);
+        }
+        Ok(())
+    }
+
+    pub(super) fn set(&mut self, kind: Kind, reference: u32, value: f64) -> Called {
+        let (code, instance) = (&self.code, self.instance);
+        let at = &raw const reference;
+        // SAFETY: as above; one variable, one value.
+        called_three(unsafe {
+            match kind {
+                Kind::Real => code.fmi3SetFloat64(instance, at, 1, &raw const value, 1),
+                Kind::Integer => code.fmi3SetInt32(instance, at, 1, &(value as i32), 1),
+                Kind::Boolean => code.fmi3SetBoolean(instance, at, 1, &(value != 0.0), 1),
+            }
+        })
+    }
+
+    pub(super) fn get(&mut self, kind: Kind, reference: u32) -> Called<f64> {
+        let (code, instance) = (&self.code, self.instance);
+        let at = &raw const reference;
+        // A byte for a boolean, as in a step.
+        let (mut real, mut integer, mut byte) = (f64::NAN, 0_i32, 0_u8);
+        // SAFETY: as above; one variable, one value.
+        called_three(unsafe {
+            match kind {
+                Kind::Real => code.fmi3GetFloat64(instance, at, 1, &raw mut real, 1),
+                Kind::Integer => code.fmi3GetInt32(instance, at, 1, &raw mut integer, 1),
+                Kind::Boolean => code.fmi3GetBoolean(instance, at, 1, (&raw mut byte).cast(), 1),
+            }
+        })?;
+        Ok(match kind {
+            Kind::Real => real,
+            Kind::Integer => integer.into(),
+            // The port's range refuses what is neither.
+            Kind::Boolean => byte.into(),
+        })
+    }
+
+    pub(super) fn terminate(&mut self) -> Called {
+        // SAFETY: as above.
+        called_three(unsafe { self.code.fmi3Terminate(self.instance) })
+    }
+}
+
+impl Drop for Three {
+    fn drop(&mut self) {
+        // SAFETY: as above; it is not used any more.
+        unsafe { self.code.fmi3FreeInstance(self.instance) };
+    }
+}
