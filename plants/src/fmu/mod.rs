@@ -2,7 +2,7 @@
 //!
 //! A *functional mock-up unit* is a model that a simulation tool has exported with its solver: a zip archive with a description and a shared library. 20-sim,
 //! OpenModelica, Simulink, Dymola and others write them. Versions 2 and 3 of the standard are read; loading and the C interface are those of the
-//! [`fmi`](https://docs.rs/fmi) crate.
+//! [`fmi`](https://docs.rs/fmi) crate. It is asked not to log, and what it logs nevertheless is not looked at.
 //!
 //! ```no_run
 //! use luna_plants::{PlantLink, fmu::Fmu};
@@ -23,8 +23,10 @@
 //!
 //! ## What it may cost
 //!
-//! An FMU is foreign code: it may allocate, wait, and take any time in a step, and a crash in it is one of the program. Give its plant an executor or an OS thread of
-//! its own, below those of control. Load only what you trust as you trust a library that you link.
+//! An FMU is foreign code: it may allocate, wait, and take any time in a step. Give its plant an executor or an OS thread of its own, below those of control.
+//!
+//! A crash in it, `abort`, `exit`, or a C++ exception that leaves one of its functions ends the program on the spot: no function of
+//! [`on_emergency`](luna::System::on_emergency) runs. Load only what you trust as you trust a library that you link; the rest belongs into a process of its own.
 
 mod code;
 mod description;
