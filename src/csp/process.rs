@@ -8,9 +8,10 @@ use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
+use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
@@ -19,7 +20,7 @@ use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::task::{Context, Poll};
 
 /// A process with three phases.
@@ -307,18 +308,54 @@ pub(crate) struct Common {
     pub(crate) clock: Clock,
 }
 
+thread_local! {
+    /// What the bodies of this thread have in common, once there is one.
+    static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
+    /// What its bodies that have ended had of it.
+    static SPARE_COMMON: Spare<Common> = const { Spare::new() };
+}
+
+impl Common {
+    /// Makes this what the calling thread's bodies have in common.
+    fn enter_thread(self: &Arc<Self>) {
+        let is_entered = |entered: &Option<Arc<Self>>| {
+            let entered = entered.as_ref();
+            entered.is_some_and(|there| Arc::ptr_eq(there, self))
+        };
+        if ENTERED.with_borrow(is_entered) {
+            return;
+        }
+        self.scope.enter_thread();
+        self.tree.enter_thread();
+        self.emergency.enter_thread();
+        ThreadUsage::prepare_thread();
+        SPARE_COMMON.with(|spare| spare.keep(self));
+        ENTERED.set(Some(self.clone()));
+    }
+}
+
 /// What the framework gives a body on its way.
 pub(crate) struct Frame {
-    pub(crate) verdict: Arc<Verdict>,
-    common: Arc<Common>,
+    verdict: Arc<Verdict>,
+    /// Given back with the frame.
+    common: ManuallyDrop<Arc<Common>>,
 }
 
 impl Frame {
-    pub(crate) fn new(common: Arc<Common>) -> Self {
+    pub(crate) fn new(common: &Arc<Common>, verdict: Arc<Verdict>) -> Self {
         Self {
-            verdict: Verdict::new(),
-            common,
+            verdict,
+            common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
         }
+    }
+}
+
+impl Drop for Frame {
+    fn drop(&mut self) {
+        // SAFETY: it is not used any more.
+        let common = unsafe { ManuallyDrop::take(&mut self.common) };
+        // A thread that is ending keeps none any more.
+        let _ = SPARE_COMMON.try_with(move |spare| spare.give_back(common));
     }
 }
 
@@ -346,9 +383,18 @@ impl Verdict {
         self.is_said.store(true, Ordering::Release);
     }
 
+    /// What was said. Nothing is said any more once the body is gone.
     pub(crate) fn take(&self) -> Option<Ended> {
         let is_said = self.is_said.load(Ordering::Acquire);
         is_said.then(|| self.ended.lock().take())?
+    }
+
+    /// Whether it can be another body's: it was left by its own without a word.
+    pub(crate) fn is_unused(self: &Arc<Self>) -> bool {
+        // Who asks has the only reference that is left, so nobody makes another. The fence orders what the body did with its own before what comes.
+        let is_alone = Arc::strong_count(self) == 1;
+        fence(Ordering::Acquire);
+        is_alone && !self.is_said.load(Ordering::Relaxed)
     }
 }
 
@@ -385,10 +431,7 @@ pub(crate) struct Supervised<F> {
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        frame.common.scope.enter_thread();
-        frame.common.tree.enter_thread();
-        frame.common.emergency.enter_thread();
-        ThreadUsage::prepare_thread();
+        frame.common.enter_thread();
         let alarm = Alarm(&frame.common.emergency);
         let body = make();
         std::mem::forget(alarm);

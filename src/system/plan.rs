@@ -106,7 +106,8 @@ impl<B: Build> ProcessPlan<B> {
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
     pub(crate) handle: ProcessHandle,
-    pub(crate) verdict: Arc<Verdict>,
+    /// Until its end was noted.
+    verdict: Option<Arc<Verdict>>,
     seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
     pub(crate) order: u64,
@@ -144,7 +145,7 @@ impl Member {
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
         Self {
             handle,
-            verdict,
+            verdict: Some(verdict),
             seldom: has_any.then(|| {
                 Box::new(Seldom {
                     ledger,
@@ -166,6 +167,10 @@ impl Member {
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
         self.seldom.as_ref()?.ledger.as_ref()
+    }
+
+    pub(crate) fn take_verdict(&mut self) -> Option<Arc<Verdict>> {
+        self.verdict.take()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
@@ -265,6 +270,7 @@ impl Running {
         mut spec: ProcessSpec,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
+        verdict: Arc<Verdict>,
     ) -> (Member, Announced, Frame) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
@@ -274,8 +280,7 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let frame = Frame::new(common.clone());
-        let verdict = frame.verdict.clone();
+        let frame = Frame::new(common, verdict.clone());
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
         let member = Member::new(announced.handle(), verdict, on, ledger, resident);
@@ -296,7 +301,8 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (member, announced, frame) = self.announce(number, spec, ledger, resident);
+                let (member, announced, frame) =
+                    self.announce(number, spec, ledger, resident, Verdict::new());
                 let pending = Pending {
                     announced,
                     starter,
@@ -307,8 +313,8 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let frame = Frame::new(common.clone());
-        let verdict = frame.verdict.clone();
+        let verdict = Verdict::new();
+        let frame = Frame::new(common, verdict.clone());
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }
@@ -541,7 +547,7 @@ impl Plan {
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
         let (mut member, mut announced, frame) =
-            running.announce(number, plan.spec, plan.ledger, None);
+            running.announce(number, plan.spec, plan.ledger, None, started.verdict());
         member.is_late = true;
         started.enter(id, member, &running.common.emergency);
         if announced.is_built_here() {

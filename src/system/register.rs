@@ -4,7 +4,7 @@
 //! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
 
 use super::plan::Member;
-use crate::csp::process::{Ended, Phases};
+use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::Emergency;
@@ -13,6 +13,9 @@ use luna_platform::current::ProcessId;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
+
+/// How many verdicts are kept for those that come.
+const VERDICTS: usize = 64;
 
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
@@ -81,6 +84,8 @@ pub(crate) struct Register {
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
+    /// Of those that have ended without a word, for those that come.
+    verdicts: Vec<Arc<Verdict>>,
     /// Those that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
@@ -103,6 +108,7 @@ impl Default for Register {
             premature: HashSet::new(),
             funerals: VecDeque::new(),
             has_news: false,
+            verdicts: Vec::new(),
             ended: VecDeque::new(),
             most_ended: REMEMBERED,
             earlier: EarlierProcesses::default(),
@@ -142,6 +148,11 @@ impl Register {
         }
     }
 
+    /// Room for what a process may say as it ends.
+    pub(super) fn verdict(&mut self) -> Arc<Verdict> {
+        self.verdicts.pop().unwrap_or_else(Verdict::new)
+    }
+
     /// Forgets a process that ended and was not entered.
     pub(super) fn never_entered(&mut self, id: ProcessId) {
         self.premature.remove(&id);
@@ -177,7 +188,15 @@ impl Register {
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let error = exit.and_then(|exit| error_of(member, exit));
+        let verdict = member.take_verdict();
+        let said = verdict.as_ref().and_then(|verdict| verdict.take());
+        if let Some(verdict) = verdict
+            && verdict.is_unused()
+            && self.verdicts.len() < VERDICTS
+        {
+            self.verdicts.push(verdict);
+        }
+        let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
         if member.handle.has_left_body() {
@@ -343,9 +362,9 @@ fn is_panic(error: &Error) -> bool {
     matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)))
 }
 
-fn error_of(member: &Member, exit: Exit) -> Option<Error> {
+fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
     let offence = member.ledger().and_then(|ledger| ledger.offence());
-    let error = match (exit, member.verdict.take()) {
+    let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
         (_, Some(Ended::Returned(Err(error)))) => error,

@@ -387,6 +387,11 @@ impl Record {
 
     /// Tells who counts and lists the processes that this one has ended.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
+        if !in_a_hurry && living.keep(self, self.listed) {
+            return;
+        }
+        // In the order of their ends.
+        living.tell_kept();
         if self.listed {
             living.list_ended(self.clone());
         }
