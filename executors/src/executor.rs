@@ -443,7 +443,8 @@ impl ExecutorHandle {
     pub fn announce(&self, spec: ProcessSpec) -> Announced {
         // Processes that come and go for ever do not fill the memory.
         reclaim::collect();
-        let record = Record::new(spec, &self.shared.living);
+        let is_home = current::home() == Some(self.shared.home);
+        let record = Record::new(spec, &self.shared.living, is_home);
         Announced {
             to_be: ToBe(Some((record, another(&self.shared)))),
             decided: None,

@@ -303,7 +303,7 @@ impl ProcessBuilder {
     /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
-        self.plan.stand_ins().check_plain(&self.name)?;
+        self.plan.check_plain(&self.name)?;
         let (system, place, spec, ledger) = self.checked()?;
         system.add_process(ProcessPlan {
             place,

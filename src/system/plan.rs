@@ -20,6 +20,7 @@ use luna_executors::{
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A system's plan. Its locks are for the set-up, the end, and the non-real-time side.
@@ -28,6 +29,8 @@ pub(crate) struct Plan {
     settings: Mutex<Settings>,
     members: Mutex<Members>,
     stand_ins: Mutex<StandIns>,
+    /// Nobody can be replaced any more.
+    stand_ins_closed: AtomicBool,
     tree: Arc<Tree>,
 }
 
@@ -425,6 +428,7 @@ impl Plan {
             settings: Mutex::default(),
             members: Mutex::default(),
             stand_ins: Mutex::default(),
+            stand_ins_closed: AtomicBool::new(false),
             tree: Tree::new(),
         }
     }
@@ -446,6 +450,21 @@ impl Plan {
         self.stand_ins
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// When the system starts: every stand-in must have found whom it stands in for.
+    pub(crate) fn close_stand_ins(&self) -> Result<()> {
+        self.stand_ins().close()?;
+        self.stand_ins_closed.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// A process that is spawned without its ends cannot be replaced. While the system runs nobody waits to replace one.
+    pub(crate) fn check_plain(&self, process: &str) -> Result<()> {
+        if self.stand_ins_closed.load(Ordering::Acquire) {
+            return Ok(());
+        }
+        self.stand_ins().check_plain(process)
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {
