@@ -1,7 +1,7 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
-use crate::csp::process::IntoProcess;
+use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
@@ -199,6 +199,7 @@ pub struct ProcessBuilder {
     place: Result<Place>,
     level: u8,
     timed: bool,
+    shares_name: bool,
     budgets: Budgets,
 }
 
@@ -210,6 +211,7 @@ impl ProcessBuilder {
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
+            shares_name: false,
             budgets: Budgets::default(),
         }
     }
@@ -217,6 +219,27 @@ impl ProcessBuilder {
     /// At `priority`, 0 (lowest) to 31, among the processes of the same executor; 16 if not stated.
     pub fn priority(mut self, priority: u8) -> Self {
         self.level = priority;
+        self
+    }
+
+    /// Lets others have the same name: for processes that come and go, of which nobody asks for one by its name. Reports and errors name each of them so. It is
+    /// also what costs a spawn least, since no name is to be made up, and none to be looked for. No name of a process that has one of its own is in the way; a
+    /// [replaceable](Self::replaceable) process always has.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let mut system = System::new("server");
+    /// let main = system.executor("main").build()?;
+    /// for _ in 0..3 {
+    ///     main.process("session").one_of_many().spawn(async { Ok(()) })?;
+    /// }
+    /// let report = system.run()?;
+    /// assert!(report.processes.iter().all(|process| process.name == "session"));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn one_of_many(mut self) -> Self {
+        self.shares_name = true;
         self
     }
 
@@ -303,14 +326,52 @@ impl ProcessBuilder {
     /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
+        let (system, plan) = self.planned(process)?;
+        system.add_process(plan)
+    }
+
+    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and gives its handle: to wait for its end, say. Not for the real-time path, as
+    /// `spawn`.
+    ///
+    /// # Errors
+    ///
+    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing was added then.
+    ///
+    /// ```
+    /// use luna::{Exit, prelude::*};
+    ///
+    /// let mut system = System::new("server");
+    /// let main = system.executor("main").build()?;
+    /// assert!(main.process("early").start(async { Ok(()) }).is_err());
+    /// main.clone().process("parent").spawn(async move {
+    ///     let child = main.process("child").start(async { Ok(()) })?;
+    ///     assert_eq!(child.join().await, Exit::Completed);
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
+        let (system, plan) = self.planned(process)?;
+        system.start_process(plan)
+    }
+
+    #[inline]
+    fn planned<M>(
+        self,
+        process: impl IntoProcess<M>,
+    ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
         self.plan.check_plain(&self.name)?;
+        let shares_name = self.shares_name;
         let (system, place, spec, ledger) = self.checked()?;
-        system.add_process(ProcessPlan {
+        let plan = ProcessPlan {
             place,
             spec,
+            shares_name,
             ledger,
             prepared: process.prepare(),
-        })
+        };
+        Ok((system, plan))
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
@@ -340,6 +401,7 @@ impl ProcessBuilder {
                 system.add_reserved_boxed(ProcessPlan {
                     place,
                     spec,
+                    shares_name: false,
                     ledger,
                     prepared,
                 })
@@ -350,6 +412,7 @@ impl ProcessBuilder {
                 system.add_reserved(ProcessPlan {
                     place,
                     spec,
+                    shares_name: false,
                     ledger,
                     prepared,
                 })

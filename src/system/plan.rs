@@ -80,6 +80,8 @@ impl ExecutorPlan {
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
+    /// Others may have its name too.
+    pub(crate) shares_name: bool,
     pub(crate) ledger: Option<Arc<Ledger>>,
     pub(crate) prepared: Prepared<B>,
 }
@@ -92,6 +94,14 @@ impl<B> ProcessPlan<B> {
     pub(crate) fn id(&self) -> ProcessId {
         self.spec.id()
     }
+
+    /// Its name, if it is to be its own; else the name as an error.
+    fn own_name(&self) -> Result<&Arc<str>, &Arc<str>> {
+        match self.shares_name {
+            false => Ok(self.name()),
+            true => Err(self.name()),
+        }
+    }
 }
 
 impl<B: Build> ProcessPlan<B> {
@@ -100,6 +110,7 @@ impl<B: Build> ProcessPlan<B> {
         ProcessPlan {
             place: self.place,
             spec: self.spec,
+            shares_name: self.shares_name,
             ledger: self.ledger,
             prepared: self.prepared.boxed(),
         }
@@ -118,6 +129,7 @@ pub(crate) struct Member {
     executor: u32,
     /// It was spawned while the system ran.
     pub(crate) is_late: bool,
+    pub(crate) shares_name: bool,
     pub(crate) has_failed: bool,
     /// Its end was noted.
     pub(crate) buried: bool,
@@ -159,6 +171,7 @@ impl Member {
             order: 0,
             executor,
             is_late: false,
+            shares_name: false,
             has_failed: false,
             buried: false,
         }
@@ -295,6 +308,7 @@ impl Running {
         let ProcessPlan {
             place,
             spec,
+            shares_name,
             ledger,
             prepared:
                 Prepared {
@@ -304,8 +318,9 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (member, announced, frame) =
+                let (mut member, announced, frame) =
                     self.announce(number, spec, ledger, resident, Verdict::new());
+                member.shares_name = shares_name;
                 let pending = Pending {
                     announced,
                     starter,
@@ -334,7 +349,8 @@ impl Running {
                     ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
                 let on = On::Thread(Box::new(part));
                 let handle = thread.process().clone();
-                let member = Member::new(handle, verdict, on, ledger, resident);
+                let mut member = Member::new(handle, verdict, on, ledger, resident);
+                member.shares_name = shares_name;
                 Ok((member, Started::OnThread((thread_name, thread))))
             }
             Err(error) => Err(NotStarted {
@@ -497,7 +513,7 @@ impl Plan {
 
     /// Takes the name of a process whose body is still to be made.
     pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
-        drop(self.admit(name)?);
+        drop(self.admit(Ok(name))?);
         Ok(Reservation {
             plan: self,
             name: Some(name.clone()),
@@ -513,33 +529,57 @@ impl Plan {
             return Err(self.ended(plan.name()));
         }
         if members.running.is_some() {
-            return self.start_prepared(members, plan);
+            self.start_prepared(members, plan)?;
+        } else {
+            members.waiting.push(plan);
         }
-        members.waiting.push(plan);
         Ok(id)
     }
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
-        let members = self.admit(plan.name())?;
-        self.add_admitted(members, plan)
+        let id = plan.id();
+        let members = self.admit(plan.own_name())?;
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
+    }
+
+    /// As [`add_process`](Self::add_process), to a system that runs.
+    pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
+        let mut members = self.admit(plan.own_name())?;
+        if members.running.is_none() {
+            if let Ok(name) = plan.own_name() {
+                members.started.give_name_back(name);
+            }
+            drop(members);
+            let process = plan.name().to_string();
+            return Err(SetupError::NotRunning { process }.into());
+        }
+        match self.add_admitted(members, plan, true)? {
+            Some(handle) => Ok(handle),
+            None => unreachable!("the system runs"),
+        }
     }
 
     /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
     pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let id = plan.id();
         let members = self.members();
         if members.phase == Phase::Ended {
             drop(members);
             return Err(self.ended(plan.name()));
         }
-        self.add_admitted(members, plan)
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
     }
 
+    /// Gives the handle of a process that starts at once, if it is `wanted`.
     fn add_admitted<B: Build>(
         &self,
         mut members: MutexGuard<'_, Members>,
         plan: ProcessPlan<B>,
-    ) -> Result<ProcessId> {
+        wanted: bool,
+    ) -> Result<Option<ProcessHandle>> {
         let id = plan.id();
         let Members {
             running: Some(running),
@@ -548,27 +588,31 @@ impl Plan {
         } = &mut *members
         else {
             members.waiting.push(plan.boxed());
-            return Ok(id);
+            return Ok(None);
         };
         let Place::Executor(number) = plan.place else {
-            return self.start_prepared(members, plan.boxed());
+            return self.start_prepared(members, plan.boxed()).map(Some);
         };
         let Prepared { resident, build } = plan.prepared;
         if resident.is_some() {
-            return self.start_prepared(
-                members,
-                ProcessPlan {
-                    prepared: Prepared { resident, build },
-                    ..plan
-                }
-                .boxed(),
-            );
+            return self
+                .start_prepared(
+                    members,
+                    ProcessPlan {
+                        prepared: Prepared { resident, build },
+                        ..plan
+                    }
+                    .boxed(),
+                )
+                .map(Some);
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
         let (mut member, mut announced, frame) =
             running.announce(number, plan.spec, plan.ledger, None, started.verdict());
         member.is_late = true;
+        member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
+        let handle = wanted.then(|| announced.handle());
         if announced.is_built_here() {
             // The executor is in a process' turn, so it does not end meanwhile.
             drop(members);
@@ -578,14 +622,16 @@ impl Plan {
             drop(members);
             drop(refused);
         }
-        Ok(id)
+        Ok(handle)
     }
 
-    /// Takes the name of a process to be, if there can be one.
-    fn admit(&self, name: &Arc<str>) -> Result<MutexGuard<'_, Members>> {
+    /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
+    fn admit(&self, name: Result<&Arc<str>, &Arc<str>>) -> Result<MutexGuard<'_, Members>> {
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {
+            let (Ok(name) | Err(name)) = name;
+            drop(guard);
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
@@ -594,7 +640,9 @@ impl Plan {
             } = &*running.common;
             members.started.note_ends(living, emergency);
         }
-        if !members.started.take_name(name) {
+        if let Ok(name) = name
+            && !members.started.take_name(name)
+        {
             return Err(duplicate("process", name));
         }
         Ok(guard)
@@ -605,8 +653,8 @@ impl Plan {
         &self,
         members: MutexGuard<'_, Members>,
         plan: ProcessPlan,
-    ) -> Result<ProcessId> {
-        let (id, name) = (plan.id(), plan.name().clone());
+    ) -> Result<ProcessHandle> {
+        let (name, shares_name) = (plan.name().clone(), plan.shares_name);
         let Some(running) = members.running.clone() else {
             drop(members);
             return Err(self.ended(&name));
@@ -614,9 +662,10 @@ impl Plan {
         self.start_late(members, &running, plan, &name)
             .inspect_err(|_| {
                 // It never was, so it may be tried again.
-                self.members().started.give_name_back(&name);
-            })?;
-        Ok(id)
+                if !shares_name {
+                    self.members().started.give_name_back(&name);
+                }
+            })
     }
 
     /// Forgets a process that has ended before it was entered: its end is told before that.
@@ -636,7 +685,7 @@ impl Plan {
         running: &Running,
         mut plan: ProcessPlan,
         name: &str,
-    ) -> Result<()> {
+    ) -> Result<ProcessHandle> {
         let id = plan.id();
         let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
@@ -660,6 +709,7 @@ impl Plan {
             // Nothing of the user's runs there.
             return match running.start(plan) {
                 Ok((member, Started::OnExecutor(mut pending))) => {
+                    let handle = member.handle.clone();
                     members.enter_late(id, member, running);
                     if pending.is_built_here() {
                         // The executor is in a process' turn, so it does not end meanwhile.
@@ -670,7 +720,7 @@ impl Plan {
                         drop(members);
                         drop(refused);
                     }
-                    Ok(())
+                    Ok(handle)
                 }
                 Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
                 Err(refused) => {
@@ -697,10 +747,11 @@ impl Plan {
             clean_up(member.take_resident());
             return Err(self.ended(name));
         }
+        let handle = member.handle.clone();
         members.enter_late(id, member, running);
         thread.1.release();
         members.threads.push(thread);
-        Ok(())
+        Ok(handle)
     }
 
     fn ended(&self, process: &str) -> Error {

@@ -245,7 +245,9 @@ impl Register {
             self.overseen.remove(&(member.order, id));
         }
         if let Some(member) = self.members.remove(&id) {
-            self.names.remove(member.name());
+            if !member.shares_name {
+                self.names.remove(member.name());
+            }
             let overruns = member.ledger().map_or(0, |ledger| {
                 ledger.reports().iter().map(|one| one.overruns).sum()
             });
