@@ -643,7 +643,13 @@ impl Plan {
         if let Ok(name) = name
             && !members.started.take_name(name)
         {
-            return Err(duplicate("process", name));
+            // Who had it may have ended, and others may know that, though its executor has not told of it yet.
+            if let Some(running) = &members.running {
+                members.started.look_for_ends(&running.common.emergency);
+            }
+            if !members.started.take_name(name) {
+                return Err(duplicate("process", name));
+            }
         }
         Ok(guard)
     }

@@ -163,6 +163,20 @@ impl Register {
         living.take_ended(|id| self.note_end(id, emergency));
     }
 
+    /// Looks at all that live, since some may have ended whose ends were not told yet. O(their number).
+    pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
+        self.count_looks(self.members.len());
+        let have_ended = |(&id, one): (&ProcessId, &Member)| {
+            let has_ended = !one.buried && one.handle.exit().is_some();
+            has_ended.then_some((one.order, id))
+        };
+        let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
+        ended.sort_unstable();
+        for (_, id) in ended {
+            self.note_end(id, emergency);
+        }
+    }
+
     /// As [`note_ends`](Self::note_ends), for the last time.
     pub(super) fn note_last_ends(&mut self, living: &Living, emergency: &Emergency) {
         living.close_ended(|id| self.note_end(id, emergency));
@@ -176,10 +190,15 @@ impl Register {
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
         let Some(member) = self.members.get_mut(&id) else {
-            self.premature.insert(id);
+            // Else its end was noted before it was told.
+            if !self.forgotten.contains(id.get()) {
+                self.premature.insert(id);
+            }
             return;
         };
-        member.buried = true;
+        if std::mem::replace(&mut member.buried, true) {
+            return;
+        }
         self.has_news = true;
         let exit = member.handle.exit();
         // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
