@@ -236,3 +236,134 @@ fn a_pre_run_that_fails_and_is_tried_again() {
     assert_eq!(system.run().unwrap().processes.len(), 2);
     assert_eq!(count.load(Ordering::Relaxed), 2);
 }
+
+#[test]
+fn a_name_is_free_once_its_process_is_forgotten_however_busy_its_executor_is() {
+    let _watch = watchdog();
+    let mut system = System::new("busy");
+    system.remember_ended(0);
+    let busy = system.executor("busy").build().unwrap();
+    let other = system.executor("other").build().unwrap();
+    let is_over = Arc::new(AtomicUsize::new(0));
+    let over = is_over.clone();
+    busy.process("sleepless")
+        .spawn(async move {
+            while over.load(Ordering::Relaxed) == 0 {
+                luna::yield_now().await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    other
+        .process("parent")
+        .spawn(async move {
+            let mut ran = Ok(());
+            for _ in 0..100 {
+                match busy.process("job").start(async { Ok(()) }) {
+                    Ok(job) => assert_eq!(job.join().await, Exit::Completed),
+                    Err(error) => ran = Err(error),
+                }
+            }
+            is_over.store(1, Ordering::Relaxed);
+            ran
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(report.earlier.completed, 100);
+}
+
+#[test]
+fn many_may_share_a_name_and_take_it_from_nobody() {
+    let _watch = watchdog();
+    for remembered in [0, 1000] {
+        let mut system = System::new("many");
+        system.remember_ended(remembered);
+        let main = system.executor("main").build().unwrap();
+        for _ in 0..2 {
+            main.process("child")
+                .one_of_many()
+                .spawn(async { Ok(()) })
+                .unwrap();
+        }
+        let place = main.clone();
+        main.process("parent")
+            .spawn(async move {
+                let own = place.process("child").start(std::future::pending())?;
+                for number in 0..10 {
+                    let child = place.process("child").one_of_many();
+                    let child = match number % 2 {
+                        0 => child.start(async { Ok(()) })?,
+                        _ => child.start(Noting(Arc::default()))?,
+                    };
+                    assert_eq!(child.name(), "child");
+                    assert_eq!(child.join().await, Exit::Completed);
+                }
+                let taken = place.process("child").start(async { Ok(()) });
+                assert!(matches!(
+                    taken,
+                    Err(Error::Setup(SetupError::DuplicateName { .. }))
+                ));
+                own.cancel();
+                Ok(())
+            })
+            .unwrap();
+        let error = system.run().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "process `child`: cancelled before its body had ended"
+        );
+        let report = system.report().unwrap();
+        let all = report.earlier.number() as usize + report.processes.len();
+        assert_eq!(all, 2 + 1 + 1 + 10);
+        let sharing = report.processes.iter().filter(|one| one.name == "child");
+        assert_eq!(sharing.count(), if remembered == 0 { 2 } else { 13 });
+    }
+}
+
+#[test]
+fn nothing_is_started_at_once_before_the_start_and_after_the_end() {
+    let _watch = watchdog();
+    for is_shared in [false, true] {
+        let mut system = System::new("late");
+        let main = system.executor("main").build().unwrap();
+        let child = || match is_shared {
+            false => main.process("child"),
+            true => main.process("child").one_of_many(),
+        };
+        let early = child().start(async { Ok(()) }).unwrap_err();
+        assert_eq!(
+            early.to_string(),
+            "process `child` cannot be started, since its system does not run yet; spawn it"
+        );
+        // It was not added, so its name is free.
+        child().spawn(async { Ok(()) }).unwrap();
+        assert_eq!(system.run().unwrap().processes.len(), 1);
+        let late = child().start(async { Ok(()) });
+        assert!(matches!(late, Err(Error::Setup(SetupError::Ended { .. }))));
+    }
+}
+
+/// Also one with phases, and one on a thread of its own.
+#[test]
+fn who_starts_a_process_has_its_handle() {
+    let _watch = watchdog();
+    let mut system = System::new("handles");
+    let main = system.executor("main").build().unwrap();
+    let thread = system.thread("thread");
+    let place = main.clone();
+    main.process("parent")
+        .spawn(async move {
+            let plain = place.process("plain").start(async { Ok(()) })?;
+            let phased = place.process("phased").start(Noting(Arc::default()))?;
+            let apart = thread.process("apart").start(async { Ok(()) })?;
+            for handle in [&plain, &phased, &apart] {
+                assert_eq!(handle.join().await, Exit::Completed);
+                let same = place.process_handle(handle.id()).map(|same| same.id());
+                assert_eq!(same, Some(handle.id()));
+            }
+            assert_eq!(plain.name(), "plain");
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap().processes.len(), 4);
+}

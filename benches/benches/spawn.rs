@@ -1,7 +1,7 @@
 //! `spawn`: a process starts another one, which does nothing, and waits for its end; one after the other, on one core.
 //!
-//! LUNA has two ways: a process of the system, with a name, a priority and a place in the report; and a branch of a parallel construct, which is what
-//! occam's `PAR` does.
+//! LUNA has two ways: a process of the system, with a priority and a place in the report, which shares its name with others or has one of its own; and a branch of a
+//! parallel construct, which is what occam's `PAR` does.
 
 use std::time::{Duration, Instant};
 
@@ -31,7 +31,11 @@ async fn timed(operations: u64, mut operation: impl AsyncFnMut(u64)) -> Duration
     start.elapsed()
 }
 
-fn luna(processes: u64) -> Duration {
+/// Spawns by `child`, in a process.
+fn luna_by(
+    processes: u64,
+    child: impl AsyncFn(&luna::Executor, u64) -> luna::Exit + Send + 'static,
+) -> Duration {
     let core = one_core();
     on_core(core, || {
         let luna = Luna::new(core);
@@ -39,16 +43,31 @@ fn luna(processes: u64) -> Duration {
         let (result, elapsed) = std::sync::mpsc::channel();
         let spawned = luna.process().spawn(move || async move {
             let elapsed = timed(processes, async |number| {
-                let child = executor.process(&format!("child {number}"));
-                let child = child.spawn(async { Ok(()) }).expect("the names differ");
-                let child = executor.process_handle(child).expect("it was spawned");
-                assert_eq!(child.join().await, luna::Exit::Completed);
+                assert_eq!(child(&executor, number).await, luna::Exit::Completed);
             });
             result.send(elapsed.await).map_err(luna::Error::other)
         });
         spawned.expect("it is the first");
         luna.block_on(async {});
         elapsed.recv().expect("the parent has sent it")
+    })
+}
+
+fn luna(processes: u64) -> Duration {
+    luna_by(processes, async |executor, _| {
+        let child = executor.process("child").one_of_many();
+        let child = child.start(async { Ok(()) }).expect("the system runs");
+        child.join().await
+    })
+}
+
+/// Its name is made up, and its handle asked for by its number.
+fn luna_with_name(processes: u64) -> Duration {
+    luna_by(processes, async |executor, number| {
+        let child = executor.process(&format!("child {number}"));
+        let child = child.spawn(async { Ok(()) }).expect("the names differ");
+        let child = executor.process_handle(child).expect("it was spawned");
+        child.join().await
     })
 }
 
@@ -126,6 +145,7 @@ fn main() {
     let mut cases = vec![
         // Always as many: the system keeps each for its report.
         case("LUNA", luna).exactly(10_000).goal(Goal::AtMost(60.0)),
+        case("LUNA, each with its name", luna_with_name).exactly(10_000),
         case("LUNA, branch of par!", luna_par),
         case("LUNA, branch of par_for", luna_par_for),
         case("tokio, spawn", tokio),

@@ -19,6 +19,7 @@ use luna_platform::current::{self, Home};
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::reclaim;
+use luna_platform::spare::Spare;
 use luna_platform::spin::{self, Outside};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use luna_platform::timer_queue::TimerQueue;
@@ -41,6 +42,22 @@ impl Phase {
     pub(crate) const RELEASED: u8 = 1;
     /// All are cancelled, then the thread ends.
     pub(crate) const STOPPING: u8 = 2;
+}
+
+thread_local! {
+    /// What the tasks of this thread that have ended had of the executor that it is.
+    static SPARE_SHARED: Spare<Shared> = const { Spare::new() };
+}
+
+/// Another reference for a task of an executor.
+fn another(shared: &Arc<Shared>) -> Arc<Shared> {
+    SPARE_SHARED.with(|spare| spare.another(shared))
+}
+
+/// Takes a task's reference back.
+pub(crate) fn give_back(shared: Arc<Shared>) {
+    // A thread that is ending keeps none any more.
+    let _ = SPARE_SHARED.try_with(move |spare| spare.give_back(shared));
 }
 
 /// What an executor's thread shares with the others.
@@ -426,9 +443,10 @@ impl ExecutorHandle {
     pub fn announce(&self, spec: ProcessSpec) -> Announced {
         // Processes that come and go for ever do not fill the memory.
         reclaim::collect();
-        let record = Record::new(spec, &self.shared.living);
+        let is_home = current::home() == Some(self.shared.home);
+        let record = Record::new(spec, &self.shared.living, is_home);
         Announced {
-            to_be: ToBe(Some((record, self.shared.clone()))),
+            to_be: ToBe(Some((record, another(&self.shared)))),
             decided: None,
         }
     }
@@ -604,11 +622,14 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
+    let keeps = (shared.living.keep_ends(), reclaim::keep_own());
+    SPARE_SHARED.with(|spare| spare.keep(shared));
     current::set_on_path(true);
     while let Phase::RELEASED = shared.phase() {
         turns(|| while round(shared, timers, true) {});
     }
     current::set_on_path(false);
+    drop(keeps);
     shared.close();
     for record in task::records() {
         record.cancel();
@@ -683,6 +704,9 @@ fn look_at_timers(timers: &TimerQueue, deadline: Instant) {
 #[cold]
 #[inline(never)]
 fn rest(shared: &Shared, timers: &TimerQueue) {
+    // Others may wait for what this thread has kept to itself while there was something to do.
+    shared.living.tell_kept();
+    reclaim::hand_over();
     sleep(shared, timers.next_deadline());
     interference::rest();
 }

@@ -291,7 +291,7 @@ impl OsThread {
             living,
             spin: AtomicU64::new(0),
         });
-        let record = Record::new(spec, &shared.living);
+        let record = Record::new(spec, &shared.living, false);
         record.set_waker(park::waker(&shared.parker));
         let process = ProcessHandle(record.clone());
         let (own, of_body, of_thread) = (shared.clone(), record.clone(), record.clone());

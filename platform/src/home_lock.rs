@@ -170,6 +170,19 @@ impl<T> HomeLock<T> {
         }
     }
 
+    /// An unlocked lock around `value`, which favours the home that the calling thread is from the start, if it is one: of a thing that
+    /// will be used there, and seldom elsewhere.
+    #[inline]
+    pub fn favouring_this_home(value: T) -> Self {
+        let lock = Self::new(value);
+        let home = current::home_number();
+        if home != 0 && fence::is_available() {
+            // Who comes to know the lock sees this.
+            lock.favoured.store(home, Ordering::Relaxed);
+        }
+        lock
+    }
+
     /// Locks, waiting as long as another thread holds it.
     #[inline]
     pub fn lock(&self) -> HomeGuard<'_, T> {

@@ -48,6 +48,7 @@ pub mod reclaim;
 pub mod shortfall;
 #[cfg(not(loom))]
 pub mod signals;
+pub mod spare;
 pub mod spin;
 #[cfg(not(loom))]
 pub mod steal;

@@ -8,9 +8,10 @@ use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::lock::PiLock;
+use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
@@ -18,6 +19,7 @@ use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
+use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
@@ -307,18 +309,76 @@ pub(crate) struct Common {
     pub(crate) clock: Clock,
 }
 
-/// What the framework gives a body on its way.
-pub(crate) struct Frame {
-    pub(crate) verdict: Arc<Verdict>,
-    common: Arc<Common>,
+thread_local! {
+    /// What the bodies of this thread have in common, once there is one.
+    static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
+    /// What its bodies that have ended had of it.
+    static SPARE_COMMON: Spare<Common> = const { Spare::new() };
 }
 
-impl Frame {
-    pub(crate) fn new(common: Arc<Common>) -> Self {
-        Self {
-            verdict: Verdict::new(),
-            common,
+impl Common {
+    /// Makes this what the calling thread's bodies have in common.
+    fn enter_thread(self: &Arc<Self>) {
+        let is_entered = |entered: &Option<Arc<Self>>| {
+            let entered = entered.as_ref();
+            entered.is_some_and(|there| Arc::ptr_eq(there, self))
+        };
+        if ENTERED.with_borrow(is_entered) {
+            return;
         }
+        self.scope.enter_thread();
+        self.tree.enter_thread();
+        self.emergency.enter_thread();
+        ThreadUsage::prepare_thread();
+        SPARE_COMMON.with(|spare| spare.keep(self));
+        ENTERED.set(Some(self.clone()));
+    }
+}
+
+/// What the framework gives a body on its way.
+///
+/// # Invariants
+///
+/// Whoever has the verdict keeps it, for this body alone, until the body is gone; or for ever, if the body may never go.
+pub(crate) struct Frame {
+    verdict: NonNull<Verdict>,
+    /// Given back with the frame.
+    common: ManuallyDrop<Arc<Common>>,
+}
+
+// SAFETY: a verdict may be referred to from any thread, and so may what bodies have in common.
+unsafe impl Send for Frame {}
+
+impl Frame {
+    /// # Safety
+    ///
+    /// The caller keeps to the type's invariant.
+    pub(crate) unsafe fn new(common: &Arc<Common>, verdict: &Arc<Verdict>) -> Self {
+        Self {
+            verdict: NonNull::from(&**verdict),
+            common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
+        }
+    }
+
+    fn verdict(&self) -> &Verdict {
+        // SAFETY: the invariant: the body has this frame, so it is not gone.
+        unsafe { self.verdict.as_ref() }
+    }
+}
+
+/// A frame may go to any thread because of these.
+const _: () = {
+    const fn shared<T: Send + Sync>() {}
+    shared::<Verdict>();
+    shared::<Arc<Common>>();
+};
+
+impl Drop for Frame {
+    fn drop(&mut self) {
+        // SAFETY: it is not used any more.
+        let common = unsafe { ManuallyDrop::take(&mut self.common) };
+        // A thread that is ending keeps none any more.
+        let _ = SPARE_COMMON.try_with(move |spare| spare.give_back(common));
     }
 }
 
@@ -346,9 +406,15 @@ impl Verdict {
         self.is_said.store(true, Ordering::Release);
     }
 
+    /// What was said. Nothing is said any more once the body is gone.
     pub(crate) fn take(&self) -> Option<Ended> {
         let is_said = self.is_said.load(Ordering::Acquire);
         is_said.then(|| self.ended.lock().take())?
+    }
+
+    /// Whether its body has gone without a word, so that it can be another's.
+    pub(crate) fn is_unused(&self) -> bool {
+        !self.is_said.load(Ordering::Relaxed)
     }
 }
 
@@ -385,10 +451,7 @@ pub(crate) struct Supervised<F> {
 impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
-        frame.common.scope.enter_thread();
-        frame.common.tree.enter_thread();
-        frame.common.emergency.enter_thread();
-        ThreadUsage::prepare_thread();
+        frame.common.enter_thread();
         let alarm = Alarm(&frame.common.emergency);
         let body = make();
         std::mem::forget(alarm);
@@ -418,7 +481,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
                 // That it returned without an error is what nothing said means.
                 if !matches!(ended, Ok(Ok(()))) {
                     frame
-                        .verdict
+                        .verdict()
                         .say(ended.map_or_else(Ended::Failed, Ended::Returned));
                     // It is to be said of soon, and its own end is told to nobody who is not listening for any.
                     frame.common.living.announce_next();

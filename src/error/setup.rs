@@ -118,6 +118,11 @@ pub enum SetupError {
         /// The system's name.
         system: String,
     },
+    /// A process was to be started at once, and the system does not run yet.
+    NotRunning {
+        /// What was to be started.
+        process: String,
+    },
     /// The system has ended, or is about to.
     Ended {
         /// The system's name.
@@ -230,6 +235,9 @@ impl fmt::Display for SetupError {
             }
             SetupError::AlreadyRun { system } => {
                 write!(f, "system `{system}` has been run already; build another one to run again")
+            }
+            SetupError::NotRunning { process } => {
+                write!(f, "process `{process}` cannot be started, since its system does not run yet; spawn it")
             }
             SetupError::Ended { system, process } => {
                 write!(f, "system `{system}` ends or has ended, so process `{process}` cannot be started")

@@ -1,13 +1,15 @@
 //! How a system is described: builders of executors, threads and processes.
 
 use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
-use crate::csp::process::IntoProcess;
+use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
-use luna_platform::current::{LEVELS, ProcessId};
+use luna_platform::current::{self, LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
+use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, Policy};
+use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -134,6 +136,13 @@ impl ExecutorBuilder {
     }
 }
 
+thread_local! {
+    /// What spawns on this thread referred to the system by.
+    static SPARE_PLANS: Spare<Plan> = const { Spare::new() };
+    /// The name that was shared last.
+    static SHARED_NAME: RefCell<Option<Arc<str>>> = const { RefCell::new(None) };
+}
+
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
 /// keep one to spawn others.
 #[derive(Clone)]
@@ -145,7 +154,8 @@ pub struct Executor {
 impl Executor {
     /// A process to be, on this executor.
     pub fn process(&self, name: &str) -> ProcessBuilder {
-        ProcessBuilder::new(self.plan.clone(), name, Ok(Place::Executor(self.number)))
+        let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
+        ProcessBuilder::new(plan, name, Ok(Place::Executor(self.number)))
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as [`System::process_handle`](crate::System::process_handle).
@@ -199,6 +209,7 @@ pub struct ProcessBuilder {
     place: Result<Place>,
     level: u8,
     timed: bool,
+    shares_name: bool,
     budgets: Budgets,
 }
 
@@ -206,10 +217,14 @@ impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
         Self {
             plan,
-            name: Arc::from(name),
+            name: SHARED_NAME.with_borrow(|shared| match shared {
+                Some(shared) if **shared == *name => shared.clone(),
+                _ => Arc::from(name),
+            }),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
+            shares_name: false,
             budgets: Budgets::default(),
         }
     }
@@ -217,6 +232,34 @@ impl ProcessBuilder {
     /// At `priority`, 0 (lowest) to 31, among the processes of the same executor; 16 if not stated.
     pub fn priority(mut self, priority: u8) -> Self {
         self.level = priority;
+        self
+    }
+
+    /// Lets others have the same name: for processes that come and go, of which nobody asks for one by its name. Reports and errors name each of them so. It is
+    /// also what costs a spawn least, since no name is to be made up, and none to be looked for. No name of a process that has one of its own is in the way; a
+    /// [replaceable](Self::replaceable) process always has.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let mut system = System::new("server");
+    /// let main = system.executor("main").build()?;
+    /// for _ in 0..3 {
+    ///     main.process("session").one_of_many().spawn(async { Ok(()) })?;
+    /// }
+    /// let report = system.run()?;
+    /// assert!(report.processes.iter().all(|process| process.name == "session"));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn one_of_many(mut self) -> Self {
+        self.shares_name = true;
+        // The next one of them is likely to be made on this thread.
+        SHARED_NAME.with_borrow_mut(|shared| {
+            let is_there = shared.as_ref().is_some_and(|there| *there == self.name);
+            if !is_there {
+                *shared = Some(self.name.clone());
+            }
+        });
         self
     }
 
@@ -303,14 +346,62 @@ impl ProcessBuilder {
     /// A [`SetupError`]: a priority out of range, a budget of zero, a name that another process has, a thread that makes no sense, a system that has
     /// ended. While the system runs also an error of `pre_run`, and a thread that is refused.
     pub fn spawn<M>(self, process: impl IntoProcess<M>) -> Result<ProcessId> {
-        self.plan.stand_ins().check_plain(&self.name)?;
+        let (system, plan) = self.planned(process)?;
+        system.add_process(plan)
+    }
+
+    /// Adds the process to the system, which runs already, as [`spawn`](Self::spawn) does, and gives its handle: to wait for its end, say. Not for the real-time path, as
+    /// `spawn`.
+    ///
+    /// # Errors
+    ///
+    /// As [`spawn`](Self::spawn), and [`SetupError::NotRunning`] before the system runs: nothing was added then.
+    ///
+    /// ```
+    /// use luna::{Exit, prelude::*};
+    ///
+    /// let mut system = System::new("server");
+    /// let main = system.executor("main").build()?;
+    /// assert!(main.process("early").start(async { Ok(()) }).is_err());
+    /// main.clone().process("parent").spawn(async move {
+    ///     let child = main.process("child").start(async { Ok(()) })?;
+    ///     assert_eq!(child.join().await, Exit::Completed);
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
+        let (system, plan) = self.planned(process)?;
+        let handle = system.start_process(plan)?;
+        // Only of a system that runs, and on a thread that runs processes, which ends some time: what waits to be started does not wait for that.
+        if current::home().is_some() {
+            SPARE_PLANS.with(|spare| {
+                if !spare.keeps(&system) {
+                    spare.keep(&system);
+                }
+                spare.give_back(system);
+            });
+        }
+        Ok(handle)
+    }
+
+    #[inline]
+    fn planned<M>(
+        self,
+        process: impl IntoProcess<M>,
+    ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
+        self.plan.check_plain(&self.name)?;
+        let shares_name = self.shares_name;
         let (system, place, spec, ledger) = self.checked()?;
-        system.add_process(ProcessPlan {
+        let plan = ProcessPlan {
             place,
             spec,
+            shares_name,
             ledger,
             prepared: process.prepare(),
-        })
+        };
+        Ok((system, plan))
     }
 
     /// Adds the process to the system as [`spawn`](Self::spawn) does, with its channel ends apart from its body, so that the set-up can let another one stand in
@@ -340,6 +431,7 @@ impl ProcessBuilder {
                 system.add_reserved_boxed(ProcessPlan {
                     place,
                     spec,
+                    shares_name: false,
                     ledger,
                     prepared,
                 })
@@ -350,6 +442,7 @@ impl ProcessBuilder {
                 system.add_reserved(ProcessPlan {
                     place,
                     spec,
+                    shares_name: false,
                     ledger,
                     prepared,
                 })

@@ -42,7 +42,7 @@ pub(super) struct Launched {
 
 /// Takes the plan and starts it. On an error all that was started is ended again.
 pub(super) fn launch(plan: &Plan) -> Result<Launched> {
-    let stand_ins = plan.stand_ins().close();
+    let stand_ins = plan.close_stand_ins();
     let (executors, waiting) = {
         let mut members = plan.members();
         if members.phase != Phase::Described {

@@ -20,6 +20,7 @@ use luna_executors::{
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A system's plan. Its locks are for the set-up, the end, and the non-real-time side.
@@ -28,6 +29,8 @@ pub(crate) struct Plan {
     settings: Mutex<Settings>,
     members: Mutex<Members>,
     stand_ins: Mutex<StandIns>,
+    /// Nobody can be replaced any more.
+    stand_ins_closed: AtomicBool,
     tree: Arc<Tree>,
 }
 
@@ -77,6 +80,8 @@ impl ExecutorPlan {
 pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
     pub(crate) place: Place,
     pub(crate) spec: ProcessSpec,
+    /// Others may have its name too.
+    pub(crate) shares_name: bool,
     pub(crate) ledger: Option<Arc<Ledger>>,
     pub(crate) prepared: Prepared<B>,
 }
@@ -89,6 +94,14 @@ impl<B> ProcessPlan<B> {
     pub(crate) fn id(&self) -> ProcessId {
         self.spec.id()
     }
+
+    /// Its name, if it is to be its own; else the name as an error.
+    fn own_name(&self) -> Result<&Arc<str>, &Arc<str>> {
+        match self.shares_name {
+            false => Ok(self.name()),
+            true => Err(self.name()),
+        }
+    }
 }
 
 impl<B: Build> ProcessPlan<B> {
@@ -97,6 +110,7 @@ impl<B: Build> ProcessPlan<B> {
         ProcessPlan {
             place: self.place,
             spec: self.spec,
+            shares_name: self.shares_name,
             ledger: self.ledger,
             prepared: self.prepared.boxed(),
         }
@@ -106,7 +120,8 @@ impl<B: Build> ProcessPlan<B> {
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
     pub(crate) handle: ProcessHandle,
-    pub(crate) verdict: Arc<Verdict>,
+    /// Until its end was noted: its body refers to it.
+    verdict: Option<Arc<Verdict>>,
     seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
     pub(crate) order: u64,
@@ -114,6 +129,7 @@ pub(crate) struct Member {
     executor: u32,
     /// It was spawned while the system ran.
     pub(crate) is_late: bool,
+    pub(crate) shares_name: bool,
     pub(crate) has_failed: bool,
     /// Its end was noted.
     pub(crate) buried: bool,
@@ -144,7 +160,7 @@ impl Member {
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
         Self {
             handle,
-            verdict,
+            verdict: Some(verdict),
             seldom: has_any.then(|| {
                 Box::new(Seldom {
                     ledger,
@@ -155,6 +171,7 @@ impl Member {
             order: 0,
             executor,
             is_late: false,
+            shares_name: false,
             has_failed: false,
             buried: false,
         }
@@ -166,6 +183,10 @@ impl Member {
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
         self.seldom.as_ref()?.ledger.as_ref()
+    }
+
+    pub(crate) fn take_verdict(&mut self) -> Option<Arc<Verdict>> {
+        self.verdict.take()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
@@ -265,6 +286,7 @@ impl Running {
         mut spec: ProcessSpec,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
+        verdict: Arc<Verdict>,
     ) -> (Member, Announced, Frame) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
@@ -274,8 +296,8 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let frame = Frame::new(common.clone());
-        let verdict = frame.verdict.clone();
+        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
+        let frame = unsafe { Frame::new(common, &verdict) };
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
         let member = Member::new(announced.handle(), verdict, on, ledger, resident);
@@ -287,6 +309,7 @@ impl Running {
         let ProcessPlan {
             place,
             spec,
+            shares_name,
             ledger,
             prepared:
                 Prepared {
@@ -296,7 +319,9 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (member, announced, frame) = self.announce(number, spec, ledger, resident);
+                let (mut member, announced, frame) =
+                    self.announce(number, spec, ledger, resident, Verdict::new());
+                member.shares_name = shares_name;
                 let pending = Pending {
                     announced,
                     starter,
@@ -307,8 +332,9 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let frame = Frame::new(common.clone());
-        let verdict = frame.verdict.clone();
+        let verdict = Verdict::new();
+        // SAFETY: as in `announce`; if the thread does not start there is no body.
+        let frame = unsafe { Frame::new(common, &verdict) };
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }
@@ -325,7 +351,8 @@ impl Running {
                     ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
                 let on = On::Thread(Box::new(part));
                 let handle = thread.process().clone();
-                let member = Member::new(handle, verdict, on, ledger, resident);
+                let mut member = Member::new(handle, verdict, on, ledger, resident);
+                member.shares_name = shares_name;
                 Ok((member, Started::OnThread((thread_name, thread))))
             }
             Err(error) => Err(NotStarted {
@@ -419,6 +446,7 @@ impl Plan {
             settings: Mutex::default(),
             members: Mutex::default(),
             stand_ins: Mutex::default(),
+            stand_ins_closed: AtomicBool::new(false),
             tree: Tree::new(),
         }
     }
@@ -440,6 +468,21 @@ impl Plan {
         self.stand_ins
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// When the system starts: every stand-in must have found whom it stands in for.
+    pub(crate) fn close_stand_ins(&self) -> Result<()> {
+        self.stand_ins().close()?;
+        self.stand_ins_closed.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// A process that is spawned without its ends cannot be replaced. While the system runs nobody waits to replace one.
+    pub(crate) fn check_plain(&self, process: &str) -> Result<()> {
+        if self.stand_ins_closed.load(Ordering::Acquire) {
+            return Ok(());
+        }
+        self.stand_ins().check_plain(process)
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {
@@ -472,7 +515,7 @@ impl Plan {
 
     /// Takes the name of a process whose body is still to be made.
     pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
-        drop(self.admit(name)?);
+        drop(self.admit(Ok(name))?);
         Ok(Reservation {
             plan: self,
             name: Some(name.clone()),
@@ -488,33 +531,57 @@ impl Plan {
             return Err(self.ended(plan.name()));
         }
         if members.running.is_some() {
-            return self.start_prepared(members, plan);
+            self.start_prepared(members, plan)?;
+        } else {
+            members.waiting.push(plan);
         }
-        members.waiting.push(plan);
         Ok(id)
     }
 
     /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
     pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
-        let members = self.admit(plan.name())?;
-        self.add_admitted(members, plan)
+        let id = plan.id();
+        let members = self.admit(plan.own_name())?;
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
+    }
+
+    /// As [`add_process`](Self::add_process), to a system that runs.
+    pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
+        let mut members = self.admit(plan.own_name())?;
+        if members.running.is_none() {
+            if let Ok(name) = plan.own_name() {
+                members.started.give_name_back(name);
+            }
+            drop(members);
+            let process = plan.name().to_string();
+            return Err(SetupError::NotRunning { process }.into());
+        }
+        match self.add_admitted(members, plan, true)? {
+            Some(handle) => Ok(handle),
+            None => unreachable!("the system runs"),
+        }
     }
 
     /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
     pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let id = plan.id();
         let members = self.members();
         if members.phase == Phase::Ended {
             drop(members);
             return Err(self.ended(plan.name()));
         }
-        self.add_admitted(members, plan)
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
     }
 
+    /// Gives the handle of a process that starts at once, if it is `wanted`.
     fn add_admitted<B: Build>(
         &self,
         mut members: MutexGuard<'_, Members>,
         plan: ProcessPlan<B>,
-    ) -> Result<ProcessId> {
+        wanted: bool,
+    ) -> Result<Option<ProcessHandle>> {
         let id = plan.id();
         let Members {
             running: Some(running),
@@ -523,27 +590,31 @@ impl Plan {
         } = &mut *members
         else {
             members.waiting.push(plan.boxed());
-            return Ok(id);
+            return Ok(None);
         };
         let Place::Executor(number) = plan.place else {
-            return self.start_prepared(members, plan.boxed());
+            return self.start_prepared(members, plan.boxed()).map(Some);
         };
         let Prepared { resident, build } = plan.prepared;
         if resident.is_some() {
-            return self.start_prepared(
-                members,
-                ProcessPlan {
-                    prepared: Prepared { resident, build },
-                    ..plan
-                }
-                .boxed(),
-            );
+            return self
+                .start_prepared(
+                    members,
+                    ProcessPlan {
+                        prepared: Prepared { resident, build },
+                        ..plan
+                    }
+                    .boxed(),
+                )
+                .map(Some);
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
         let (mut member, mut announced, frame) =
-            running.announce(number, plan.spec, plan.ledger, None);
+            running.announce(number, plan.spec, plan.ledger, None, started.verdict());
         member.is_late = true;
+        member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
+        let handle = wanted.then(|| announced.handle());
         if announced.is_built_here() {
             // The executor is in a process' turn, so it does not end meanwhile.
             drop(members);
@@ -553,14 +624,16 @@ impl Plan {
             drop(members);
             drop(refused);
         }
-        Ok(id)
+        Ok(handle)
     }
 
-    /// Takes the name of a process to be, if there can be one.
-    fn admit(&self, name: &Arc<str>) -> Result<MutexGuard<'_, Members>> {
+    /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
+    fn admit(&self, name: Result<&Arc<str>, &Arc<str>>) -> Result<MutexGuard<'_, Members>> {
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {
+            let (Ok(name) | Err(name)) = name;
+            drop(guard);
             return Err(self.ended(name));
         }
         if let Some(running) = &members.running {
@@ -569,8 +642,16 @@ impl Plan {
             } = &*running.common;
             members.started.note_ends(living, emergency);
         }
-        if !members.started.take_name(name) {
-            return Err(duplicate("process", name));
+        if let Ok(name) = name
+            && !members.started.take_name(name)
+        {
+            // Who had it may have ended, and others may know that, though its executor has not told of it yet.
+            if let Some(running) = &members.running {
+                members.started.look_for_ends(&running.common.emergency);
+            }
+            if !members.started.take_name(name) {
+                return Err(duplicate("process", name));
+            }
         }
         Ok(guard)
     }
@@ -580,8 +661,8 @@ impl Plan {
         &self,
         members: MutexGuard<'_, Members>,
         plan: ProcessPlan,
-    ) -> Result<ProcessId> {
-        let (id, name) = (plan.id(), plan.name().clone());
+    ) -> Result<ProcessHandle> {
+        let (name, shares_name) = (plan.name().clone(), plan.shares_name);
         let Some(running) = members.running.clone() else {
             drop(members);
             return Err(self.ended(&name));
@@ -589,9 +670,10 @@ impl Plan {
         self.start_late(members, &running, plan, &name)
             .inspect_err(|_| {
                 // It never was, so it may be tried again.
-                self.members().started.give_name_back(&name);
-            })?;
-        Ok(id)
+                if !shares_name {
+                    self.members().started.give_name_back(&name);
+                }
+            })
     }
 
     /// Forgets a process that has ended before it was entered: its end is told before that.
@@ -611,7 +693,7 @@ impl Plan {
         running: &Running,
         mut plan: ProcessPlan,
         name: &str,
-    ) -> Result<()> {
+    ) -> Result<ProcessHandle> {
         let id = plan.id();
         let _clock = running.common.clock.enter();
         if let Some(resident) = &mut plan.prepared.resident {
@@ -635,6 +717,7 @@ impl Plan {
             // Nothing of the user's runs there.
             return match running.start(plan) {
                 Ok((member, Started::OnExecutor(mut pending))) => {
+                    let handle = member.handle.clone();
                     members.enter_late(id, member, running);
                     if pending.is_built_here() {
                         // The executor is in a process' turn, so it does not end meanwhile.
@@ -645,7 +728,7 @@ impl Plan {
                         drop(members);
                         drop(refused);
                     }
-                    Ok(())
+                    Ok(handle)
                 }
                 Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
                 Err(refused) => {
@@ -672,10 +755,11 @@ impl Plan {
             clean_up(member.take_resident());
             return Err(self.ended(name));
         }
+        let handle = member.handle.clone();
         members.enter_late(id, member, running);
         thread.1.release();
         members.threads.push(thread);
-        Ok(())
+        Ok(handle)
     }
 
     fn ended(&self, process: &str) -> Error {

@@ -3,16 +3,22 @@
 //! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
 //! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
 
+mod by_id;
+
+use self::by_id::ById;
 use super::plan::Member;
-use crate::csp::process::{Ended, Phases};
+use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::Emergency;
 use luna_executors::{Exit, Living, ProcessHandle};
 use luna_platform::current::ProcessId;
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
+
+/// How many verdicts are kept for those that come.
+const VERDICTS: usize = 64;
 
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
@@ -54,9 +60,6 @@ impl Hasher for Spread {
     }
 }
 
-/// By the numbers of processes.
-pub(super) type ById<T> = HashMap<ProcessId, T, BuildHasherDefault<Spread>>;
-
 /// What is still to be done for one that has ended, without the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
@@ -81,6 +84,8 @@ pub(crate) struct Register {
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
+    /// Of those that have ended without a word, for those that come.
+    verdicts: Vec<Arc<Verdict>>,
     /// Those that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
@@ -96,13 +101,14 @@ pub(crate) struct Register {
 impl Default for Register {
     fn default() -> Self {
         Self {
-            members: ById::default(),
+            members: ById::new(),
             names: HashSet::default(),
             started: 0,
             overseen: BTreeSet::new(),
             premature: HashSet::new(),
             funerals: VecDeque::new(),
             has_news: false,
+            verdicts: Vec::new(),
             ended: VecDeque::new(),
             most_ended: REMEMBERED,
             earlier: EarlierProcesses::default(),
@@ -142,6 +148,11 @@ impl Register {
         }
     }
 
+    /// Room for what a process may say as it ends.
+    pub(super) fn verdict(&mut self) -> Arc<Verdict> {
+        self.verdicts.pop().unwrap_or_else(Verdict::new)
+    }
+
     /// Forgets a process that ended and was not entered.
     pub(super) fn never_entered(&mut self, id: ProcessId) {
         self.premature.remove(&id);
@@ -150,6 +161,20 @@ impl Register {
     /// Looks at those that have ended. O(their number).
     pub(super) fn note_ends(&mut self, living: &Living, emergency: &Emergency) {
         living.take_ended(|id| self.note_end(id, emergency));
+    }
+
+    /// Looks at all that live, since some may have ended whose ends were not told yet. O(their number).
+    pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
+        self.count_looks(self.members.len());
+        let have_ended = |(id, one): (ProcessId, &Member)| {
+            let has_ended = !one.buried && one.handle.exit().is_some();
+            has_ended.then_some((one.order, id))
+        };
+        let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
+        ended.sort_unstable();
+        for (_, id) in ended {
+            self.note_end(id, emergency);
+        }
     }
 
     /// As [`note_ends`](Self::note_ends), for the last time.
@@ -164,11 +189,16 @@ impl Register {
 
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
-        let Some(member) = self.members.get_mut(&id) else {
-            self.premature.insert(id);
+        let Some(member) = self.members.get_mut(id) else {
+            // Else its end was noted before it was told.
+            if !self.forgotten.contains(id.get()) {
+                self.premature.insert(id);
+            }
             return;
         };
-        member.buried = true;
+        if std::mem::replace(&mut member.buried, true) {
+            return;
+        }
         self.has_news = true;
         let exit = member.handle.exit();
         // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
@@ -177,10 +207,21 @@ impl Register {
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let error = exit.and_then(|exit| error_of(member, exit));
+        let verdict = member.take_verdict();
+        let said = verdict.as_ref().and_then(|verdict| verdict.take());
+        let has_left_body = member.handle.has_left_body();
+        match verdict {
+            // The body that was left refers to it.
+            Some(verdict) if has_left_body => std::mem::forget(verdict),
+            Some(verdict) if verdict.is_unused() && self.verdicts.len() < VERDICTS => {
+                self.verdicts.push(verdict);
+            }
+            _ => {}
+        }
+        let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
-        if member.handle.has_left_body() {
+        if has_left_body {
             // The body that was left may still be found by others, and refers to it.
             std::mem::forget(resident.take());
         }
@@ -214,7 +255,7 @@ impl Register {
         let Some(id) = self.ended.pop_front() else {
             return;
         };
-        let Some(member) = self.members.get(&id) else {
+        let Some(member) = self.members.get(id) else {
             return;
         };
         if let Some(ledger) = member.ledger() {
@@ -225,8 +266,10 @@ impl Register {
             }
             self.overseen.remove(&(member.order, id));
         }
-        if let Some(member) = self.members.remove(&id) {
-            self.names.remove(member.name());
+        if let Some(member) = self.members.remove(id) {
+            if !member.shares_name {
+                self.names.remove(member.name());
+            }
             let overruns = member.ledger().map_or(0, |ledger| {
                 ledger.reports().iter().map(|one| one.overruns).sum()
             });
@@ -250,11 +293,11 @@ impl Register {
     }
 
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members.get(&id).map(|member| member.handle.clone())
+        self.members.get(id).map(|member| member.handle.clone())
     }
 
     pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
-        self.members.get(&id).map(Member::name)
+        self.members.get(id).map(Member::name)
     }
 
     /// Whether a process of this number has ended and was forgotten.
@@ -265,7 +308,7 @@ impl Register {
     /// All who are remembered, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
         self.count_looks(self.members.len());
-        let mut all: Vec<_> = self.members.iter().map(|(&id, one)| (id, one)).collect();
+        let mut all: Vec<_> = self.members.iter().collect();
         all.sort_unstable_by_key(|(_, one)| one.order);
         all
     }
@@ -276,7 +319,7 @@ impl Register {
         let members = &self.members;
         self.overseen
             .iter()
-            .filter_map(|(_, id)| Some((*id, members.get(id)?)))
+            .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
     }
 
     /// Those whose end nobody has learnt of.
@@ -343,9 +386,9 @@ fn is_panic(error: &Error) -> bool {
     matches!(error, Error::Process { source, .. } if matches!(**source, Error::Panicked(_)))
 }
 
-fn error_of(member: &Member, exit: Exit) -> Option<Error> {
+fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
     let offence = member.ledger().and_then(|ledger| ledger.offence());
-    let error = match (exit, member.verdict.take()) {
+    let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
         (_, Some(Ended::Returned(Err(error)))) => error,

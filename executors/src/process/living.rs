@@ -7,7 +7,9 @@ use luna_platform::current::Home;
 use luna_platform::current::ProcessId;
 use luna_platform::futex::Futex;
 use luna_platform::path::{self, Call};
+use std::cell::Cell;
 use std::fmt;
+use std::marker::PhantomData;
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -33,6 +35,63 @@ pub struct Living {
     ended: AtomicPtr<Record>,
     /// The threads that live, in the order of their start. A plain lock: threads take it as they start and end, off the path.
     threads: Mutex<Vec<(Home, Arc<dyn Sleeper>)>>,
+}
+
+/// How many ends an executor's thread keeps to itself at most.
+const MOST_KEPT: usize = 32;
+
+/// The ends that nobody is in a hurry to learn of, and that this thread has not told yet: see [`Living::keep_ends`].
+///
+/// # Invariants
+///
+/// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned by its place there.
+struct Kept {
+    of: Cell<*const Living>,
+    /// How many processes have ended that still count as living. Who is made next on this thread counts in the place of one of them.
+    counted: Cell<usize>,
+    newest: Cell<*mut Record>,
+    oldest: Cell<*mut Record>,
+    listed: Cell<usize>,
+}
+
+thread_local! {
+    static KEPT: Kept = const {
+        Kept {
+            of: Cell::new(ptr::null()),
+            counted: Cell::new(0),
+            newest: Cell::new(ptr::null_mut()),
+            oldest: Cell::new(ptr::null_mut()),
+            listed: Cell::new(0),
+        }
+    };
+}
+
+impl Kept {
+    #[inline]
+    fn is_of(&self, living: &Living) -> bool {
+        ptr::eq(self.of.get(), living)
+    }
+
+    fn is_full(&self) -> bool {
+        self.counted.get() >= MOST_KEPT || self.listed.get() >= MOST_KEPT
+    }
+
+    fn list(&self, record: Arc<Record>) {
+        let record = Arc::into_raw(record).cast_mut();
+        let before = self.newest.replace(record);
+        // SAFETY: it is owned, and in no chain yet.
+        unsafe { (*record).after.store(before, Ordering::Relaxed) };
+        if before.is_null() {
+            self.oldest.set(record);
+        }
+        self.listed.set(self.listed.get() + 1);
+    }
+
+    /// Gives the chain away, which begins at the newest.
+    fn take(&self) -> *mut Record {
+        self.listed.set(0);
+        self.newest.replace(ptr::null_mut())
+    }
 }
 
 /// All threads of a [`Living`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
@@ -84,6 +143,8 @@ impl Living {
 
     /// As [`wait`](Self::wait), but the end of a process that is in no hurry ([`ProcessSpec::unhurried`](crate::ProcessSpec::unhurried)) does not end the
     /// sleep, unless it is the last that lives: for one who has just looked after such ends, and looks again soon anyway. So many ends in a row cost no system call.
+    ///
+    /// An executor may tell of such ends in one go: when it has nothing to do, or when there are 32 of them; at once if it sees that somebody [waits](Self::wait) for any.
     pub fn rest(&self, seen: u32, deadline: Instant) {
         self.wait_as(&self.resting, seen, deadline);
     }
@@ -120,10 +181,26 @@ impl Living {
     /// Gives the numbers of the processes that have ended since the last call, in the order of their ends; of those that are to be
     /// [listed](crate::ProcessSpec::listed). O(their number). It may free memory, so it is not for the real-time path.
     pub fn take_ended(&self, mut each: impl FnMut(ProcessId)) {
+        for record in self.take_told() {
+            each(record.id());
+        }
+        let own = KEPT.with(|kept| match kept.is_of(self) {
+            true => kept.take(),
+            false => ptr::null_mut(),
+        });
+        if !own.is_null() {
+            for record in Chain::reversed(own) {
+                each(record.id());
+            }
+        }
+    }
+
+    /// Those that were told since the last call, in the order of their ends.
+    fn take_told(&self) -> Chain {
         let mut ended = self.ended.load(Ordering::Relaxed);
         loop {
             if ended.is_null() || ended == CLOSED {
-                return;
+                return Chain(None);
             }
             let taken = self.ended.compare_exchange_weak(
                 ended,
@@ -132,12 +209,9 @@ impl Living {
                 Ordering::Relaxed,
             );
             match taken {
-                Ok(_) => break,
+                Ok(_) => return Chain::reversed(ended),
                 Err(now) => ended = now,
             }
-        }
-        for record in Chain::reversed(ended) {
-            each(record.id());
         }
     }
 
@@ -154,14 +228,24 @@ impl Living {
     /// Lists a process that has ended. O(1).
     pub(super) fn list_ended(&self, record: Arc<Record>) {
         let record = Arc::into_raw(record).cast_mut();
+        // SAFETY: it is owned, and not in the chain yet.
+        unsafe { self.list_chain(record, record) };
+    }
+
+    /// Lists those of a chain from the newest to the oldest.
+    ///
+    /// # Safety
+    ///
+    /// It is a chain of records that are owned by their places in it, and is given away.
+    unsafe fn list_chain(&self, newest: *mut Record, oldest: *mut Record) {
         let mut first = self.ended.load(Ordering::Relaxed);
         while first != CLOSED {
-            // SAFETY: it is owned, and not in the chain yet.
-            unsafe { (*record).after.store(first, Ordering::Relaxed) };
+            // SAFETY: the contract: it is owned.
+            unsafe { (*oldest).after.store(first, Ordering::Relaxed) };
             // Release: who takes it sees how it ended.
             match self.ended.compare_exchange_weak(
                 first,
-                record,
+                newest,
                 Ordering::Release,
                 Ordering::Relaxed,
             ) {
@@ -169,8 +253,60 @@ impl Living {
                 Err(now) => first = now,
             }
         }
-        // SAFETY: it was given away above, and nobody has taken it.
-        drop(unsafe { Arc::from_raw(record) });
+        // SAFETY: as above; nobody has taken it.
+        unsafe { (*oldest).after.store(ptr::null_mut(), Ordering::Relaxed) };
+        drop(Chain::reversed(newest));
+    }
+
+    /// Until the guard is dropped the calling thread, an executor's, tells of the ends of its processes that are in no hurry in one go: in
+    /// [`tell_kept`](Self::tell_kept), which it calls before it sleeps, so that nobody waits for it longer than it works.
+    pub(crate) fn keep_ends(self: &Arc<Self>) -> KeepsEnds {
+        KEPT.with(|kept| kept.of.set(Arc::as_ptr(self)));
+        KeepsEnds {
+            living: self.clone(),
+            stays_on_its_thread: PhantomData,
+        }
+    }
+
+    /// Tells of the ends that this thread keeps. Real-time path: yes; O(1).
+    #[inline]
+    pub(crate) fn tell_kept(&self) {
+        KEPT.with(|kept| {
+            if kept.is_of(self) && (kept.counted.get() > 0 || !kept.newest.get().is_null()) {
+                self.tell(kept);
+            }
+        });
+    }
+
+    #[cold]
+    fn tell(&self, kept: &Kept) {
+        let newest = kept.take();
+        if !newest.is_null() {
+            // SAFETY: the invariant; the chain was just taken.
+            unsafe { self.list_chain(newest, kept.oldest.get()) };
+        }
+        let ended = kept.counted.take();
+        let are_last = ended > 0 && self.count.fetch_sub(ended, Ordering::AcqRel) == ended;
+        self.change(are_last);
+    }
+
+    /// Keeps an end that nobody is in a hurry to learn of, if this thread does; O(1). `listed`: whether it is to be listed.
+    #[inline]
+    pub(super) fn keep(&self, record: &Arc<Record>, listed: bool) -> bool {
+        KEPT.with(|kept| {
+            // What was announced is told at once, and what ended before it, so that the order stays.
+            if !kept.is_of(self) || self.is_urgent.load(Ordering::Relaxed) {
+                return false;
+            }
+            if listed {
+                kept.list(record.clone());
+            }
+            kept.counted.set(kept.counted.get() + 1);
+            if kept.is_full() || self.watchful.load(Ordering::Relaxed) > 0 {
+                self.tell(kept);
+            }
+            true
+        })
     }
 
     /// Whether there was an instant during this call at which all threads slept with nothing of their own to wake them: no deadline, no
@@ -254,7 +390,17 @@ impl Living {
     }
 
     pub(super) fn enter(&self) {
-        self.count.fetch_add(1, Ordering::AcqRel);
+        let is_counted = KEPT.with(|kept| {
+            let counted = kept.counted.get();
+            let is_counted = counted > 0 && kept.is_of(self);
+            if is_counted {
+                kept.counted.set(counted - 1);
+            }
+            is_counted
+        });
+        if !is_counted {
+            self.count.fetch_add(1, Ordering::AcqRel);
+        }
     }
 
     /// A process that has ended goes: nobody else is told about one that is in no hurry, but who waits for any, or for the last.
@@ -318,6 +464,19 @@ impl Drop for Chain {
 
 fn sleepers(threads: &[(Home, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
     threads.iter().map(|(_, thread)| &**thread).collect()
+}
+
+/// The guard of [`Living::keep_ends`].
+pub(crate) struct KeepsEnds {
+    living: Arc<Living>,
+    stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl Drop for KeepsEnds {
+    fn drop(&mut self) {
+        self.living.tell_kept();
+        KEPT.with(|kept| kept.of.set(ptr::null()));
+    }
 }
 
 /// A thread that is counted in.

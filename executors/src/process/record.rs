@@ -6,7 +6,7 @@ use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
 use luna_platform::clock::Instant;
 use luna_platform::current::{Activity, Process, ProcessId};
-use luna_platform::lock::PiLock;
+use luna_platform::home_lock::HomeLock;
 use luna_platform::path;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
@@ -44,52 +44,66 @@ impl Notice {
     pub(crate) const ENDED: u8 = 4;
 }
 
-/// What the record sees of the process itself.
+/// What the record sees of the process itself, in one word: nothing yet, where it lies, or how often it was polled before it went.
 ///
 /// # Invariants
 ///
-/// A process that is here is live, and has a waker: it says before it goes.
-enum Seen {
-    /// It is not there yet, or not any more, and was polled so often.
-    Nothing {
-        polls: u64,
-    },
-    Waker(Box<Waker>),
-    Process(NonNull<Process>),
-}
-
-// SAFETY: a process can be looked at from any thread.
-unsafe impl Send for Seen {}
+/// It is changed under the record's lock. A process that is here while that is held is live, and has a waker: it says before it goes.
+struct Seen(AtomicPtr<Process>);
 
 impl Seen {
-    fn process(&self) -> Option<&Process> {
-        match self {
-            // SAFETY: the type's invariant.
-            Seen::Process(process) => Some(unsafe { process.as_ref() }),
-            _ => None,
-        }
+    const fn nothing() -> Self {
+        Self(AtomicPtr::new(ptr::null_mut()))
     }
 
-    fn waker(&self) -> Option<&Waker> {
-        match self {
-            Seen::Nothing { .. } => None,
-            Seen::Waker(waker) => Some(waker),
-            seen => seen.process().and_then(Process::waker),
-        }
+    /// How often one that has gone was polled. No process lies at an odd address.
+    fn polls_of_gone(word: *mut Process) -> Option<u64> {
+        let word = word.addr();
+        (word & 1 != 0).then_some((word >> 1) as u64)
     }
 
-    fn polls(&self) -> u64 {
-        match self {
-            Seen::Nothing { polls } => *polls,
-            seen => seen.process().map_or(0, Process::polls),
+    /// How often the process was polled, if it has gone: without the lock, since that does not change any more.
+    fn last_polls(&self) -> Option<u64> {
+        Self::polls_of_gone(self.0.load(Ordering::Acquire))
+    }
+
+    /// The process, if it is there.
+    ///
+    /// # Safety
+    ///
+    /// The record's lock is held as long as what is returned is used.
+    unsafe fn process(&self) -> Option<&Process> {
+        let word = self.0.load(Ordering::Relaxed);
+        if Self::polls_of_gone(word).is_some() {
+            return None;
         }
+        // SAFETY: the invariant.
+        unsafe { word.as_ref() }
+    }
+
+    /// How often it was polled.
+    ///
+    /// # Safety
+    ///
+    /// The record's lock is held.
+    unsafe fn polls(&self) -> u64 {
+        // SAFETY: the contract.
+        let process = unsafe { self.process() };
+        process.map_or(self.last_polls().unwrap_or(0), Process::polls)
     }
 
     /// Says that the process goes.
-    #[must_use = "a waker is not dropped under a lock"]
-    fn forget(&mut self) -> Seen {
-        let polls = self.polls();
-        std::mem::replace(self, Seen::Nothing { polls })
+    ///
+    /// # Safety
+    ///
+    /// The record's lock is held.
+    unsafe fn forget(&self) {
+        // SAFETY: the contract.
+        let polls = unsafe { self.polls() };
+        let most = usize::MAX >> 1;
+        let polls = usize::try_from(polls).unwrap_or(most).min(most);
+        let word = ptr::without_provenance_mut(polls << 1 | 1);
+        self.0.store(word, Ordering::Release);
     }
 }
 
@@ -108,7 +122,9 @@ pub(crate) struct Record {
     /// Whether its end is to be listed.
     listed: bool,
     unhurried: bool,
-    pub(super) shown: PiLock<Shown>,
+    seen: Seen,
+    /// The process' own thread takes it without atomics, unless others look at the process too.
+    pub(super) shown: HomeLock<Shown>,
     /// If its polls are timed, be it for the overseer's sake.
     timing: Option<Box<Timing>>,
     /// Who ended before it, while it is listed.
@@ -117,7 +133,8 @@ pub(crate) struct Record {
 
 /// What is looked at and changed from other threads.
 pub(super) struct Shown {
-    seen: Seen,
+    /// How to wake a process that is not there yet.
+    waker: Option<Box<Waker>>,
     pub(super) joining: WaitList,
     /// What it has panicked with.
     panic: Option<Box<dyn Any + Send>>,
@@ -131,9 +148,14 @@ struct Timing {
 }
 
 impl Record {
-    /// A process that counts among those that live.
-    pub(crate) fn new(spec: ProcessSpec, living: &Living) -> Arc<Self> {
+    /// A process that counts among those that live. `is_home`: the calling thread is the executor that it is to run on.
+    pub(crate) fn new(spec: ProcessSpec, living: &Living, is_home: bool) -> Arc<Self> {
         living.enter();
+        let shown = Shown {
+            waker: None,
+            joining: WaitList::new(),
+            panic: None,
+        };
         path::name_process(spec.id, &spec.name);
         let timing = (spec.timed || spec.overseer.is_some()).then(|| {
             Box::new(Timing {
@@ -151,11 +173,12 @@ impl Record {
             poisoned: AtomicBool::new(false),
             listed: spec.listed,
             unhurried: spec.unhurried,
-            shown: PiLock::new(Shown {
-                seen: Seen::Nothing { polls: 0 },
-                joining: WaitList::new(),
-                panic: None,
-            }),
+            seen: Seen::nothing(),
+            shown: if is_home {
+                HomeLock::favouring_this_home(shown)
+            } else {
+                HomeLock::new(shown)
+            },
             timing,
             after: AtomicPtr::new(ptr::null_mut()),
         })
@@ -225,7 +248,10 @@ impl Record {
         if self.has_ended() {
             return ProcessState::Ended;
         }
-        match shown.seen.process().map(Process::activity) {
+        // SAFETY: the lock is held.
+        let activity = unsafe { self.seen.process() }.map(Process::activity);
+        drop(shown);
+        match activity {
             None | Some(Activity::New) => ProcessState::Created,
             Some(Activity::Ready) => ProcessState::Ready,
             Some(Activity::Running) => ProcessState::Running,
@@ -235,7 +261,11 @@ impl Record {
 
     /// How often it was given the processor.
     pub(super) fn polls(&self) -> u64 {
-        self.shown.lock().seen.polls()
+        self.seen.last_polls().unwrap_or_else(|| {
+            let _shown = self.shown.lock();
+            // SAFETY: the lock is held.
+            unsafe { self.seen.polls() }
+        })
     }
 
     /// Begins a timed poll; gives when.
@@ -279,7 +309,8 @@ impl Record {
     /// Says how to wake it before it is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
         let waker = Box::new(waker);
-        self.shown.lock().seen = Seen::Waker(waker);
+        let before = self.shown.lock().waker.replace(waker);
+        drop(before);
     }
 
     /// Says where it is. The process, which has a waker, stays there until it has [finished](Self::finish), or it was [forgotten](Self::forget_process).
@@ -288,8 +319,9 @@ impl Record {
     ///
     /// That.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
-        let before = std::mem::replace(&mut self.shown.lock().seen, Seen::Process(process));
-        drop(before);
+        let shown = self.shown.lock();
+        self.seen.0.store(process.as_ptr(), Ordering::Release);
+        drop(shown);
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
@@ -298,18 +330,26 @@ impl Record {
 
     /// Says that the process goes.
     pub(crate) fn forget_process(&self) {
-        let seen = self.shown.lock().seen.forget();
-        drop(seen);
+        let waker = {
+            let mut shown = self.shown.lock();
+            // SAFETY: the lock is held.
+            unsafe { self.seen.forget() };
+            shown.waker.take()
+        };
+        drop(waker);
     }
 
     pub(crate) fn cancel(&self) {
         self.cancelled.store(true, Ordering::Release);
         let waker = {
             let shown = self.shown.lock();
-            if let Some(process) = shown.seen.process() {
+            // SAFETY: the lock is held as long as it is used.
+            if let Some(process) = unsafe { self.seen.process() } {
                 process.notify(Notice::CANCELLED);
+                process.waker().cloned()
+            } else {
+                shown.waker.as_deref().cloned()
             }
-            shown.seen.waker().cloned()
         };
         if let Some(waker) = waker {
             waker.wake();
@@ -354,7 +394,9 @@ impl Record {
             }
         };
         // Nobody has anything to ask of the process itself any more.
-        let mut seen = Some(shown.seen.forget());
+        // SAFETY: the lock is held.
+        unsafe { self.seen.forget() };
+        let mut waker = shown.waker.take();
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = shown.joining.pop() {
@@ -368,7 +410,7 @@ impl Record {
                 ready
             };
             drop(shown);
-            drop(seen.take());
+            drop(waker.take());
             if let Some(ready) = ready
                 && let Err(payload) = catch_unwind(AssertUnwindSafe(|| ready.wake()))
             {
@@ -381,12 +423,17 @@ impl Record {
             shown = self.shown.lock();
         }
         drop(shown);
-        drop(seen);
+        drop(waker);
         self.tell(in_a_hurry, living);
     }
 
     /// Tells who counts and lists the processes that this one has ended.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
+        if !in_a_hurry && living.keep(self, self.listed) {
+            return;
+        }
+        // In the order of their ends.
+        living.tell_kept();
         if self.listed {
             living.list_ended(self.clone());
         }

@@ -18,7 +18,7 @@
 mod memory;
 mod waker;
 
-use crate::executor::Shared;
+use crate::executor::{self, Shared};
 use crate::interference;
 use crate::process::{Body, Notice, Of, Record};
 use crate::seats::{Seat, Seats};
@@ -27,9 +27,9 @@ use luna_platform::reclaim::Retired;
 use std::any::Any;
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
-use std::mem::offset_of;
+use std::mem::{ManuallyDrop, offset_of};
 use std::pin::Pin;
-use std::ptr::NonNull;
+use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 use std::task::Context;
@@ -85,7 +85,8 @@ struct Task {
     poll: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
     methods: &'static BodyMethods,
     record: Arc<Record>,
-    shared: Arc<Shared>,
+    /// Given back as the task is freed.
+    shared: ManuallyDrop<Arc<Shared>>,
     seat: Seat,
     references: AtomicU32,
     /// How many bytes in front of the task belong to its memory.
@@ -145,7 +146,7 @@ where
                 }
             },
             record,
-            shared,
+            shared: ManuallyDrop::new(shared),
             seat,
             references: AtomicU32::new(waker::FIRST),
             skipped,
@@ -374,8 +375,10 @@ unsafe fn free_retired<F>(head: NonNull<Retired>) {
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
         let skipped = task.as_ref().skipped;
+        let shared = ptr::read(&raw const *task.as_ref().shared);
         let whole = task.cast::<Whole<F>>();
         whole.drop_in_place();
+        executor::give_back(shared);
         memory::free(whole, skipped);
     }
 }
@@ -388,7 +391,7 @@ mod tests {
     #[test]
     fn a_task_takes_little_beside_its_body() {
         assert!(size_of::<Task>() <= 248, "{}", size_of::<Task>());
-        assert!(size_of::<Record>() <= 104, "{}", size_of::<Record>());
+        assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
         assert!(size_of::<Process>() <= 176, "{}", size_of::<Process>());
     }
 }

@@ -74,6 +74,11 @@ static ALL: &[Operation] = &[
     operation("switch", (500, 2), processes::switch),
     operation("wake itself", (500, 1), processes::wake_itself),
     operation("spawn and join", (64, 1), processes::spawn_and_join),
+    operation(
+        "start and join, one of many",
+        (2048, 1),
+        processes::start_and_join,
+    ),
     operation("timer armed and expired", (40, 1), processes::timer),
     operation("barrier of 8, a round", (200, 1), shared::barrier),
     operation("mutex lock and unlock", (500, 1), shared::mutex),

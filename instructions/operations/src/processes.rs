@@ -70,6 +70,23 @@ pub(crate) fn spawn_and_join(steps: u64) -> luna::Result<()> {
     })
 }
 
+/// As above, of processes that share their name.
+pub(crate) fn start_and_join(steps: u64) -> luna::Result<()> {
+    on_one_executor("start", |executor| {
+        let place = executor.clone();
+        executor.process("parent").spawn(move || async move {
+            laps(steps, async |_| {
+                let child = place.process("child").one_of_many();
+                let child = child.start(async { Ok(()) }).expect("the system runs");
+                assert_eq!(child.join().await, luna::Exit::Completed);
+            })
+            .await;
+            Ok(())
+        })?;
+        Ok(())
+    })
+}
+
 /// Far enough ahead for the executor to be asleep by then, however slowly it runs.
 const DELAY: Duration = Duration::from_millis(4);
 

@@ -56,6 +56,14 @@ impl LevelNow {
     }
 }
 
+impl Drop for Inheritance {
+    fn drop(&mut self) {
+        if let Some(home) = self.home.take() {
+            super::give_back_home_thread(home);
+        }
+    }
+}
+
 impl Inheritance {
     pub(super) fn new(home: Option<Arc<HomeThread>>) -> Self {
         Self {

@@ -27,6 +27,7 @@ pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, Pro
 pub use wakeup::{PlainReady, Ready, Wakeup};
 
 use crate::path;
+use crate::spare::Spare;
 use crate::sync::Arc;
 use crate::timer_queue::TimerQueue;
 use home_thread::HomeThread;
@@ -105,6 +106,8 @@ thread_local! {
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
     static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
+    /// What the processes of this thread that have ended had of the same.
+    static SPARE_HOME_THREADS: Spare<HomeThread> = const { Spare::new() };
 }
 
 /// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
@@ -131,6 +134,7 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         }
         None => HomeThread::new(),
     };
+    SPARE_HOME_THREADS.with(|spare| spare.keep(&thread));
     HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
     HomeGuard { home }
 }
@@ -151,6 +155,7 @@ impl Drop for HomeGuard {
         });
         set_on_path(false);
         TIMERS.with(|slot| slot.borrow_mut().take());
+        SPARE_HOME_THREADS.with(Spare::release);
         if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
             && !thread.is_plain()
         {
@@ -205,7 +210,20 @@ pub(crate) fn home_number() -> u64 {
 
 /// What is known of the thread of `home`, if this is it.
 fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
-    (self::home() == Some(home)).then(|| HOME_THREAD.with(|slot| slot.borrow().clone()))?
+    if self::home() != Some(home) {
+        return None;
+    }
+    HOME_THREAD.with(|slot| {
+        let slot = slot.borrow();
+        let thread = slot.as_ref()?;
+        Some(SPARE_HOME_THREADS.with(|spare| spare.another(thread)))
+    })
+}
+
+/// Ends a reference that [`home_thread_of`] gave.
+fn give_back_home_thread(thread: std::sync::Arc<HomeThread>) {
+    // A thread that is ending keeps none any more.
+    let _ = SPARE_HOME_THREADS.try_with(move |spare| spare.give_back(thread));
 }
 
 /// The calling thread, for what it was lent itself: as a home, or as a plain one. None while it ends, and in a model.

@@ -70,7 +70,14 @@ impl References {
     /// Ends the process, on the home's thread, once; `true` if nobody refers to it.
     #[must_use = "if nobody refers to it, the process is to be freed"]
     pub(super) fn end(&self) -> bool {
-        let added = self.here.replace(HAS_ENDED) + ENDED;
+        let here = self.here.replace(HAS_ENDED);
+        // Often nobody does, which costs no more than a look. It may be an old value that is read, but not one from before a copy of what has gone at home: who copies a
+        // reference does so before it goes. So each that is counted as gone was counted as there, and if the sum is 0 there is none, and nobody who could make another.
+        // Acquire: as in `remove`.
+        if self.elsewhere.load(Ordering::Acquire) + here == 0 {
+            return true;
+        }
+        let added = here + ENDED;
         self.elsewhere.fetch_add(added, Ordering::AcqRel) + added == ENDED
     }
 }
@@ -124,6 +131,58 @@ mod loom_tests {
     unsafe impl Send for Shared {}
     // SAFETY: as above.
     unsafe impl Sync for Shared {}
+
+    /// What goes elsewhere was copied there before, and its original goes at home.
+    #[test]
+    fn a_copy_that_is_alive_is_never_overlooked() {
+        loom::model(|| {
+            let shared = Arc::new((
+                Shared(References::new()),
+                AtomicUsize::new(0),
+                AtomicUsize::new(2),
+            ));
+            let copied = Arc::new(AtomicUsize::new(0));
+            shared.0.0.add();
+            let other = {
+                let (shared, copied) = (shared.clone(), copied.clone());
+                loom::thread::spawn(move || {
+                    // A copy of the home's, which lives until the home is told.
+                    shared.0.0.add_elsewhere();
+                    copied.store(1, Ordering::Release);
+                    shared.2.fetch_sub(1, Ordering::SeqCst);
+                    if shared.0.0.remove(false) {
+                        assert_eq!(shared.2.load(Ordering::SeqCst), 0);
+                        shared.1.fetch_add(1, Ordering::SeqCst);
+                    }
+                })
+            };
+            // The original goes once it is no longer borrowed; if it still is, it goes after the end.
+            let may_go = copied.load(Ordering::Acquire) == 1;
+            let go = |shared: &(Shared, AtomicUsize, AtomicUsize)| {
+                shared.2.fetch_sub(1, Ordering::SeqCst);
+                shared.0.0.remove(true)
+            };
+            let went = may_go && go(&shared);
+            assert!(!went, "the process has not ended");
+            if shared.0.0.end() {
+                assert_eq!(
+                    shared.2.load(Ordering::SeqCst),
+                    0,
+                    "freed while referred to"
+                );
+                shared.1.fetch_add(1, Ordering::SeqCst);
+            }
+            if !may_go {
+                other.join().unwrap();
+                if go(&shared) {
+                    shared.1.fetch_add(1, Ordering::SeqCst);
+                }
+            } else {
+                other.join().unwrap();
+            }
+            assert_eq!(shared.1.load(Ordering::SeqCst), 1);
+        });
+    }
 
     #[test]
     fn exactly_one_frees_and_only_when_all_have_gone() {
