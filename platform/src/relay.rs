@@ -237,12 +237,6 @@ impl Relay {
         matches!(self.state().phase, Phase::Begun | Phase::Done)
     }
 
-    /// Whether it has begun, and nobody has come yet to run the first job.
-    pub fn waits_for_the_first(&self) -> bool {
-        let state = self.state();
-        state.phase == Phase::Begun && state.next == 0 && state.runner == 0
-    }
-
     /// Whether it has begun, and is not done.
     pub fn is_under_way(&self) -> bool {
         self.state().phase == Phase::Begun

@@ -73,6 +73,8 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         // The user's code drops them.
         drop(members);
         drop(never_prepared);
+        // Nobody runs them any more.
+        plan.emergency().conclude();
     })
 }
 

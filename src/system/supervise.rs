@@ -38,10 +38,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
-    let launched = launch(plan).inspect_err(|_| {
-        // Nobody will ever run the functions: they are dropped.
-        plan.emergency().conclude();
-    })?;
+    let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
     let running = launched.running.clone();

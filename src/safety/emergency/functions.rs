@@ -6,7 +6,7 @@ use luna_platform::lock::PiLock;
 use luna_platform::relay::{Leg, Relay, Turn};
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 /// How long a function may take unless stated.
@@ -98,6 +98,8 @@ pub(crate) struct Functions {
     slots: PiLock<Vec<Slot>>,
     /// The instant of the trigger, 0 before.
     triggered: AtomicU64,
+    /// Whether one was called since then.
+    has_called: AtomicBool,
 }
 
 impl Functions {
@@ -106,6 +108,7 @@ impl Functions {
             relay: Relay::new(),
             slots: PiLock::new(Vec::with_capacity(MOST)),
             triggered: AtomicU64::new(0),
+            has_called: AtomicBool::new(false),
         }
     }
 
@@ -174,7 +177,13 @@ impl Functions {
         }
         self.relay.again();
         self.triggered.store(0, Ordering::Relaxed);
+        self.has_called.store(false, Ordering::Relaxed);
         true
+    }
+
+    /// Whether they have begun, and none was called yet.
+    pub(super) fn wait_for_the_first(&self) -> bool {
+        self.relay.is_under_way() && !self.has_called.load(Ordering::Acquire)
     }
 
     pub(super) fn count(&self) -> usize {
@@ -216,6 +225,8 @@ impl Functions {
             return self.relay.finish(turn);
         };
         around(true);
+        // Behind the reading of the clock: who has looked on is later than that.
+        self.has_called.store(true, Ordering::Release);
         // The others must run whatever this one does.
         let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
             Ok(()) => FunctionOutcome::Ran,

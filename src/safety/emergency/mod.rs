@@ -153,7 +153,7 @@ impl Emergency {
         }
         // On the core of a thread with a lower priority the crew has preempted it before this is reached; with a time limit all the same.
         let until = Instant::now_real() + LOOKS_ON;
-        while self.at_emergency.relay().waits_for_the_first() && Instant::now_real() < until {
+        while self.at_emergency.wait_for_the_first() && Instant::now_real() < until {
             std::hint::spin_loop();
         }
     }
