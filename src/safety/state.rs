@@ -206,6 +206,14 @@ impl Journal {
         };
         let latched = event.clone();
         let mut book = self.book.lock();
+        if matches!(event.cause, Cause::Signal(_))
+            && book.latched[2]
+                .as_ref()
+                .is_some_and(|latched| latched.cause == event.cause)
+        {
+            // Another member of the crew has heard of it just before.
+            return;
+        }
         if degree > self.degree() {
             if !admit() {
                 return;

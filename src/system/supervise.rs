@@ -115,7 +115,11 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     plan.members().started.note_last_ends(living, emergency);
     end.bury();
     drop(parent);
-    let signal = guard.stop();
+    let signal = guard.stop().or_else(|| match emergency.cause() {
+        // A crash, by a signal that was then handled otherwise.
+        Some((_, Cause::Signal(number))) => Some(number),
+        _ => None,
+    });
     // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample();

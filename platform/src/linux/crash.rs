@@ -16,6 +16,9 @@ const SIGNALS: [libc::c_int; 5] = [
     libc::SIGABRT,
 ];
 
+/// The place of SIGABRT among them.
+const ABORT: usize = 4;
+
 /// What each signal did before.
 ///
 /// # Invariants
@@ -39,19 +42,10 @@ pub(crate) fn current_thread() -> i32 {
 /// Sets the handlers. Called by one thread at a time, when none is set.
 pub(crate) fn install() -> Result<(), SignalError> {
     for (index, &signal) in SIGNALS.iter().enumerate() {
-        let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-        // SAFETY: all zeros is an action, whose fields are then set. What was before is read first, into a place that nobody reads before the handler is set.
-        let outcome = unsafe {
-            let action = action.assume_init_mut();
-            action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
-            // On a stack of its own, since the thread's may be used up. A fault while its own signal is blocked ends the program by default.
-            action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
-            libc::sigemptyset(&raw mut action.sa_mask);
-            let before = BEFORE.0[index].get().cast::<libc::sigaction>();
-            Errno::result(libc::sigaction(signal, ptr::null(), before))
-                .and_then(|_| Errno::result(libc::sigaction(signal, action, ptr::null_mut())))
-        };
-        if let Err(error) = outcome {
+        let before = BEFORE.0[index].get().cast::<libc::sigaction>();
+        // SAFETY: what was before is read first, into a place that nobody reads before the handler is set.
+        let known = Errno::result(unsafe { libc::sigaction(signal, ptr::null(), before) });
+        if let Err(error) = known.and_then(|_| set_handler(signal)) {
             SIGNALS[..index].iter().enumerate().for_each(restore_one);
             return Err(SignalError::NoCrashHandler {
                 number: signal,
@@ -60,6 +54,20 @@ pub(crate) fn install() -> Result<(), SignalError> {
         }
     }
     Ok(())
+}
+
+fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
+    let mut action = MaybeUninit::<libc::sigaction>::zeroed();
+    // SAFETY: all zeros is an action, whose fields are then set.
+    let outcome = unsafe {
+        let action = action.assume_init_mut();
+        action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
+        // On a stack of its own, since the thread's may be used up. A fault while its own signal is blocked ends the program by default.
+        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
+        libc::sigemptyset(&raw mut action.sa_mask);
+        libc::sigaction(signal, action, ptr::null_mut())
+    };
+    Errno::result(outcome).map(drop)
 }
 
 /// Sets what the signals did before, where nobody has set something else since.
@@ -90,6 +98,8 @@ extern "C" fn crashed(
     let Some(index) = SIGNALS.iter().position(|&signal| signal == number) else {
         return;
     };
+    // Whoever handled it before may abort, and there may be no room for one more of these on a small stack; what it is for has been done.
+    restore_one((ABORT, &SIGNALS[ABORT]));
     // SAFETY: it was written before this handler was set. The kernel's arguments are passed on to whoever would have been given them.
     unsafe {
         let before = *BEFORE.0[index].get().cast::<libc::sigaction>();
@@ -106,6 +116,7 @@ extern "C" fn crashed(
         }
         if !is_default(number) {
             // Who handled it before has, and the program goes on.
+            let _ = set_handler(SIGNALS[ABORT]);
             forget();
             return;
         }

@@ -118,7 +118,7 @@ pub(crate) struct EmergencyThread {
     policy: Policy,
     threads: Vec<Thread<()>>,
     signals: Option<SignalWatch>,
-    _crash: Option<CrashWatch>,
+    crash: Option<CrashWatch>,
 }
 
 impl EmergencyThread {
@@ -155,7 +155,7 @@ impl EmergencyThread {
             policy,
             threads: Vec::with_capacity(MOST),
             signals,
-            _crash: crash,
+            crash,
         };
         for _ in 0..ON_DUTY {
             all.add_member()?;
@@ -228,6 +228,12 @@ impl EmergencyThread {
             if !crew.is_left_behind(member as u8) {
                 // A panic in a function is caught; the thread's own would have been reported by the panic hook.
                 let _ = thread.join();
+            }
+        }
+        if let Some(crash) = &self.crash {
+            // The program is about to end by it, unless whoever handled the signal before knows better: it must not end as if nothing had been.
+            while crash.slot().signal().is_some() {
+                std::thread::sleep(Duration::from_millis(1));
             }
         }
         if let Some(signals) = self.signals.take() {
@@ -305,20 +311,24 @@ fn step(emergency: &Emergency, member: u8) -> Task {
 }
 
 impl Emergency {
-    /// Begins if a signal has come.
+    /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
     fn hear(&self) {
         let crew = &self.crew;
         if crew.hears_signals.load(Ordering::Relaxed)
             && let Some(number) = signals::received()
-            && crew.heard.swap(number as u32, Ordering::Relaxed) == 0
         {
-            self.begin(Cause::Signal(number));
+            let is_news = crew.heard.swap(number as u32, Ordering::Relaxed) == 0;
+            if is_news || !self.has_begun() {
+                self.begin(Cause::Signal(number));
+            }
         }
         if let Some(crash) = crew.crash.get()
             && let Some(number) = crash.signal()
-            && !crew.heard_crash.swap(true, Ordering::Relaxed)
         {
-            self.begin(Cause::Signal(number));
+            let is_news = !crew.heard_crash.swap(true, Ordering::Relaxed);
+            if is_news || !self.has_begun() {
+                self.begin(Cause::Signal(number));
+            }
         }
     }
 }
