@@ -109,7 +109,7 @@ fn calls(
                     (before, alarms) = (CALLS.get(), 0);
                 }
                 luna::after(MS).await;
-                let _ = key.send_timeout(u32::from(n % 50 != 0), MS / 4).await;
+                let _ = key.send_timeout(u32::from(n % 50 != 1), MS / 4).await;
                 let _ = a.send_timeout(wrong(n), MS / 4).await;
                 if n % 9 != 0 {
                     let _ = b.send_timeout(wrong(n / 2), MS / 4).await;
