@@ -1,0 +1,186 @@
+//! A dead-man's key as a process.
+
+use super::alarms::Alarms;
+use super::{Steps, put_out};
+use crate::dead_man::{DeadMan, judge};
+use crate::fault::Finding;
+use crate::monitor::Monitor;
+use crate::response::{Reactor, Response};
+use crate::setting::SettingError;
+use luna::{Instant, Process, Receiver, Sender, alt};
+
+/// A [`DeadMan`] between two channels: values pass while the key is held, and neutral is put out else.
+///
+/// One is put out for each value that comes, and neutral at once when the key is released or its time is over, without waiting for the next value. Key writers that
+/// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
+/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends; also when its readers are gone.
+///
+/// While the system is in a safe state it puts out neutral. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
+/// for a safe state, and for an emergency.
+///
+/// ```
+/// use luna::prelude::*;
+/// use luna_safety_blocks::{DeadMan, DeadManProcess, Reaction};
+/// use std::time::Duration;
+///
+/// let mut system = System::new("jog");
+/// system.virtual_clock();
+/// let main = system.executor("main").build()?;
+/// let (speed, speeds) = luna::channel();
+/// let (key, keys) = luna::channel();
+/// let (safe, outputs) = luna::channel();
+/// let grip = DeadMan::new(Duration::from_millis(50))?;
+/// main.process("dead-man").spawn(DeadManProcess::new("grip", grip, 0.0, Reaction::Neutral, speeds, keys, safe)?)?;
+/// main.process("operator").spawn(async move {
+///     key.send(1).await?;
+///     speed.send(0.2).await?; // held
+///     luna::after(Duration::from_millis(60)).await; // and not refreshed
+///     Ok(())
+/// })?;
+/// main.process("drive").spawn(async move {
+///     let start = luna::now();
+///     assert_eq!(outputs.recv().await?, 0.2);
+///     assert_eq!(outputs.recv().await?, 0.0);
+///     assert_eq!(luna::now() - start, Duration::from_millis(50));
+///     while outputs.recv().await.is_ok() {}
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug)]
+#[must_use = "a process protects nobody until it is spawned"]
+pub struct DeadManProcess {
+    dead_man: DeadMan,
+    reactor: Reactor,
+    values: Receiver<f64>,
+    keys: Receiver<u32>,
+    output: Sender<f64>,
+    alarms: Alarms,
+}
+
+enum Event {
+    Value(Option<f64>),
+    Key(Option<u32>),
+    Time,
+}
+
+impl DeadManProcess {
+    /// Called `name`, between `values` and `output`, with the key that comes from `keys`.
+    ///
+    /// # Errors
+    ///
+    /// `neutral` is no finite number.
+    pub fn new(
+        name: &str,
+        dead_man: DeadMan,
+        neutral: f64,
+        response: impl Into<Response>,
+        values: Receiver<f64>,
+        keys: Receiver<u32>,
+        output: Sender<f64>,
+    ) -> Result<Self, SettingError> {
+        Ok(Self {
+            dead_man,
+            reactor: Reactor::new(name, neutral, response)?,
+            values,
+            keys,
+            output,
+            alarms: Alarms::default(),
+        })
+    }
+
+    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites.
+    pub fn tell(mut self, told: Sender<Finding>) -> Self {
+        self.alarms.tell(told);
+        self
+    }
+
+    /// What others see of it, and by which they reset it.
+    pub fn monitor(&self) -> Monitor {
+        self.reactor.monitor()
+    }
+
+    async fn pass_on(&mut self) -> luna::Result<()> {
+        self.alarms.begin();
+        let mut steps = Steps::default();
+        let mut put_out_at = Steps::default();
+        let mut last = steps_from(&mut steps);
+        let (mut has_keys, mut was_held) = (true, false);
+        let mut newest = self.reactor.neutral();
+        loop {
+            let expires = self.dead_man.expires_in().map(|time| last + time);
+            let event = alt! {
+                _ = luna::at(expires.unwrap_or(Instant::NEVER)), if expires.is_some() => Event::Time,
+                key = self.keys.recv(), if has_keys => Event::Key(key.ok()),
+                value = self.values.recv() => match value {
+                    Err(error) if error.is_poisoned() => return Err(error.into()),
+                    value => Event::Value(value.ok()),
+                },
+            };
+            last = luna::now();
+            let elapsed = steps.elapsed(last);
+            let key = match event {
+                // Writers that are gone do not come back.
+                Event::Key(None) => {
+                    has_keys = false;
+                    Some(0)
+                }
+                Event::Key(key) => key,
+                Event::Value(_) | Event::Time => None,
+            };
+            if self.alarms.safe_state_is_over() {
+                self.reactor.rearm();
+            }
+            self.reactor.take_reset();
+            let key = self.dead_man.step(key, elapsed);
+            let is_held = key.is_ok();
+            match event {
+                Event::Value(None) => return Ok(()),
+                Event::Value(Some(value)) => {
+                    newest = value;
+                }
+                _ if was_held && !is_held => {}
+                // A key that is refreshed, or still is not held, puts out nothing.
+                _ => {
+                    was_held = is_held;
+                    continue;
+                }
+            }
+            was_held = is_held;
+            let verdict = judge(newest, key, self.reactor.neutral());
+            // Since what was put out last: keys came in between.
+            let elapsed = put_out_at.elapsed(last);
+            let (value, alarm) = self.reactor.react(verdict, newest, elapsed);
+            if let Some(alarm) = alarm {
+                self.alarms.raise(alarm);
+            }
+            self.alarms.go_on()?;
+            let value = match self.alarms.is_safe_state() {
+                true => self.reactor.neutral(),
+                false => value,
+            };
+            if !put_out(&self.output, value).await? {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Begins to count, and gives the instant of it.
+fn steps_from(steps: &mut Steps) -> Instant {
+    let now = luna::now();
+    steps.elapsed(now);
+    now
+}
+
+impl Process for DeadManProcess {
+    async fn run(&mut self) -> luna::Result<()> {
+        let ended = self.pass_on().await;
+        if !matches!(&ended, Err(error) if !error.is_poisoned()) {
+            // Who is gone needs no neutral.
+            let _ = self.output.send(self.reactor.neutral()).await;
+        }
+        ended
+    }
+}
