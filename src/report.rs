@@ -101,6 +101,9 @@ pub struct ThreadReport {
     pub shortfalls: Vec<Shortfall>,
     /// Whether it did not end within the time that the end of a system is given, and was left to itself.
     pub abandoned: bool,
+    /// How long it had the processor from the release of its processes to their end, as the kernel counts it: what the processes did, and what it took to dispatch them, to put the
+    /// thread to sleep and to wake it. `None` where the system does not tell, on a virtual clock, and of a thread that was left to itself.
+    pub processor_time: Option<Duration>,
 }
 
 /// A process.

@@ -1,5 +1,7 @@
 //! `luna demo`: Jiwy, the thesis' pan-tilt camera, with a simulated mechanism.
 
+pub(crate) mod table;
+
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
@@ -47,6 +49,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     let report = system.run().map_err(Failure::Luna)?;
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
+        table_4: table::row(&report, arguments.rate, CONTROL),
         axes: AXES
             .iter()
             .zip(findings.iter().zip(&machine.states))
@@ -68,6 +71,9 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         let parts = [
             head + &text::header(&demo.measurement),
             report.to_string(),
+            demo.table_4.as_ref().map_or_else(String::new, |row| {
+                table::text(row, arguments.on_virtual_clock, report.really_elapsed)
+            }),
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
             text::memory(&demo.measurement) + text::ending(&demo.measurement),

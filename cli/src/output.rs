@@ -1,5 +1,6 @@
 //! What a command found: as one JSON object.
 
+use crate::demo::table::Row;
 use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 
@@ -91,6 +92,8 @@ pub(crate) struct Demo {
     /// Side by side with the axes.
     #[serde(flatten)]
     pub(crate) measurement: Measurement,
+    /// The run's row of the paper's table 4; nothing if its loop never came to run.
+    pub(crate) table_4: Option<Row>,
     /// Pan, tilt.
     pub(crate) axes: Vec<Axis>,
 }
@@ -183,6 +186,7 @@ mod tests {
 
         let demo = to_value(Demo {
             measurement,
+            table_4: None,
             axes: vec![Axis {
                 name: "pan",
                 tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },

@@ -70,6 +70,24 @@ fn demo_prints_json() {
     loops.iter().for_each(check_loop);
     assert_eq!(loops[0]["period_ns"], 1_000_000);
     assert_eq!(loops[0]["slots_kept"], 500);
+    let table = &demo["table_4"];
+    assert_eq!(
+        (table["rate_hz"].as_f64(), table["cycles"].as_u64()),
+        (Some(1000.0), Some(500))
+    );
+    let mean = table["cycle_ms"]["mean"].as_f64().expect("a mean");
+    assert!((0.9..10.0).contains(&mean), "{table}");
+    let switches = |of: &str| table["switches"][of].as_f64().expect("switches");
+    // Each of the 44 that control has at least one turn a cycle.
+    assert!(
+        switches("control") >= 44.0 && switches("all") > switches("control"),
+        "{table}"
+    );
+    let processing = &table["processing_us"];
+    assert!(
+        processing["mean"].as_f64() <= processing["max"].as_f64(),
+        "{table}"
+    );
     for (axis, name) in ["pan", "tilt"].iter().enumerate() {
         let axis = &demo["axes"][axis];
         assert_eq!(axis["name"], *name);
@@ -90,6 +108,7 @@ fn demo_prints_text() {
         "500 Hz",
         "policy other",
         "pan bridge",
+        "table 4",
         "tracking error",
         "wake-up latency of timer",
         "#",
@@ -97,6 +116,17 @@ fn demo_prints_text() {
     ] {
         assert!(out.contains(part), "{part} in:\n{out}");
     }
+}
+
+#[test]
+fn two_runs_on_a_virtual_clock_print_the_same_bytes() {
+    let run = || luna(&["demo", "--virtual", "--seconds", "12", "--json"]).stdout;
+    let first = run();
+    let demo: Value = serde_json::from_slice(&first).expect("one JSON object and nothing else");
+    assert_eq!(demo["complete"], true);
+    assert_eq!(demo["table_4"]["cycle_ms"]["max"], 1.0);
+    assert_eq!(demo["table_4"]["processor_us"], Value::Null);
+    assert!(first == run(), "two runs differ");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! nothing to do it sleeps until the next deadline.
 
 use crate::calls;
+use crate::counted::Counted;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
@@ -73,6 +74,7 @@ pub(crate) struct Shared {
     presence: Arc<Presence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
+    counted: Counted,
     /// Whose thread it shares with others, if it has none of its own.
     stage: Option<Arc<Stage>>,
     /// Set when one on a stage has stopped.
@@ -169,6 +171,7 @@ impl Shared {
             living,
             presence,
             spin: AtomicU64::new(0),
+            counted: Counted::default(),
             stage,
             stopped: Futex::new(0),
         })
@@ -317,6 +320,12 @@ impl Executor {
             Runs::OnThread(thread) => Some(thread.obtained()),
             Runs::OnStage | Runs::Nowhere => None,
         }
+    }
+
+    /// How long the thread has run from the release of its processes until it was asked to stop, once it has stopped; nothing where the system does not tell, and on a
+    /// simulation's thread.
+    pub fn processor_time(&self) -> Option<Duration> {
+        self.handle.shared.counted.get()
     }
 
     /// As [`ExecutorHandle::spawn`].
@@ -622,14 +631,16 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
         }
         shared.inbound.sleep(Instant::NEVER);
     }
-    let keeps = (shared.living.keep_ends(), reclaim::keep_own());
-    SPARE_SHARED.with(|spare| spare.keep(shared));
-    current::set_on_path(true);
-    while let Phase::RELEASED = shared.phase() {
-        turns(|| while round(shared, timers, true) {});
-    }
-    current::set_on_path(false);
-    drop(keeps);
+    shared.counted.count(|| {
+        let keeps = (shared.living.keep_ends(), reclaim::keep_own());
+        SPARE_SHARED.with(|spare| spare.keep(shared));
+        current::set_on_path(true);
+        while let Phase::RELEASED = shared.phase() {
+            turns(|| while round(shared, timers, true) {});
+        }
+        current::set_on_path(false);
+        drop(keeps);
+    });
     shared.close();
     for record in task::records() {
         record.cancel();

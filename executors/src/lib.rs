@@ -33,6 +33,8 @@ mod blocking;
 #[cfg(not(loom))]
 mod calls;
 #[cfg(not(loom))]
+mod counted;
+#[cfg(not(loom))]
 mod executor;
 #[cfg(all(unix, not(loom)))]
 mod file_error;

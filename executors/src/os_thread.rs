@@ -1,6 +1,7 @@
 //! OS-thread processes: one process blocked on its own thread.
 
 use crate::calls;
+use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
 use crate::presence::{Presence, Sleeper};
 use crate::process::{
@@ -231,6 +232,7 @@ struct Held {
     living: Arc<Living>,
     /// How long the thread looks for a wake before it sleeps, in nanoseconds.
     spin: AtomicU64,
+    counted: Counted,
 }
 
 impl Sleeper for Held {
@@ -290,6 +292,7 @@ impl OsThread {
             presence: Arc::new(Presence::new()),
             living,
             spin: AtomicU64::new(0),
+            counted: Counted::default(),
         });
         let record = Record::new(spec, &shared.living, false);
         record.set_waker(park::waker(&shared.parker));
@@ -361,6 +364,14 @@ impl OsThread {
     pub fn obtained(&self) -> Option<&Obtained> {
         match &self.runs {
             Runs::OnThread(_, thread) => Some(thread.obtained()),
+            Runs::OnStage(_) | Runs::Nowhere => None,
+        }
+    }
+
+    /// How long the thread has run from the release of its process to its end, once it has ended; nothing where the system does not tell, and on a simulation's thread.
+    pub fn processor_time(&self) -> Option<Duration> {
+        match &self.runs {
+            Runs::OnThread(shared, _) => shared.counted.get(),
             Runs::OnStage(_) | Runs::Nowhere => None,
         }
     }
@@ -437,14 +448,16 @@ impl Held {
         let priority = self.thread_priority.load(Ordering::Relaxed);
         let ran = catch_unwind(AssertUnwindSafe(|| {
             let spec = (id, priority, level);
-            run(
-                body.as_mut(),
-                &self.parker,
-                self.home,
-                spec,
-                Some(&record),
-                |_, deadline| self.sleep(deadline),
-            );
+            self.counted.count(|| {
+                run(
+                    body.as_mut(),
+                    &self.parker,
+                    self.home,
+                    spec,
+                    Some(&record),
+                    |_, deadline| self.sleep(deadline),
+                );
+            });
         }));
         if let Err(payload) = ran {
             // Not the body's panic, which is caught where it is polled: a foreign waker's, say.

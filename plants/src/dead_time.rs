@@ -1,5 +1,6 @@
 //! A dead time, exact to the nanosecond.
 
+use crate::single::{Single, plant_of_single};
 use crate::{Plant, PlantError, Port};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -24,12 +25,9 @@ use std::time::Duration;
 /// ```
 #[derive(Debug, Clone)]
 pub struct DeadTime {
-    input: Port,
-    output: Port,
+    single: Single,
     delay: Duration,
     now: Duration,
-    applied: f64,
-    value: f64,
     /// When a value comes out, and which. In order.
     under_way: VecDeque<(Duration, f64)>,
     room: usize,
@@ -52,12 +50,9 @@ impl DeadTime {
         // One that begins, one that ends.
         let room = steps as usize + 2;
         Self {
-            input,
-            output,
+            single: Single::new(input, output),
             delay,
             now: Duration::ZERO,
-            applied: 0.0,
-            value: 0.0,
             under_way: VecDeque::with_capacity(room),
             room,
         }
@@ -66,50 +61,31 @@ impl DeadTime {
     /// With `value` all along it at first.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
-        self.value = value;
-        self.applied = value;
+        self.single.value = value;
+        self.single.applied = value;
         self
     }
 }
 
 impl Plant for DeadTime {
-    fn inputs(&self) -> &[Port] {
-        std::slice::from_ref(&self.input)
-    }
-
-    fn outputs(&self) -> &[Port] {
-        std::slice::from_ref(&self.output)
-    }
-
-    fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
-        self.applied = inputs[0];
-        Ok(())
-    }
+    plant_of_single!();
 
     fn step(&mut self, time: Duration) -> Result<(), PlantError> {
-        let last = self
-            .under_way
-            .back()
-            .map_or(self.value, |&(_, value)| value);
-        if self.applied != last {
+        let Single { applied, value, .. } = &mut self.single;
+        let last = self.under_way.back().map_or(*value, |&(_, value)| value);
+        if *applied != last {
             if self.under_way.len() == self.room {
                 return Err(PlantError::NoRoom { room: self.room });
             }
-            self.under_way
-                .push_back((self.now + self.delay, self.applied));
+            self.under_way.push_back((self.now + self.delay, *applied));
         }
         self.now += time;
-        while let Some(&(at, value)) = self.under_way.front()
+        while let Some(&(at, arrived)) = self.under_way.front()
             && at <= self.now
         {
-            self.value = value;
+            *value = arrived;
             self.under_way.pop_front();
         }
-        Ok(())
-    }
-
-    fn measure(&mut self, outputs: &mut [f64]) -> Result<(), PlantError> {
-        outputs[0] = self.value;
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! A first-order lag, solved exactly.
 
+use crate::single::{Single, plant_of_single};
 use crate::{Plant, PlantError, Port};
 use std::time::Duration;
 
@@ -21,12 +22,9 @@ use std::time::Duration;
 /// ```
 #[derive(Debug, Clone)]
 pub struct FirstOrderLag {
-    input: Port,
-    output: Port,
+    single: Single,
     gain: f64,
     time_constant: f64,
-    applied: f64,
-    value: f64,
 }
 
 impl FirstOrderLag {
@@ -43,46 +41,28 @@ impl FirstOrderLag {
         );
         assert!(gain.is_finite(), "a lag has a finite gain");
         Self {
-            input,
-            output,
+            single: Single::new(input, output),
             gain,
             time_constant: time_constant.as_secs_f64(),
-            applied: 0.0,
-            value: 0.0,
         }
     }
 
     /// At `value` instead of 0.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
-        self.value = value;
+        self.single.value = value;
         self
     }
 }
 
 impl Plant for FirstOrderLag {
-    fn inputs(&self) -> &[Port] {
-        std::slice::from_ref(&self.input)
-    }
-
-    fn outputs(&self) -> &[Port] {
-        std::slice::from_ref(&self.output)
-    }
-
-    fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
-        self.applied = inputs[0];
-        Ok(())
-    }
+    plant_of_single!();
 
     fn step(&mut self, time: Duration) -> Result<(), PlantError> {
         // Without the cancellation of 1 − exp(−x) at small x.
         let part = -(-time.as_secs_f64() / self.time_constant).exp_m1();
-        self.value += (self.gain * self.applied - self.value) * part;
-        Ok(())
-    }
-
-    fn measure(&mut self, outputs: &mut [f64]) -> Result<(), PlantError> {
-        outputs[0] = self.value;
+        let Single { applied, value, .. } = &mut self.single;
+        *value += (self.gain * *applied - *value) * part;
         Ok(())
     }
 }

@@ -49,6 +49,7 @@ mod pan_tilt;
 mod plant;
 mod port;
 mod series;
+mod single;
 
 pub use dead_time::DeadTime;
 pub use encoder::{COUNTS_PER_MOTOR_TURN, Decoder, Encoder};

@@ -65,6 +65,19 @@ impl ThreadUsage {
     }
 }
 
+/// How long the calling thread has had a processor since it began; `None` where the system does not tell. One system call that never waits, and no allocation.
+///
+/// ```
+/// use luna_platform::usage::processor_time;
+///
+/// if let Some(before) = processor_time() {
+///     while processor_time() == Some(before) {}
+/// }
+/// ```
+pub fn processor_time() -> Option<Duration> {
+    backend::processor_time()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -435,7 +435,8 @@ fn end_threads(
     let mut reports = Vec::new();
     for (name, executor) in executors {
         let ended = wait_until(burial, deadline, || executor.has_stopped());
-        reports.push(thread_report(name, executor.obtained(), !ended));
+        let time = executor.processor_time();
+        reports.push(thread_report(name, executor.obtained(), time, !ended));
         if ended {
             executor.stop();
         } else {
@@ -444,7 +445,8 @@ fn end_threads(
     }
     for (name, thread) in threads {
         let ended = wait_until(burial, deadline, || thread.has_stopped());
-        reports.push(thread_report(name, thread.obtained(), !ended));
+        let time = thread.processor_time();
+        reports.push(thread_report(name, thread.obtained(), time, !ended));
         if ended {
             drop(thread);
         } else {
@@ -474,7 +476,12 @@ fn wait_until(burial: &Burial<'_>, deadline: Instant, mut done: impl FnMut() -> 
     true
 }
 
-fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> ThreadReport {
+fn thread_report(
+    name: String,
+    obtained: Option<&Obtained>,
+    processor_time: Option<Duration>,
+    abandoned: bool,
+) -> ThreadReport {
     ThreadReport {
         name,
         policy: obtained.map_or(Policy::Other, |got| got.policy),
@@ -483,6 +490,7 @@ fn thread_report(name: String, obtained: Option<&Obtained>, abandoned: bool) -> 
             .map(|got| got.shortfalls.clone())
             .unwrap_or_default(),
         abandoned,
+        processor_time,
     }
 }
 

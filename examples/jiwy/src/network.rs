@@ -41,7 +41,7 @@
 //!
 //! **No allocation** after the start: values are `Copy`, state lies in the processes, results are handed over in `post_run`.
 
-use crate::hardware::Registers;
+use crate::hardware::{self, Registers};
 use crate::joystick::Playback;
 use crate::parts::calibration::Calibration;
 use crate::parts::faults::{self, Fault};
@@ -65,6 +65,8 @@ use std::time::Duration;
 
 /// What the loop is called in reports.
 pub const LOOP: &str = "timer";
+
+const JOYSTICK: &str = "joystick";
 
 /// Levels on the control executor.
 mod level {
@@ -93,6 +95,18 @@ pub enum Start {
     Calibrate,
     /// Their encoders are known to count from [`Axis::count_at_zero`](crate::Axis::count_at_zero).
     Calibrated,
+}
+
+/// Whether the process called `name` is one of those that control, on [`Executors::control`]: all but the joystick and the simulated machine.
+///
+/// ```
+/// use luna_jiwy::network::controls;
+///
+/// assert!(controls("timer") && controls("pan limit"));
+/// assert!(!controls("joystick") && !controls("tilt bridge"));
+/// ```
+pub fn controls(name: &str) -> bool {
+    name != JOYSTICK && !hardware::simulates(name)
 }
 
 /// What the processes of one axis leave behind when they end.
@@ -174,7 +188,7 @@ pub fn build(
         .process("safety")
         .priority(level::SAFETY)
         .spawn(keep_safe(faults, [pan_stop, tilt_stop]))?;
-    executors.operator.process("joystick").spawn(Joystick {
+    executors.operator.process(JOYSTICK).spawn(Joystick {
         playback: joystick,
         sticks: [pan_stick, tilt_stick],
     })?;

@@ -23,10 +23,19 @@ pub(crate) fn of_current_thread() -> Option<ThreadUsage> {
     path::expected(Call::Account, counted)
 }
 
+pub(crate) fn processor_time() -> Option<Duration> {
+    path::expected(Call::Account, read_clock)
+}
+
+fn read_clock() -> Option<Duration> {
+    let time = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).ok()?;
+    Some(Duration::from(time))
+}
+
 fn counted() -> Option<ThreadUsage> {
     let usage = getrusage(UsageWho::RUSAGE_THREAD).ok()?;
     // The times of `getrusage` are as old as the last tick; the clock's is exact.
-    let cpu_time = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).ok()?;
+    let cpu_time = read_clock()?;
     // They are counters, and never negative.
     let count = |number: libc::c_long| u64::try_from(number).unwrap_or_default();
     Some(ThreadUsage {
@@ -34,7 +43,7 @@ fn counted() -> Option<ThreadUsage> {
         major_faults: count(usage.major_page_faults()),
         voluntary_switches: count(usage.voluntary_context_switches()),
         involuntary_switches: count(usage.involuntary_context_switches()),
-        cpu_time: Duration::from(cpu_time),
+        cpu_time,
         run_delay: run_delay(),
     })
 }

@@ -7,6 +7,7 @@ mod lock_step;
 mod simulated;
 
 pub use lock_step::{Axis, Simulator, lock_step};
+pub(crate) use simulated::simulates;
 pub use simulated::{Simulated, simulated};
 
 use luna::prelude::*;

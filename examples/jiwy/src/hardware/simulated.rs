@@ -13,6 +13,17 @@ use std::time::Duration;
 /// A bridge that is written nothing for this long switches its motor off, as a card's watchdog does.
 const WATCHDOG: f64 = 0.1;
 
+/// What the processes of an axis are called, behind its name.
+const BRIDGE: &str = "bridge";
+const JOINT: &str = "joint";
+const COUNTER: &str = "counter";
+
+/// Whether the process called `name` is one of the machine's.
+pub(crate) fn simulates(name: &str) -> bool {
+    let part = name.rsplit_once(' ').map(|(_, part)| part);
+    part.is_some_and(|part| [BRIDGE, JOINT, COUNTER].contains(&part))
+}
+
 /// What a motor is given, for how long.
 #[derive(Debug, Clone, Copy)]
 struct Applied {
@@ -49,15 +60,15 @@ pub fn simulated(
         let (registers, Bench { count, pwm, enable }) = registers();
         let (apply, applied) = luna::channel();
         let (angle, angles) = luna::channel();
-        executor.process(&name("bridge")).spawn(Bridge {
-            name: name("bridge"),
+        executor.process(&name(BRIDGE)).spawn(Bridge {
+            name: name(BRIDGE),
             period,
             line: Arc::clone(&line),
             pwm,
             enable,
             apply,
         })?;
-        executor.process(&name("joint")).spawn(Joint {
+        executor.process(&name(JOINT)).spawn(Joint {
             plant: Motor::new(axis.plant),
             applied,
             angle,
@@ -65,7 +76,7 @@ pub fn simulated(
         })?;
         let encoder = Encoder::new(axis.plant.gear_ratio, axis.count_at_zero);
         executor
-            .process(&name("counter"))
+            .process(&name(COUNTER))
             .spawn(count_edges(encoder, angles, count))?;
         Ok::<_, luna::Error>(registers)
     };

@@ -1,13 +1,11 @@
 //! A plant that fails, in each way that it can: the emergency functions run, the cause is told, and no value of it gets out any more.
 
-use luna::prelude::*;
+use super::{MS, inputs_first, process, register, system};
 use luna::{End, Error, TryRecvError};
 use luna_plants::{Measured, Plant, PlantError, PlantFailure, PlantLink, Port, Side};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
-
-const MS: Duration = Duration::from_millis(1);
 
 /// What goes wrong, at the fourth step.
 #[derive(Debug, Clone, Copy)]
@@ -66,13 +64,7 @@ impl Counter {
 }
 
 impl Plant for Counter {
-    fn inputs(&self) -> &[Port] {
-        &self.ports[..1]
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.ports[1..]
-    }
+    inputs_first!(1);
 
     fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
         self.input = inputs[0];
@@ -136,30 +128,23 @@ fn expected(fault: Fault) -> PlantError {
 fn each_ends_in_the_emergency_and_no_value_gets_out() {
     for lock_step in [true, false] {
         for fault in FAULTS {
-            let mut system = System::new("faults");
+            let (mut system, main) = system("faults");
             let calls = Arc::new(AtomicU32::new(0));
             let counted = calls.clone();
             system.on_emergency("count", move || {
                 counted.fetch_add(1, Ordering::Relaxed);
             });
-            let main = system.executor("main").build().unwrap();
-            let register = || Buffer::overwrite_oldest(1);
-            let (factor, factors) = luna::buffered::<f64>(register());
+            let (factor, factors) = register::<f64>();
             // In lock-step a reader that takes its time finds nothing left either.
-            let (step, steps) = luna::buffered::<u8>(register());
-            let (half, halves) = luna::buffered::<f64>(register());
+            let (step, steps) = register::<u8>();
+            let (half, halves) = register::<f64>();
             let mut link = PlantLink::new("counter", Counter::new(fault));
             link.actuator("factor", factors).unwrap();
             link.sensor("steps", step).unwrap();
             link.sensor("half", half).unwrap();
-            let process = if lock_step {
-                link.lock_step(MS)
-            } else {
-                link.periodic(MS)
-            };
             main.process("plant")
                 .priority(20)
-                .spawn(process.unwrap())
+                .spawn(process(link, lock_step))
                 .unwrap();
             main.process("control")
                 .priority(10)
@@ -244,19 +229,16 @@ impl Drop for Half {
 
 #[test]
 fn what_is_left_over_is_gone_before_the_emergency() {
-    let mut system = System::new("left over");
-    let main = system.executor("main").build().unwrap();
-    let (factor, factors) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-    let (half, _halves) = luna::buffered::<Half>(Buffer::overwrite_oldest(1));
-    let (step, steps) = luna::buffered::<u8>(Buffer::overwrite_oldest(1));
+    let (mut system, main) = system("left over");
+    let (factor, factors) = register::<f64>();
+    let (half, _halves) = register::<Half>();
+    let (step, steps) = register::<u8>();
     let mut link = PlantLink::new("counter", Counter::new(Fault::Step));
     link.actuator("factor", factors).unwrap();
     // It is poisoned first, which drops the value that it still holds.
     link.sensor("half", half).unwrap();
     link.sensor("steps", step).unwrap();
-    main.process("plant")
-        .spawn(link.lock_step(MS).unwrap())
-        .unwrap();
+    main.process("plant").spawn(process(link, true)).unwrap();
     main.process("control")
         .spawn(async move {
             while factor.send(1.0).await.is_ok() {}
@@ -274,16 +256,12 @@ fn what_is_left_over_is_gone_before_the_emergency() {
 
 #[test]
 fn one_that_fails_before_it_begins_delivers_nothing() {
-    struct Dead(Port);
+    struct Dead {
+        ports: [Port; 1],
+    }
 
     impl Plant for Dead {
-        fn inputs(&self) -> &[Port] {
-            &[]
-        }
-
-        fn outputs(&self) -> &[Port] {
-            std::slice::from_ref(&self.0)
-        }
+        inputs_first!(0);
 
         fn apply(&mut self, _: &[f64]) -> Result<(), PlantError> {
             Ok(())
@@ -300,17 +278,18 @@ fn one_that_fails_before_it_begins_delivers_nothing() {
     }
 
     for lock_step in [true, false] {
-        let mut system = System::new("dead");
-        let main = system.executor("main").build().unwrap();
+        let (system, main) = system("dead");
         let (value, values) = luna::channel::<f64>();
-        let mut link = PlantLink::new("dead", Dead(Port::new("y", "1")));
+        let mut link = PlantLink::new(
+            "dead",
+            Dead {
+                ports: [Port::new("y", "1")],
+            },
+        );
         link.sensor("y", value).unwrap();
-        let process = if lock_step {
-            link.lock_step(MS)
-        } else {
-            link.periodic(MS)
-        };
-        main.process("plant").spawn(process.unwrap()).unwrap();
+        main.process("plant")
+            .spawn(process(link, lock_step))
+            .unwrap();
         main.process("reader")
             .spawn(async move {
                 assert!(values.recv().await.is_err());

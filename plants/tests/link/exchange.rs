@@ -1,15 +1,10 @@
-//! Plants connected to processes: with clocks and without, and how they begin and end.
+//! By the clock, and in lock-step: what is exchanged, when it begins and when it ends.
 
-use luna::external::{Framing, FromBytes, Malformed, ToBytes};
+use super::{MS, inputs_first, process, register, system};
 use luna::prelude::*;
-use luna_plants::{
-    Checked, ConnectError, FirstOrderLag, Motor, PAN, PanTilt, Plant, PlantError, PlantLink, Port,
-};
-use std::io::{Read, Write};
+use luna_plants::{Checked, ConnectError, Motor, PAN, PanTilt, Plant, PlantError, PlantLink, Port};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-const MS: Duration = Duration::from_millis(1);
 
 /// Its outputs are how long it was stepped, in seconds, and the sum of its two inputs.
 struct Stopwatch {
@@ -34,13 +29,7 @@ impl Stopwatch {
 }
 
 impl Plant for Stopwatch {
-    fn inputs(&self) -> &[Port] {
-        &self.ports[..2]
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.ports[2..]
-    }
+    inputs_first!(2);
 
     fn apply(&mut self, inputs: &[f64]) -> Result<(), PlantError> {
         self.inputs.copy_from_slice(inputs);
@@ -58,14 +47,9 @@ impl Plant for Stopwatch {
     }
 }
 
-fn register<T: Send>() -> (Sender<T>, Receiver<T>) {
-    luna::buffered(Buffer::overwrite_oldest(1))
-}
-
 #[test]
 fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
-    let mut system = System::new("periodic");
-    let main = system.executor("main").build().unwrap();
+    let (system, main) = system("periodic");
     let (write, written) = register::<f64>();
     let (time, times) = register::<f64>();
     let (sum, sums) = register::<f64>();
@@ -76,9 +60,7 @@ fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
     link.sensor("sum", sum).unwrap();
     let (end, at_end) = std::sync::mpsc::channel();
     link.at_end(move |plant| end.send(plant.time).unwrap());
-    main.process("plant")
-        .spawn(link.periodic(MS).unwrap())
-        .unwrap();
+    main.process("plant").spawn(process(link, false)).unwrap();
     main.process("control")
         .spawn(async move {
             // What it begins with.
@@ -105,15 +87,12 @@ fn a_periodic_plant_goes_by_its_slots_and_keeps_what_was_written_last() {
 
 #[test]
 fn slots_that_are_missed_before_the_first_one_are_part_of_the_time() {
-    let mut system = System::new("late start");
-    let main = system.executor("main").build().unwrap();
+    let (system, main) = system("late start");
     let (time, times) = register::<f64>();
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());
     link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
     link.sensor("time", time).unwrap();
-    main.process("plant")
-        .spawn(link.periodic(MS).unwrap())
-        .unwrap();
+    main.process("plant").spawn(process(link, false)).unwrap();
     main.process("hog")
         .spawn(async move {
             // The loop has been made, and waits for its first slot.
@@ -214,7 +193,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
         }
         executors[places[2]]
             .process("camera")
-            .spawn(link.lock_step(MS).unwrap())
+            .spawn(process(link, true))
             .unwrap();
         system.run().unwrap();
         for axis in [0, 1] {
@@ -225,8 +204,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
 
 #[test]
 fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
-    let mut system = System::new("orders");
-    let main = system.executor("main").build().unwrap();
+    let (system, main) = system("orders");
     let [(a, on_a), (b, on_b), (time, times), (sum, sums)] =
         std::array::from_fn(|_| luna::channel::<f64>());
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());
@@ -234,9 +212,7 @@ fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
     link.actuator("b", on_b).unwrap();
     link.sensor("time", time).unwrap();
     link.sensor("sum", sum).unwrap();
-    main.process("plant")
-        .spawn(link.lock_step(MS).unwrap())
-        .unwrap();
+    main.process("plant").spawn(process(link, true)).unwrap();
     main.process("control")
         .spawn(async move {
             let mut last = 0.0;
@@ -264,20 +240,16 @@ fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
 #[test]
 fn a_plant_of_sensors_alone_ends_with_its_readers() {
     for lock_step in [false, true] {
-        let mut system = System::new("sensors");
-        let main = system.executor("main").build().unwrap();
+        let (system, main) = system("sensors");
         let (time, times) = register::<f64>();
         let (sum, sums) = register::<f64>();
         let mut link = PlantLink::new("stopwatch", Stopwatch::new());
         link.hold("a", 1.0).unwrap().hold("b", 2.0).unwrap();
         link.sensor("time", time).unwrap();
         link.sensor("sum", sum).unwrap();
-        let process = if lock_step {
-            link.lock_step(MS)
-        } else {
-            link.periodic(MS)
-        };
-        main.process("plant").spawn(process.unwrap()).unwrap();
+        main.process("plant")
+            .spawn(process(link, lock_step))
+            .unwrap();
         main.process("reader")
             .spawn(async move {
                 assert_eq!(sums.recv().await?, 3.0);
@@ -292,8 +264,7 @@ fn a_plant_of_sensors_alone_ends_with_its_readers() {
 
 #[test]
 fn the_enable_line_leaves_actuators_without_effect() {
-    let mut system = System::new("cut");
-    let main = system.executor("main").build().unwrap();
+    let (system, main) = system("cut");
     let (a, on_a) = luna::channel::<f64>();
     let (sum, sums) = luna::channel::<f64>();
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());
@@ -301,9 +272,7 @@ fn the_enable_line_leaves_actuators_without_effect() {
     link.hold("b", 2.0).unwrap();
     link.sensor("sum", sum).unwrap();
     let line = link.enable_line();
-    main.process("plant")
-        .spawn(link.lock_step(MS).unwrap())
-        .unwrap();
+    main.process("plant").spawn(process(link, true)).unwrap();
     main.process("control")
         .spawn(async move {
             let mut seen = Vec::new();
@@ -356,126 +325,4 @@ fn what_cannot_be_connected_is_said() {
         link.lock_step(Duration::ZERO),
         Err(ConnectError::ZeroStep { .. })
     ));
-}
-
-#[derive(Clone, Copy)]
-struct Power(f64);
-
-impl From<Power> for f64 {
-    fn from(power: Power) -> f64 {
-        power.0
-    }
-}
-
-impl ToBytes for Power {
-    fn length(&self) -> usize {
-        8
-    }
-
-    fn to_bytes(&self, to: &mut [u8]) {
-        to.copy_from_slice(&self.0.to_le_bytes());
-    }
-}
-
-#[derive(Clone, Copy, PartialEq, Debug)]
-struct Temperature(f64);
-
-impl luna_plants::Measured for Temperature {
-    const NAME: &str = "temperature";
-
-    fn from_value(value: f64) -> Option<Self> {
-        Some(Self(value))
-    }
-}
-
-impl FromBytes for Temperature {
-    fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
-        let bytes = bytes
-            .try_into()
-            .map_err(|_| Malformed("a temperature has 8 bytes"))?;
-        Ok(Self(f64::from_le_bytes(bytes)))
-    }
-}
-
-fn oven() -> FirstOrderLag {
-    FirstOrderLag::new(
-        Port::new("power", "W"),
-        Port::new("temperature", "K"),
-        1.0,
-        Duration::from_secs(20),
-    )
-}
-
-/// The control process, for hardware and for a plant.
-async fn control(
-    temperatures: Receiver<Temperature>,
-    power: Sender<Power>,
-    seen: Arc<Mutex<Vec<Temperature>>>,
-) -> luna::Result<()> {
-    for _ in 0..200 {
-        let temperature = temperatures.recv().await?;
-        seen.lock().unwrap().push(temperature);
-        power.send(Power(20.0 * (80.0 - temperature.0))).await?;
-    }
-    Ok(())
-}
-
-#[test]
-fn the_same_process_runs_on_a_device_and_on_a_plant() {
-    let run = |on_device: bool| {
-        let mut system = System::new("oven");
-        let main = system.executor("main").build().unwrap();
-        let (power, heating) = luna::channel::<Power>();
-        let (measured, temperatures) = luna::channel::<Temperature>();
-        let seen = Arc::new(Mutex::new(Vec::new()));
-        main.process("control")
-            .spawn(control(temperatures, power, seen.clone()))
-            .unwrap();
-        if on_device {
-            let (mut commands, to_device) = std::io::pipe().unwrap();
-            let (from_device, mut measurements) = std::io::pipe().unwrap();
-            let device = std::thread::spawn(move || {
-                let mut oven = Checked::new(oven());
-                let mut bytes = [0; 8];
-                loop {
-                    let temperature = oven.get("temperature").unwrap();
-                    if measurements.write_all(&temperature.to_le_bytes()).is_err()
-                        || commands.read_exact(&mut bytes).is_err()
-                    {
-                        return;
-                    }
-                    oven.set("power", f64::from_le_bytes(bytes)).unwrap();
-                    oven.step(100 * MS).unwrap();
-                }
-            });
-            main.process("heater")
-                .spawn(luna::external::output(
-                    heating,
-                    to_device,
-                    Framing::fixed(8),
-                ))
-                .unwrap();
-            main.process("thermometer")
-                .spawn(luna::external::input(
-                    from_device,
-                    measured,
-                    Framing::fixed(8),
-                ))
-                .unwrap();
-            system.run().unwrap();
-            device.join().unwrap();
-        } else {
-            let mut link = PlantLink::new("oven", oven());
-            link.actuator("power", heating).unwrap();
-            link.sensor("temperature", measured).unwrap();
-            main.process("oven")
-                .spawn(link.lock_step(100 * MS).unwrap())
-                .unwrap();
-            system.run().unwrap();
-        }
-        Arc::into_inner(seen).unwrap().into_inner().unwrap()
-    };
-    let simulated = run(false);
-    assert_eq!(simulated.len(), 200);
-    assert_eq!(run(true), simulated);
 }
