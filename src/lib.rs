@@ -36,6 +36,8 @@
 //! ```
 
 mod csp;
+#[cfg(unix)]
+pub mod devices;
 mod error;
 #[cfg(unix)]
 pub mod external;

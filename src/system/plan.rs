@@ -28,6 +28,8 @@ pub(crate) struct Plan {
     settings: Mutex<Settings>,
     members: Mutex<Members>,
     stand_ins: Mutex<StandIns>,
+    #[cfg(unix)]
+    devices: crate::devices::Devices,
     tree: Arc<Tree>,
 }
 
@@ -419,6 +421,8 @@ impl Plan {
             settings: Mutex::default(),
             members: Mutex::default(),
             stand_ins: Mutex::default(),
+            #[cfg(unix)]
+            devices: Default::default(),
             tree: Tree::new(),
         }
     }
@@ -440,6 +444,11 @@ impl Plan {
         self.stand_ins
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    #[cfg(unix)]
+    pub(crate) fn devices(&self) -> &crate::devices::Devices {
+        &self.devices
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {
