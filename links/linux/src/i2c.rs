@@ -14,7 +14,7 @@
 //! let (sensor, calls) = luna::call_channel::<u8, u8>(); // a register, its value
 //! let link = driver(&bus, I2c::new(&bus), calls, |bus, register| {
 //!     let mut value = [0];
-//!     bus.write_read(0x68, &[register], &mut value).map_err(luna::Error::other)?;
+//!     bus.write_read(0x68_u8, &[register], &mut value).map_err(luna::Error::other)?;
 //!     Ok(value[0])
 //! });
 //! system.executor("links").build()?.process("gyroscope").spawn(link)?;

@@ -93,6 +93,8 @@ impl Snapshot {
 #[derive(Debug)]
 pub(super) struct State {
     ranges: [Option<Range>; MOST_AXES],
+    positions: [f64; MOST_AXES],
+    /// Its buttons alone.
     told: Snapshot,
     /// Events were lost: those up to the next report are of no use, and then the device is asked.
     is_lost: bool,
@@ -112,6 +114,7 @@ impl State {
         let ranges = std::array::from_fn(|axis| range(axis as u16));
         Self {
             ranges,
+            positions: [0.0; MOST_AXES],
             told: Snapshot::ZERO,
             is_lost: false,
         }
@@ -140,11 +143,11 @@ impl State {
             return Meaning::Nothing;
         };
         let position = range.position(value);
-        let told = &mut self.told.axes[usize::from(axis)];
-        if range.position(*told) == position {
+        let told = &mut self.positions[usize::from(axis)];
+        if *told == position {
             return Meaning::Nothing;
         }
-        *told = value;
+        *told = position;
         Meaning::Control(Control::Axis { axis, position })
     }
 
