@@ -1,6 +1,6 @@
 //! What a system did, told when it has ended.
 
-use crate::safety::BudgetReport;
+use crate::safety::{BudgetReport, SafetyReport};
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Distribution, LoopReport, TimersReport, short};
@@ -58,6 +58,8 @@ pub struct Report {
     pub deadlock: Option<Deadlock>,
     /// What the timer manager did, if the system has one.
     pub timers: Option<TimersReport>,
+    /// How safe it was, and how it went with the emergency functions.
+    pub safety: SafetyReport,
 }
 
 /// How a system came to its end.
@@ -66,7 +68,7 @@ pub struct Report {
 pub enum End {
     /// All processes ended by themselves.
     Completed,
-    /// A signal came (SIGINT is 2, SIGTERM 15): the emergency functions ran, then all processes were cancelled.
+    /// A signal came (SIGINT is 2, SIGTERM 15, SIGHUP 1): the emergency functions ran, then all processes were cancelled.
     Signal(i32),
     /// A process panicked: the emergency functions ran, then all others were cancelled.
     Panic,
@@ -76,7 +78,8 @@ pub enum End {
     /// A process overran a budget whose policy is [`OnOverrun::Emergency`](crate::OnOverrun::Emergency): the emergency functions ran, then all were
     /// cancelled.
     Overrun,
-    /// A process raised it by [`luna::emergency`](crate::emergency()): the emergency functions ran, then all others were cancelled.
+    /// A process raised it by [`luna::emergency`](crate::emergency()), a driver by its [trigger](crate::EmergencyTrigger), or the parent process died: the emergency
+    /// functions ran, then all others were cancelled.
     Emergency,
     /// The [`ClockDriver`](crate::ClockDriver) was dropped, so time would never have gone on: the processes that still lived were cancelled.
     Undriven,
@@ -223,6 +226,7 @@ impl fmt::Display for Report {
             End::Completed => "completed".to_owned(),
             End::Signal(2) => "ended by SIGINT".to_owned(),
             End::Signal(15) => "ended by SIGTERM".to_owned(),
+            End::Signal(1) => "ended by SIGHUP".to_owned(),
             End::Signal(number) => format!("ended by signal {number}"),
             End::Panic => "ended by a panic".to_owned(),
             End::Deadlock => "ended by a deadlock".to_owned(),
@@ -289,6 +293,7 @@ impl fmt::Display for Report {
                 writeln!(f, "  process `{}`: {budget}", process.name)?;
             }
         }
+        self.safety.fmt(f)?;
         if self.earlier.number() > 0 {
             writeln!(f, "  {}", self.earlier)?;
         }

@@ -7,7 +7,7 @@ mod common;
 use common::{PLACES, watchdog};
 use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnLoss, Sharing};
 use luna::prelude::*;
-use luna::{End, Error};
+use luna::{Degree, End, Error};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -220,23 +220,72 @@ fn a_loss_that_is_no_emergency_ends_its_process_alone() {
 }
 
 #[test]
-fn devices_are_opened_before_the_run() {
+fn lower_degrees_let_the_others_run_on() {
     let _watch = watchdog();
-    let mut system = System::new("late");
+    for (policy, degree) in [
+        (OnLoss::SafeState, Degree::SafeState),
+        (OnLoss::Warn, Degree::Warning),
+        (OnLoss::Fail, Degree::Normal),
+    ] {
+        let mut system = System::new("degrees");
+        let (motor, log) = open(&system.devices(), Sharing::Exclusive).unwrap();
+        motor.on_loss(policy);
+        let main = system.executor("main").build().unwrap();
+        let (sender, receiver) = luna::channel::<()>();
+        main.process("drive")
+            .spawn(async move {
+                let _ends_with_it = sender;
+                Err(motor.lost(Error::other("worn")))
+            })
+            .unwrap();
+        main.process("other")
+            .spawn(async move {
+                assert!(receiver.recv().await.is_err());
+                assert_eq!(luna::safety().unwrap().degree(), degree);
+                Ok(())
+            })
+            .unwrap();
+        assert!(system.run().is_err());
+        assert_eq!(system.report().unwrap().end, End::Completed);
+        assert_eq!(*log.lock().unwrap(), ["closed"]);
+    }
+}
+
+#[test]
+fn one_that_was_lost_may_be_opened_again_while_the_system_runs() {
+    let _watch = watchdog();
+    let mut system = System::new("again");
     let devices = system.devices();
-    let (motor, _) = open(&devices, Sharing::Shared).unwrap();
     let main = system.executor("main").build().unwrap();
-    let late = devices.clone();
-    main.process("late")
+    let own = devices.clone();
+    let logs = Arc::new(Mutex::new(Vec::new()));
+    let kept = logs.clone();
+    main.process("drive")
         .spawn(async move {
-            let opened = open(&late, Sharing::Shared);
-            assert!(matches!(opened, Err(DeviceError::TooLate { .. })));
-            let registered = motor.on_emergency("brake", |_| ());
-            assert!(matches!(registered, Err(DeviceError::TooLate { .. })));
-            Ok(())
+            for _ in 0..2 {
+                let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
+                kept.lock().unwrap().push(log);
+                motor.on_loss(OnLoss::Fail);
+                let _ = motor.lost(Error::other("unplugged"));
+                assert!(matches!(own.list()[0].state, DeviceState::Lost));
+                // At once, and not by the thread that runs the system.
+                luna::off_path(|| drop(motor));
+                assert!(matches!(own.list()[0].state, DeviceState::Closed));
+            }
+            let (motor, log) = luna::off_path(|| open(&own, Sharing::Exclusive))?;
+            kept.lock().unwrap().push(log);
+            motor.on_emergency("brake", |motor| motor.note("brake"))?;
+            Err(motor.lost(Error::other("at last")))
         })
         .unwrap();
-    system.run().unwrap();
+    assert!(system.run().is_err());
+    let logs = logs.lock().unwrap();
+    let logs: Vec<_> = logs.iter().map(|log| log.lock().unwrap().clone()).collect();
+    assert_eq!(
+        logs,
+        [vec!["closed"], vec!["closed"], vec!["brake", "closed"]]
+    );
+    assert_eq!(devices.list().len(), 1);
 }
 
 #[test]

@@ -16,10 +16,10 @@
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
-//! - [`signals`]: requests to end, as events.
+//! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of who started the program, as events.
 //!
 //! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
-//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`] and [`reclaim`].
+//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`], [`relay`] and [`reclaim`].
 //!
 //! A system call is made on the real-time path only where a function's documentation says so; [`path`] lets a test hold the path to that.
 
@@ -29,6 +29,8 @@ extern crate shuttle as loom;
 
 pub mod bell;
 pub mod clock;
+#[cfg(not(loom))]
+pub mod crash;
 pub mod current;
 #[cfg(not(loom))]
 pub mod facts;
@@ -39,11 +41,14 @@ pub mod home_lock;
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
+#[cfg(not(loom))]
+pub mod parent;
 pub mod park;
 pub mod path;
 #[cfg(not(loom))]
 pub mod reactor;
 pub mod reclaim;
+pub mod relay;
 #[cfg(not(loom))]
 pub mod shortfall;
 #[cfg(not(loom))]

@@ -140,20 +140,79 @@ impl SignalWatch {
 
     /// The number of the signal received since the first watch was installed, if one was. An atomic load.
     pub fn received(&self) -> Option<i32> {
-        Some(RECEIVED.load(Ordering::Acquire)).filter(|&number| number != 0)
+        received()
+    }
+}
+
+impl SignalWatch {
+    /// Ends the watch. If it was the last, and `again`, a signal that was received is sent to this process once more, and does what it did before: for one who has not
+    /// acted on it, since it came too late. Not for the real-time path.
+    pub fn give_back(self, again: bool) {
+        let received = self.end();
+        std::mem::forget(self);
+        if again && let Some(number) = received {
+            backend::send_to_this_process(number);
+        }
+    }
+
+    /// Gives the signal that was received, if this was the last watch.
+    fn end(&self) -> Option<i32> {
+        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        installed.watches -= 1;
+        if installed.watches > 0 {
+            return None;
+        }
+        // The handlers first: one that still runs then finds the signal taken, or is forgotten with it.
+        installed.before.drain(..).for_each(backend::restore);
+        RECEIVED_AT.store(0, Ordering::Relaxed);
+        Some(RECEIVED.swap(0, Ordering::AcqRel)).filter(|&number| number != 0)
     }
 }
 
 impl Drop for SignalWatch {
     fn drop(&mut self) {
-        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
-        installed.watches -= 1;
-        if installed.watches == 0 {
-            // The handlers first: one that still runs then finds the signal taken, or is forgotten with it.
-            installed.before.drain(..).for_each(backend::restore);
-            RECEIVED_AT.store(0, Ordering::Relaxed);
-            RECEIVED.store(0, Ordering::Release);
+        self.end();
+    }
+}
+
+/// The number of the signal received since the first [`SignalWatch`] was installed, if one was. An atomic load.
+pub fn received() -> Option<i32> {
+    Some(RECEIVED.load(Ordering::Acquire)).filter(|&number| number != 0)
+}
+
+/// Lets SIGINT, SIGTERM and SIGHUP be handled on the calling thread, which blocked them since it was [made here](crate::thread): for a thread of high priority that is to
+/// hear of them at once. Not for the real-time path.
+pub fn accept_here() {
+    backend::accept_here();
+}
+
+/// While it lives, the thread that made it blocks SIGINT, SIGTERM and SIGHUP, so that another takes them: the kernel prefers the main thread to all others, though it may
+/// wait long for a core.
+///
+/// ```
+/// let held = luna_platform::signals::HeldBack::here();
+/// drop(held); // one that came meanwhile, and that nobody took, comes now
+/// ```
+#[derive(Debug)]
+#[must_use = "the signals are taken again when it is dropped"]
+pub struct HeldBack {
+    before: backend::Mask,
+    stays_on_its_thread: std::marker::PhantomData<*const ()>,
+}
+
+impl HeldBack {
+    /// Blocks them here. Not for the real-time path.
+    pub fn here() -> HeldBack {
+        HeldBack {
+            before: backend::hold_back(),
+            stays_on_its_thread: std::marker::PhantomData,
         }
+    }
+}
+
+impl Drop for HeldBack {
+    fn drop(&mut self) {
+        backend::set_mask(&self.before);
     }
 }
 
@@ -220,6 +279,18 @@ pub enum SignalError {
         /// The system's words.
         message: String,
     },
+    /// The system refused the handler of a signal by which programs crash.
+    NoCrashHandler {
+        /// The signal's number.
+        number: i32,
+        /// The system's words.
+        message: String,
+    },
+    /// There are as many watches for crashes as there may be.
+    TooMany {
+        /// How many there may be.
+        most: usize,
+    },
     /// This backend knows no signals.
     Unsupported,
 }
@@ -230,6 +301,13 @@ impl fmt::Display for SignalError {
             SignalError::Refused { signal, message } => {
                 write!(f, "{signal} cannot be watched for: {message}; see sigaction(2)")
             }
+            SignalError::NoCrashHandler { number, message } => {
+                write!(f, "signal {number} cannot be handled: {message}; see sigaction(2)")
+            }
+            SignalError::TooMany { most } => write!(
+                f,
+                "there are {most} systems in this program already, which is the most that a crash can wait for: end one first"
+            ),
             SignalError::Unsupported => f.write_str(
                 "signals cannot be watched for: the portable backend has none; end the system from the program, or run it on Linux, \
                  built without `--cfg luna_portable`",

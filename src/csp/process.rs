@@ -3,7 +3,7 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
-use crate::safety::Emergency;
+use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
 use luna_platform::clock::Clock;
@@ -444,7 +444,7 @@ struct Alarm<'a>(&'a Emergency);
 
 impl Drop for Alarm<'_> {
     fn drop(&mut self) {
-        self.0.trigger();
+        self.0.trigger(Cause::Panic);
     }
 }
 

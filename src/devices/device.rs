@@ -2,16 +2,16 @@
 
 use super::error::DeviceError;
 use super::manager::Sharing;
-use crate::error::Error;
-use crate::safety::{Function, emergency};
-use crate::system::Plan;
+use crate::error::{Error, Result};
+use crate::safety::{LIMIT, Safety, SafetyFunction};
 use luna_platform::lock::PiLock;
 use luna_platform::path::off_path;
 use luna_platform::reclaim::Shared;
 use std::fmt;
 use std::ops::Deref;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use std::time::Duration;
 
 /// What becomes of the system when a device is lost while it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -21,7 +21,11 @@ pub enum OnLoss {
     /// moves must not go on without it.
     #[default]
     Emergency,
-    /// The link's process fails, and with it its channels end; the others go on.
+    /// The [safe state](crate::Safety::enter_safe_state): the processes run on with neutral outputs, but the link's, which fails.
+    SafeState,
+    /// A [warning](crate::Safety::warn), and the link's process fails: its channels end with it, and the others go on.
+    Warn,
+    /// The link's process fails, and nothing else.
     Fail,
 }
 
@@ -63,7 +67,7 @@ pub(super) struct Status {
     kind: &'static str,
     users: AtomicUsize,
     is_closed: AtomicBool,
-    is_loss_fatal: AtomicBool,
+    on_loss: AtomicU8,
     loss: PiLock<Option<Error>>,
 }
 
@@ -75,7 +79,7 @@ impl Status {
             kind,
             users: AtomicUsize::new(0),
             is_closed: AtomicBool::new(false),
-            is_loss_fatal: AtomicBool::new(true),
+            on_loss: AtomicU8::new(OnLoss::Emergency as u8),
             loss: PiLock::new(None),
         }
     }
@@ -108,6 +112,8 @@ pub(super) struct Open<D> {
     /// Closed by its drop; none from then on.
     device: Option<D>,
     status: Arc<Status>,
+    /// What is to run in an emergency as long as it is open.
+    functions: PiLock<Vec<SafetyFunction>>,
 }
 
 impl<D> Open<D> {
@@ -115,6 +121,7 @@ impl<D> Open<D> {
         Self {
             device: Some(device),
             status,
+            functions: PiLock::new(Vec::new()),
         }
     }
 
@@ -125,6 +132,9 @@ impl<D> Open<D> {
 
 impl<D> Drop for Open<D> {
     fn drop(&mut self) {
+        for function in std::mem::take(self.functions.get_mut()) {
+            function.withdraw();
+        }
         self.device = None;
         self.status.is_closed.store(true, Ordering::Release);
     }
@@ -137,15 +147,15 @@ impl<D> Drop for Open<D> {
 /// [left behind](crate::System::run) keeps its handle.
 pub struct Device<D: Send + Sync + 'static> {
     open: Shared<Arc<Open<D>>>,
-    plan: Weak<Plan>,
+    safety: Safety,
 }
 
 impl<D: Send + Sync + 'static> Device<D> {
-    pub(super) fn new(open: Arc<Open<D>>, plan: Weak<Plan>) -> Self {
+    pub(super) fn new(open: Arc<Open<D>>, safety: Safety) -> Self {
         open.status.users.fetch_add(1, Ordering::AcqRel);
         Self {
             open: Shared::new(open),
-            plan,
+            safety,
         }
     }
 
@@ -159,15 +169,15 @@ impl<D: Send + Sync + 'static> Device<D> {
         self.open.status.kind
     }
 
-    /// Registers a function that brings the device to safety: `what` it does, for messages. It runs as those of [`System::on_emergency`](crate::System::on_emergency),
-    /// in the order in which all are registered, unless the device is closed by then.
+    /// Registers a function that brings the device to safety: `what` it does, for messages. It runs as those of [`System::on_emergency`](crate::System::on_emergency) and has
+    /// as long, in the order in which all are registered, unless the device is closed by then.
     ///
     /// It runs on the emergency thread while processes may be using the device: it must not wait for them longer than can be borne, and what they do
     /// after it must not undo it.
     ///
     /// # Errors
     ///
-    /// [`DeviceError::TooLate`] once the system runs.
+    /// It would never be run, since an emergency is over or the system has ended; or there are too many functions.
     ///
     /// ```
     /// use luna::devices::Sharing;
@@ -188,23 +198,30 @@ impl<D: Send + Sync + 'static> Device<D> {
     pub fn on_emergency(
         &self,
         what: &str,
+        function: impl FnMut(&D) + Send + 'static,
+    ) -> Result<()> {
+        self.on_emergency_within(what, LIMIT, function)
+    }
+
+    /// As [`on_emergency`](Self::on_emergency), with a time after which the next function does not wait for this one any more: for what waits for a bus.
+    ///
+    /// # Errors
+    ///
+    /// As for `on_emergency`.
+    pub fn on_emergency_within(
+        &self,
+        what: &str,
+        limit: Duration,
         mut function: impl FnMut(&D) + Send + 'static,
-    ) -> Result<(), DeviceError> {
-        let plan = self.plan.upgrade().filter(|plan| !plan.has_begun());
-        let Some(plan) = plan else {
-            return Err(DeviceError::TooLate {
-                device: self.name().to_owned(),
-            });
-        };
+    ) -> Result<()> {
         let open = Arc::downgrade(&*self.open);
-        plan.settings().functions.push(Function {
-            name: format!("{}: {what}", self.name()),
-            run: Box::new(move || {
-                if let Some(open) = open.upgrade() {
-                    function(open.device());
-                }
-            }),
-        });
+        let name = format!("{}: {what}", self.name());
+        let function = self.safety.on_emergency(&name, limit, move || {
+            if let Some(open) = open.upgrade() {
+                function(open.device());
+            }
+        })?;
+        self.open.functions.lock().push(function);
         Ok(())
     }
 
@@ -225,13 +242,13 @@ impl<D: Send + Sync + 'static> Device<D> {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn on_loss(&self, policy: OnLoss) {
-        let status = &self.open.status;
-        status
-            .is_loss_fatal
-            .store(policy == OnLoss::Emergency, Ordering::Release);
+        self.open
+            .status
+            .on_loss
+            .store(policy as u8, Ordering::Release);
     }
 
-    /// Says that the device is gone or does not answer, as was found by `error`: called by its driver in a process, which then ends with what this gives.
+    /// Says that the device is gone or does not answer, as was found by `error`: called by its driver, whose process then ends with what this gives. From any thread.
     ///
     /// By default it raises an emergency, as [`emergency`](crate::emergency()) does; see [`on_loss`](Self::on_loss). The first loss is what the manager tells. It allocates,
     /// off the real-time path.
@@ -251,11 +268,15 @@ impl<D: Send + Sync + 'static> Device<D> {
                 error,
             })
         });
-        if status.is_loss_fatal.load(Ordering::Acquire) {
-            emergency(lost)
-        } else {
-            lost
+        let policy = status.on_loss.load(Ordering::Acquire);
+        if policy == OnLoss::Emergency as u8 {
+            self.safety.raise(lost.clone());
+        } else if policy == OnLoss::SafeState as u8 {
+            self.safety.enter_safe_state(lost.clone());
+        } else if policy == OnLoss::Warn as u8 {
+            self.safety.warn(lost.clone());
         }
+        lost
     }
 }
 
@@ -272,7 +293,7 @@ impl<D: Send + Sync + 'static> Clone for Device<D> {
         self.open.status.users.fetch_add(1, Ordering::AcqRel);
         Self {
             open: self.open.clone(),
-            plan: self.plan.clone(),
+            safety: self.safety.clone(),
         }
     }
 }

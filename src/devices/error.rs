@@ -46,11 +46,6 @@ pub enum DeviceError {
         /// What is wrong with them.
         reason: String,
     },
-    /// The system has been started: devices are opened before.
-    TooLate {
-        /// The device's name.
-        device: String,
-    },
     /// The system refused it for another reason.
     Refused {
         /// The device's name.
@@ -128,10 +123,6 @@ impl fmt::Display for DeviceError {
                 found,
             } => write!(f, "`{device}` is no {expected} but {found}"),
             DeviceError::Settings { device, reason } => write!(f, "`{device}`: {reason}"),
-            DeviceError::TooLate { device } => write!(
-                f,
-                "`{device}` is opened after the system was started: open devices before `run`, so that their emergency functions are known to it"
-            ),
             DeviceError::Refused { device, error } => {
                 write!(f, "the system does not open `{device}`: {error}")
             }

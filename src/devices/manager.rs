@@ -2,6 +2,7 @@
 
 use super::device::{Device, DeviceView, Open, Status};
 use super::error::{DeviceError, Holder};
+use crate::safety::Safety;
 use crate::system::Plan;
 use std::any::Any;
 use std::fmt;
@@ -18,7 +19,8 @@ pub enum Sharing {
 
 /// Opens the devices of a [`System`](crate::System): see [`System::devices`](crate::System::devices).
 ///
-/// Cloning it is cheap, and it does not borrow the system. Its functions are for the set-up and the non-real-time side: they take plain locks.
+/// Cloning it is cheap, and it does not borrow the system. Devices belong to the set-up; one may also be opened in a `pre_run`, or anew while the system runs when it was lost. Not for
+/// the real-time path: its functions take plain locks, and opening is what drivers make of it.
 #[derive(Clone)]
 pub struct DeviceManager {
     plan: Arc<Plan>,
@@ -73,7 +75,7 @@ impl DeviceManager {
     ///
     /// # Errors
     ///
-    /// [`DeviceError::Busy`] if it is open in this system and not shared by both, or open as another type; [`DeviceError::TooLate`] once the system runs; and
+    /// [`DeviceError::Busy`] if it is open in this system and not shared by both, or open as another type; and
     /// whatever `open` fails with. Then the device may be opened again.
     ///
     /// ```
@@ -100,11 +102,6 @@ impl DeviceManager {
             device: name.to_owned(),
             by: Holder::ThisProgram,
         };
-        if self.plan.has_begun() {
-            return Err(DeviceError::TooLate {
-                device: name.to_owned(),
-            });
-        }
         let devices = self.plan.devices();
         let key = key(name);
         let status = {
@@ -117,7 +114,7 @@ impl DeviceManager {
                 if let Some(open) = entry.open() {
                     let both = (entry.sharing, sharing) == (Sharing::Shared, Sharing::Shared);
                     return match open.downcast::<Open<D>>() {
-                        Ok(open) if both => Ok(Device::new(open, Arc::downgrade(&self.plan))),
+                        Ok(open) if both => Ok(Device::new(open, self.safety())),
                         _ => Err(busy()),
                     };
                 }
@@ -147,7 +144,11 @@ impl DeviceManager {
             }
         }
         drop(forget);
-        Ok(Device::new(open, Arc::downgrade(&self.plan)))
+        Ok(Device::new(open, self.safety()))
+    }
+
+    fn safety(&self) -> Safety {
+        Safety::new(self.plan.emergency().clone())
     }
 
     /// All devices that were opened, in that order, with those that are closed again.

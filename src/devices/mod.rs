@@ -1,6 +1,6 @@
 //! The device manager: a device is opened once, by name, and closed when its last user has finished.
 //!
-//! A program opens its devices while it is set up, through [`System::devices`](crate::System::devices). Who opens a device gets a
+//! A program opens its devices while it is set up (or in a `pre_run`), through [`System::devices`](crate::System::devices). Who opens a device gets a
 //! [`Device`], a handle that is cloned for each process that uses it; the manager knows all of them, so that two parts of a program that
 //! name one device share it, or the second is told that it is busy. A driver registers what brings its device to safety with
 //! [`Device::on_emergency`], and says with [`Device::lost`] that it is gone, which by default is an emergency.

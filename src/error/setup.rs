@@ -151,6 +151,25 @@ pub enum SetupError {
         /// The processes that can be replaced.
         known: Vec<String>,
     },
+    /// An emergency function was registered when the others had run, or the system had ended.
+    EmergencyOver {
+        /// The function's name.
+        name: String,
+    },
+    /// There are more emergency functions than room is set aside for.
+    TooManyFunctions {
+        /// The function that came last.
+        name: String,
+        /// How many there is room for.
+        most: usize,
+    },
+    /// The guardian could not be started, or does not answer.
+    Guardian {
+        /// What was to be run.
+        command: String,
+        /// What happened.
+        message: String,
+    },
     /// A system, or `luna::run`, was started inside a process.
     Nested,
     /// The system was to be strict, and this was refused.
@@ -253,6 +272,18 @@ impl fmt::Display for SetupError {
             SetupError::NobodyToReplace { process, known } => write!(
                 f,
                 "there is a stand-in for process `{process}`, but no such process that can be replaced; there are {known:?}"
+            ),
+            SetupError::EmergencyOver { name } => write!(
+                f,
+                "emergency function `{name}` comes too late: the others have run, or the system has ended, so it would never be run"
+            ),
+            SetupError::TooManyFunctions { name, most } => write!(
+                f,
+                "emergency function `{name}` is one too many: there is room for {most}; let one function do what several did"
+            ),
+            SetupError::Guardian { command, message } => write!(
+                f,
+                "the guardian `{command}` could not be started: {message}; it must write a line on its standard output when it is ready"
             ),
             SetupError::Nested => f.write_str(
                 "a system or luna::run was started inside a process, whose thread it would stop: await the work instead, or \

@@ -6,7 +6,7 @@ use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Run
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
-use crate::safety::{Emergency, EmergencyThread};
+use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
 use luna_executors::{Executor, Living, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
@@ -34,6 +34,8 @@ pub(super) struct Launched {
     pub(super) executors: Vec<(String, Executor)>,
     pub(super) running: Arc<Running>,
     pub(super) emergency: EmergencyThread,
+    pub(super) parent: Option<ParentThread>,
+    pub(super) guardian: Option<GuardianWatch>,
     pub(super) timers: Option<ManagerThread>,
     pub(super) shortfalls: Vec<Shortfall>,
     _memory: Option<MemoryLock>,
@@ -71,6 +73,8 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         // The user's code drops them.
         drop(members);
         drop(never_prepared);
+        // Nobody runs them any more.
+        plan.emergency().conclude();
     })
 }
 
@@ -118,10 +122,26 @@ fn launch_described(
         message: error.to_string(),
     })?;
 
-    let emergency = Emergency::new(handle.clone());
-    let functions = std::mem::take(&mut settings.functions);
-    let guard = EmergencyThread::start(emergency.clone(), functions, living.clone(), real_time)?;
+    let emergency = plan.emergency().clone();
+    if let Some(simulation) = &handle {
+        emergency.simulate(simulation.clone());
+    }
+    // From before anything moves until all has ended.
+    let guardian = match &settings.guardian {
+        Some(guardian) => Some(GuardianWatch::start(
+            guardian,
+            emergency.clone(),
+            settings.strict,
+        )?),
+        None => None,
+    };
+    let mut guard = EmergencyThread::start(emergency.clone(), living.clone(), real_time)?;
     shortfalls.extend_from_slice(guard.shortfalls());
+    let parent = if settings.parents_death {
+        watch_parent(&emergency, real_time, settings.strict)?
+    } else {
+        None
+    };
 
     let loops = settings
         .max_loops
@@ -214,12 +234,16 @@ fn launch_described(
             break;
         }
     }
+    // Drivers have registered theirs by now.
+    guard.complete()?;
     Ok(Launched {
         clock: clock_kind,
         simulation,
         executors,
         running,
         emergency: guard,
+        parent,
+        guardian,
         timers,
         shortfalls,
         _memory: memory,
@@ -231,6 +255,22 @@ fn policy_of(process: &ProcessPlan) -> Policy {
     match &process.place {
         Place::Thread { attributes, .. } => attributes.asked_policy(),
         Place::Executor(_) => Policy::Other,
+    }
+}
+
+/// Makes the parent's death an emergency, where the machine can tell it.
+fn watch_parent(
+    emergency: &Arc<Emergency>,
+    real_time: bool,
+    is_strict: bool,
+) -> Result<Option<ParentThread>> {
+    match ParentThread::start(emergency.clone(), real_time)? {
+        Ok(thread) => Ok(Some(thread)),
+        Err(error) if is_strict => Err(ParentThread::refused(&error)),
+        Err(error) => {
+            eprintln!("luna: {}", ParentThread::refused(&error));
+            Ok(None)
+        }
     }
 }
 

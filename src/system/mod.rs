@@ -9,6 +9,7 @@ mod neighbours;
 mod plan;
 mod quiet;
 mod register;
+mod safety;
 mod stand_in;
 mod stolen;
 mod supervise;
@@ -59,7 +60,7 @@ impl System {
     /// An empty system called `name`.
     pub fn new(name: &str) -> System {
         System {
-            plan: Arc::new(Plan::new(name)),
+            plan: Plan::new(name),
         }
     }
 
@@ -322,28 +323,6 @@ impl System {
         Ok(self)
     }
 
-    /// Registers a function that brings something to safety.
-    ///
-    /// In an emergency (SIGINT, SIGTERM, a panic in a process) they run once, first to last registered, on a thread of the highest
-    /// priority; then the system ends. One that panics does not keep the next from running.
-    ///
-    /// A panic makes an emergency as it leaves the process' body, that is after the panic hook, which by default writes to standard error. A
-    /// program built with `panic = "abort"`, or that panics again while it unwinds, ends without them.
-    pub fn on_emergency(
-        &mut self,
-        name: &str,
-        function: impl FnMut() + Send + 'static,
-    ) -> &mut Self {
-        self.plan
-            .settings()
-            .functions
-            .push(crate::safety::Function {
-                name: name.to_owned(),
-                run: Box::new(function),
-            });
-        self
-    }
-
     /// Opens devices: each once, by name, shared by those who use it, and closed when the last of them has finished. See [`devices`](crate::devices).
     ///
     /// ```
@@ -415,8 +394,9 @@ impl System {
     /// In this order: memory is locked and the threads are made, with their attributes; every process' `pre_run` runs; then all bodies
     /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
     ///
-    /// SIGINT and SIGTERM run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
-    /// usual, and says so. A second signal ends the program at once. A process that does not end within two seconds then is left behind.
+    /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
+    /// usual, and says so. A second signal ends the program at once. A process that does not end within two seconds then is left behind. This thread blocks those three while
+    /// it is in here, so that the emergency manager's own takes them, as soon as they come.
     ///
     /// # Errors
     ///

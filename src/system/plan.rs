@@ -11,7 +11,7 @@ use crate::csp::process::{
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::report::Report;
-use crate::safety::{Function, Ledger};
+use crate::safety::{Emergency, Guardian, Ledger};
 use crate::time::Manager;
 use luna_executors::{
     Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused, SimulationHandle,
@@ -31,6 +31,7 @@ pub(crate) struct Plan {
     #[cfg(unix)]
     devices: crate::devices::Devices,
     tree: Arc<Tree>,
+    emergency: Arc<Emergency>,
 }
 
 #[derive(Default)]
@@ -45,7 +46,9 @@ pub(crate) struct Settings {
     pub(crate) timer_core: Option<usize>,
     /// Of how many that have ended more than their number is known.
     pub(crate) remembered: Option<usize>,
-    pub(crate) functions: Vec<Function>,
+    /// Whether the death of the program that started this one is an emergency.
+    pub(crate) parents_death: bool,
+    pub(crate) guardian: Option<Guardian>,
     pub(crate) clock: ClockPlan,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
@@ -415,8 +418,8 @@ fn duplicate(kind: &'static str, name: &str) -> Error {
 }
 
 impl Plan {
-    pub(crate) fn new(name: &str) -> Self {
-        Self {
+    pub(crate) fn new(name: &str) -> Arc<Self> {
+        Arc::new_cyclic(|plan| Self {
             name: name.to_owned(),
             settings: Mutex::default(),
             members: Mutex::default(),
@@ -424,7 +427,8 @@ impl Plan {
             #[cfg(unix)]
             devices: Default::default(),
             tree: Tree::new(),
-        }
+            emergency: Emergency::new(plan.clone()),
+        })
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -434,6 +438,10 @@ impl Plan {
     /// The named sub-processes.
     pub(crate) fn tree(&self) -> &Arc<Tree> {
         &self.tree
+    }
+
+    pub(crate) fn emergency(&self) -> &Arc<Emergency> {
+        &self.emergency
     }
 
     pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {
@@ -693,6 +701,11 @@ impl Plan {
             process: process.to_owned(),
         }
         .into()
+    }
+
+    /// The name of a process that was started and is remembered.
+    pub(crate) fn process_name(&self, id: ProcessId) -> Option<String> {
+        self.members().started.name(id).map(str::to_owned)
     }
 
     pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {

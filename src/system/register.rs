@@ -7,7 +7,7 @@ use super::plan::Member;
 use crate::csp::process::{Ended, Phases};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
-use crate::safety::Emergency;
+use crate::safety::{Cause, Emergency};
 use luna_executors::{Exit, Living, ProcessHandle};
 use luna_platform::current::ProcessId;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
@@ -173,7 +173,7 @@ impl Register {
         let exit = member.handle.exit();
         // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
-            emergency.trigger();
+            emergency.trigger(Cause::Panic);
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());

@@ -10,11 +10,13 @@ use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::report::{End, Report, ThreadReport};
+use crate::safety::Cause;
 use crate::time::{ManagerThread, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
-use luna_platform::thread::{Mode, Obtained, Policy};
+use luna_platform::signals::HeldBack;
+use luna_platform::thread::{HandlerStack, Mode, Obtained, Policy};
 use luna_platform::{current, reclaim};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
@@ -33,6 +35,9 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // Also in a blocking call of a process whose time is virtual: this system has a clock of its own.
     let _clock = Clock::REAL.enter();
+    // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
+    let _handlers = HandlerStack::here();
+    let _held_back = HeldBack::here();
     let launched = launch(plan)?;
     announce_shortfalls(plan, &launched);
 
@@ -71,6 +76,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         simulation,
         executors,
         emergency: guard,
+        parent,
+        guardian,
         timers,
         shortfalls,
         ..
@@ -107,10 +114,23 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // Who was left behind may have ended since.
     plan.members().started.note_last_ends(living, emergency);
     end.bury();
-    let signal = guard.stop();
+    drop(parent);
+    let signal = guard.stop().or_else(|| match emergency.cause() {
+        // A crash, by a signal that was then handled otherwise.
+        Some((_, Cause::Signal(number))) => Some(number),
+        _ => None,
+    });
     // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample();
+    let safety = emergency.conclude();
+    for function in safety.failed() {
+        // Only now: standard error may be a pipe that nobody reads.
+        eprintln!("luna: emergency function {function}; the others ran");
+    }
+    if let Some(guardian) = guardian {
+        guardian.end(safety.failed().next().is_none());
+    }
 
     let mut members = plan.members();
     for left_behind in members.started.left_behind() {
@@ -132,12 +152,17 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         stolen,
     };
     let overrun = members.started.overrun();
-    let raised = emergency
-        .cause()
-        .map(|(process, error)| match members.started.name(process) {
-            Some(name) => error.in_process(name),
-            None => error,
-        });
+    let raised = emergency.cause().and_then(|(process, cause)| {
+        let error = match cause {
+            Cause::Raised(error) => error,
+            Cause::ParentDied | Cause::GuardianLost => Error::other(cause.to_string()),
+            _ => return None,
+        };
+        match process.and_then(|process| members.started.name(process)) {
+            Some(name) => Some(error.in_process(name)),
+            None => Some(error),
+        }
+    });
     let report = Report {
         system: plan.name().to_owned(),
         end: match (
@@ -169,6 +194,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         shortfalls,
         deadlock,
         timers,
+        safety,
     };
     let cause = if report.end == End::Emergency {
         raised
@@ -300,7 +326,7 @@ fn watch(
                 eprintln!("luna: {deadlock}");
                 if running.mode == Mode::Strict {
                     // The machine may stand in the middle of a movement.
-                    emergency.trigger();
+                    emergency.trigger(Cause::Deadlock);
                 }
             }
         }

@@ -30,7 +30,7 @@
 
 use crate::Counts;
 use crate::end::Lose;
-use luna::devices::{Device, DeviceError};
+use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Buffer, Error, Policy, Process, Receiver, Sender, Server};
 use luna_platform::clock::Instant;
@@ -160,11 +160,11 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
     }
 
     /// What the driver does in an emergency. It does it on its own thread, after the transaction that is under way, and answers no call from then on; the emergency
-    /// thread waits for it, at most [so long](Self::lost_after) for each to be taken and done. State that time before.
+    /// thread waits for it, at most [so long](Self::lost_after) for it to be taken and to be done. State that time before.
     ///
     /// # Errors
     ///
-    /// [`DeviceError::TooLate`] once the system runs.
+    /// As for [`Device::on_emergency`].
     ///
     /// # Panics
     ///
@@ -172,7 +172,7 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
     pub fn on_emergency(
         mut self,
         make_safe: impl FnMut(&mut D) + Send + 'static,
-    ) -> Result<Self, DeviceError> {
+    ) -> luna::Result<Self> {
         let safe = self
             .safe
             .take()
@@ -185,7 +185,8 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
                     let _ = safe.blocking_recv_timeout(limit);
                 }
             };
-            device.on_emergency("driver", Box::new(function))?;
+            // Both waits, and a little for what it does in between.
+            device.on_emergency("driver", limit * 3, Box::new(function))?;
         }
         Ok(self)
     }

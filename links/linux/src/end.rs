@@ -1,8 +1,9 @@
 //! How a link ends.
 
-use luna::devices::{Device, DeviceError};
+use luna::devices::Device;
 use luna::external::{BadRecord, LinkError};
 use luna::{ChannelEnd, Error};
+use std::time::Duration;
 
 /// Why a link stops.
 #[derive(Debug)]
@@ -52,12 +53,13 @@ pub(crate) trait Lose: Send {
     /// As [`Device::lost`].
     fn lost(&self, error: Error) -> Error;
 
-    /// As [`Device::on_emergency`], for a function that needs no access to it.
+    /// As [`Device::on_emergency_within`], for a function that needs no access to it.
     fn on_emergency(
         &self,
         what: &str,
+        limit: Duration,
         function: Box<dyn FnMut() + Send>,
-    ) -> Result<(), DeviceError>;
+    ) -> luna::Result<()>;
 }
 
 impl<D: Send + Sync + 'static> Lose for Device<D> {
@@ -68,8 +70,9 @@ impl<D: Send + Sync + 'static> Lose for Device<D> {
     fn on_emergency(
         &self,
         what: &str,
+        limit: Duration,
         mut function: Box<dyn FnMut() + Send>,
-    ) -> Result<(), DeviceError> {
-        Device::on_emergency(self, what, move |_| function())
+    ) -> luna::Result<()> {
+        self.on_emergency_within(what, limit, move |_| function())
     }
 }

@@ -1,7 +1,9 @@
 //! The complete backend: Linux, through `nix` where it has the call and `libc` where it has not.
 
+mod alternate_stack;
 pub(crate) mod boost;
 pub(crate) mod clock;
+pub(crate) mod crash;
 mod deadline;
 pub(crate) mod facts;
 pub(crate) mod fence;
@@ -11,6 +13,7 @@ pub(crate) mod inside;
 pub(crate) mod latency;
 pub mod lock;
 pub(crate) mod memory;
+pub(crate) mod parent;
 pub(crate) mod privileges;
 pub(crate) mod reactor;
 pub(crate) mod signals;

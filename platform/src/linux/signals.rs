@@ -31,6 +31,39 @@ pub(crate) fn number(signal: Signal) -> i32 {
     sys_signal(signal) as i32
 }
 
+/// Which signals a thread blocks.
+pub(crate) type Mask = sys::SigSet;
+
+fn requests() -> sys::SigSet {
+    sys::SigSet::from_iter([
+        sys::Signal::SIGINT,
+        sys::Signal::SIGTERM,
+        sys::Signal::SIGHUP,
+    ])
+}
+
+/// These fail only for an unknown `how`.
+pub(crate) fn accept_here() {
+    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&requests()), None);
+}
+
+pub(crate) fn hold_back() -> Mask {
+    let mut before = sys::SigSet::empty();
+    let blocks = sys::SigmaskHow::SIG_BLOCK;
+    let _ = sys::pthread_sigmask(blocks, Some(&requests()), Some(&mut before));
+    before
+}
+
+pub(crate) fn set_mask(mask: &Mask) {
+    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_SETMASK, Some(mask), None);
+}
+
+pub(crate) fn send_to_this_process(number: i32) {
+    if let Ok(signal) = sys::Signal::try_from(number) {
+        let _ = sys::kill(nix::unistd::getpid(), signal);
+    }
+}
+
 /// Sets the handler of `signal`.
 pub(crate) fn install(signal: Signal) -> Result<Before, SignalError> {
     // Other system calls go on after the handler where they can; the handler runs on an alternative stack if the thread has one.

@@ -1,5 +1,6 @@
 //! Threads' attributes: set by the thread itself, then read back.
 
+pub(crate) use super::alternate_stack::AlternateStack;
 use super::deadline;
 use super::privileges::{self, Capability};
 use crate::facts::parse::{core_list, write_core_list};
@@ -77,6 +78,26 @@ pub(crate) fn begin() {
     ]);
     // It fails only for an unknown `how`.
     let _ = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&ending), None);
+}
+
+pub(crate) fn current_number() -> i32 {
+    gettid().as_raw()
+}
+
+pub(crate) fn demote(number: i32) {
+    let parameter = zeroed_parameter();
+    let policy = libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK;
+    // SAFETY: plain system calls; the parameter is valid for the first. A thread that has ended is an error, which is what was wanted.
+    unsafe {
+        libc::syscall(
+            libc::SYS_sched_setscheduler,
+            number,
+            policy,
+            &raw const parameter,
+        );
+        // One that was ordinary before keeps no flag, and may not be given one: then the call above did nothing that was needed.
+        libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19);
+    }
 }
 
 /// Gives the calling thread its attributes.

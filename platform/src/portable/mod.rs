@@ -2,6 +2,7 @@
 
 pub(crate) mod boost;
 pub(crate) mod clock;
+pub(crate) mod crash;
 pub(crate) mod facts;
 pub(crate) mod fence;
 #[cfg(unix)]
@@ -11,6 +12,7 @@ pub(crate) mod inside;
 pub(crate) mod latency;
 pub mod lock;
 pub(crate) mod memory;
+pub(crate) mod parent;
 pub(crate) mod reactor;
 pub(crate) mod signals;
 pub(crate) mod steal;

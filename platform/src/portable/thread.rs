@@ -10,6 +10,22 @@ pub(crate) fn remember_process() {}
 /// Signals are not known here.
 pub(crate) fn begin() {}
 
+/// No handler of a signal runs here.
+pub(crate) struct AlternateStack;
+
+impl AlternateStack {
+    pub(crate) fn make() -> Self {
+        Self
+    }
+}
+
+pub(crate) fn current_number() -> i32 {
+    0
+}
+
+/// Threads have no priorities here.
+pub(crate) fn demote(_number: i32) {}
+
 /// Gives the calling thread its attributes, that is: says which it cannot have. Its stack is not touched, since nobody tells its bounds.
 pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     let mut obtained = Obtained {

@@ -11,6 +11,7 @@
 //!   before the first thread was made here. (A helper thread that a *library* starts on a pinned thread is pinned too: the kernel
 //!   offers no reset for that.)
 //! - A thread made here blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that no handler of those interrupts a real-time thread.
+//! - A thread made here has a stack of its own for handlers of signals, so that one that has used up its stack still comes to the emergency functions.
 //! - Every thread made here sleeps with a slack of 1 ns: without a real-time policy Linux else adds 50 µs to each sleep.
 //!
 //! None of this is for the real-time path: it allocates, and takes as long as the system takes to make a thread.
@@ -76,6 +77,7 @@ where
         .stack_size(attributes.stack_size)
         .spawn(move || {
             backend::begin();
+            let _signals = backend::AlternateStack::make();
             let started = backend::apply(&attributes)
                 .map_err(SpawnError::Refused)
                 .and_then(|obtained| {
@@ -168,6 +170,49 @@ pub fn current_core() -> Option<usize> {
 /// ```
 pub fn available_cores() -> Vec<usize> {
     backend::available_cores()
+}
+
+/// A thread by the number that the system knows it by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct ThreadNumber(i32);
+
+/// The calling thread's number: 0 where the system tells none. One system call.
+pub fn current_number() -> ThreadNumber {
+    ThreadNumber(backend::current_number())
+}
+
+/// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For one that does not come to its end; it can be done without a
+/// privilege. Three system calls at most. Does nothing where threads have no priorities, or to one that has ended.
+///
+/// ```
+/// use luna_platform::thread::{current_number, demote};
+/// demote(current_number());
+/// ```
+pub fn demote(thread: ThreadNumber) {
+    backend::demote(thread.0);
+}
+
+/// A stack for handlers of signals, as the threads made here have, for one that somebody else made: until it is dropped there.
+#[must_use = "it is taken back when it is dropped"]
+pub struct HandlerStack {
+    _stack: backend::AlternateStack,
+    stays_on_its_thread: std::marker::PhantomData<*const ()>,
+}
+
+impl HandlerStack {
+    /// Makes it, and gives it to the calling thread, in the place of one that it may have. Where there is no memory for it nothing changes. Not for the real-time path.
+    pub fn here() -> HandlerStack {
+        HandlerStack {
+            _stack: backend::AlternateStack::make(),
+            stays_on_its_thread: std::marker::PhantomData,
+        }
+    }
+}
+
+impl fmt::Debug for HandlerStack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("HandlerStack").finish_non_exhaustive()
+    }
 }
 
 /// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by itself.

@@ -1,7 +1,7 @@
 //! A process' budgets while it runs: measured on its thread, read by the one that runs the system.
 
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
-use crate::safety::Emergency;
+use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName, UsageSince};
 use luna_executors::{Living, Overseer, Sentence};
 use luna_platform::clock::{Instant, nanos};
@@ -132,7 +132,9 @@ impl Ledger {
         match (self.on_overrun, self.system.get()) {
             (OnOverrun::Poison, _) => self.sentenced.store(true, Ordering::Relaxed),
             (OnOverrun::Warn, Some((_, living))) if is_news => living.announce(),
-            (OnOverrun::Emergency, Some((emergency, _))) if is_first => emergency.trigger(),
+            (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
+                emergency.trigger(Cause::Overrun)
+            }
             _ => {}
         }
     }

@@ -3,7 +3,7 @@
 use super::report::{TickReport, TimersReport};
 use super::{Engine, Manager};
 use crate::error::{Error, Result};
-use crate::safety::Emergency;
+use crate::safety::{Cause, Emergency};
 use luna_platform::clock::Instant;
 use luna_platform::current;
 use luna_platform::lock::PiLock;
@@ -140,7 +140,7 @@ impl Drop for End<'_> {
         self.engine.bases.close();
         if std::thread::panicking() {
             // A fault of the framework: nobody keeps time any more as the system was told.
-            self.shared.emergency.trigger();
+            self.shared.emergency.trigger(Cause::Panic);
         }
     }
 }
@@ -177,6 +177,6 @@ impl Shared {
         self.panic
             .lock()
             .get_or_insert(Error::Callback { name, message });
-        self.emergency.trigger();
+        self.emergency.trigger(Cause::Panic);
     }
 }

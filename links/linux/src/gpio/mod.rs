@@ -203,7 +203,8 @@ struct Outputs {
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: missing, no permission, no GPIO chip; busy, with the name by which the kernel knows who has a line; lines that make no sense.
+/// A [`DeviceError`]: missing, no permission, no GPIO chip; busy, with the name by which the kernel knows who has a line; lines that make no sense. And those of
+/// [`Device::on_emergency`].
 ///
 /// ```
 /// use luna::devices::DeviceError;
@@ -211,13 +212,10 @@ struct Outputs {
 ///
 /// let system = luna::System::new("machine");
 /// let opened = gpio::open(&system.devices(), "/dev/null", &Lines::new("press").output(17, false));
-/// assert!(matches!(opened, Err(DeviceError::WrongKind { expected: "GPIO chip", .. })));
+/// let Err(luna::Error::Device(error)) = opened else { panic!("it is opened") };
+/// assert!(matches!(*error, DeviceError::WrongKind { expected: "GPIO chip", .. }));
 /// ```
-pub fn open(
-    devices: &DeviceManager,
-    path: &str,
-    lines: &Lines,
-) -> Result<Device<Pins>, DeviceError> {
+pub fn open(devices: &DeviceManager, path: &str, lines: &Lines) -> luna::Result<Device<Pins>> {
     let offsets: Vec<String> = lines.lines.iter().map(|l| l.offset.to_string()).collect();
     let name = format!("{path}:{}", offsets.join(","));
     open_chip(devices, &name, lines, || {
@@ -236,12 +234,12 @@ pub fn open_chip<C: Chip>(
     name: &str,
     lines: &Lines,
     chip: impl FnOnce() -> Result<C, DeviceError>,
-) -> Result<Device<Pins>, DeviceError> {
+) -> luna::Result<Device<Pins>> {
     let refused = |reason: &str| {
-        Err(DeviceError::Settings {
+        Err(luna::Error::from(DeviceError::Settings {
             device: name.to_owned(),
             reason: reason.to_owned(),
-        })
+        }))
     };
     if lines.lines.is_empty() || lines.lines.len() > MOST_LINES {
         return refused("ask for 1 to 64 lines");

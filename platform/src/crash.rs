@@ -1,0 +1,192 @@
+//! What is done before a crash ends the program: who waits for it is woken, and given a bounded time.
+//!
+//! SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT are handled on the [alternate stack](crate::thread) of the thread that crashes. The handler does what a handler may: it
+//! notes the signal, counts an [event](crate::signals::announce_event), and waits until all watches have said that they are
+//! [done](CrashSlot::announce_done), or their time is over. Then whatever handled the signal before has its turn: the standard library's handler, which tells of a stack that has overflowed, or
+//! the default, so that the program ends by the signal as it would have without this, with its core dump. Whoever crashes while it does what the others wait for is [seen](CrashSlot::has_crashed) to have.
+//!
+//! ```
+//! use luna_platform::crash::CrashWatch;
+//!
+//! match CrashWatch::install() {
+//!     Ok(watch) => assert_eq!(watch.slot().signal(), None),
+//!     Err(error) => eprintln!("{error}"),
+//! }
+//! ```
+
+use crate::backend::crash as backend;
+use crate::futex::Futex;
+use crate::signals::SignalError;
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+use crate::{clock::Instant, signals};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// The most watches at a time in one program.
+pub const MOST_WATCHES: usize = 64;
+
+/// The most members that a watch knows apart.
+pub const MOST_MEMBERS: usize = 8;
+
+/// The signal by which the program crashes, 0 for none. Written by handlers; back only if one of before has made good what it was about.
+static CRASHED: AtomicI32 = AtomicI32::new(0);
+
+/// Counts what handlers wait for.
+static DONE: Futex = Futex::new(0);
+
+static SLOTS: [Slot; MOST_WATCHES] = [const { Slot::new() }; MOST_WATCHES];
+
+/// What one watch and the handlers know of each other. Static, so that a handler may look at any time.
+#[derive(Debug)]
+struct Slot {
+    is_taken: AtomicBool,
+    /// Whether a handler is to wait for it. Written by the watch alone.
+    is_awaited: AtomicBool,
+    bound: AtomicU64,
+    /// The number of the thread by which each member does what is waited for, 0 while it does nothing; and the same negated if it has crashed. Written by the
+    /// member, and by the handler on its thread.
+    members: [AtomicI32; MOST_MEMBERS],
+}
+
+impl Slot {
+    const fn new() -> Self {
+        Self {
+            is_taken: AtomicBool::new(false),
+            is_awaited: AtomicBool::new(false),
+            bound: AtomicU64::new(0),
+            members: [const { AtomicI32::new(0) }; MOST_MEMBERS],
+        }
+    }
+}
+
+/// How many watches there are.
+static INSTALLED: Mutex<usize> = Mutex::new(0);
+
+/// While it lives, a crash waits for who holds it. Several may live in one program: a crash waits for all, each its time.
+#[derive(Debug)]
+#[must_use = "a crash ends the program at once again when it is dropped"]
+pub struct CrashWatch {
+    slot: CrashSlot,
+}
+
+/// A watch, for the threads that act on it.
+#[derive(Debug, Clone, Copy)]
+pub struct CrashSlot(&'static Slot);
+
+impl CrashWatch {
+    /// Watches for crashes. Not for the real-time path.
+    ///
+    /// # Errors
+    ///
+    /// [`SignalError`] if the system does not let a signal be handled, or has none, or if there are [`MOST_WATCHES`] watches.
+    pub fn install() -> Result<CrashWatch, SignalError> {
+        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        let free = SLOTS
+            .iter()
+            .find(|slot| !slot.is_taken.load(Ordering::Relaxed));
+        let Some(slot) = free else {
+            return Err(SignalError::TooMany { most: MOST_WATCHES });
+        };
+        if *installed == 0 {
+            backend::install()?;
+        }
+        *installed += 1;
+        slot.is_taken.store(true, Ordering::Relaxed);
+        slot.bound.store(0, Ordering::Relaxed);
+        for member in &slot.members {
+            member.store(0, Ordering::Relaxed);
+        }
+        slot.is_awaited.store(true, Ordering::Release);
+        Ok(CrashWatch {
+            slot: CrashSlot(slot),
+        })
+    }
+
+    /// It, for the threads that act on a crash.
+    pub fn slot(&self) -> CrashSlot {
+        self.slot
+    }
+}
+
+impl Drop for CrashWatch {
+    fn drop(&mut self) {
+        self.slot.announce_done();
+        let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        self.slot.0.is_taken.store(false, Ordering::Relaxed);
+        *installed -= 1;
+        if *installed == 0 {
+            backend::restore();
+        }
+    }
+}
+
+impl CrashSlot {
+    /// The signal by which the program crashes, if it does. An atomic load.
+    pub fn signal(self) -> Option<i32> {
+        Some(CRASHED.load(Ordering::Acquire)).filter(|&number| number != 0)
+    }
+
+    /// How long a crash waits at most.
+    pub fn set_bound(self, bound: Duration) {
+        let nanos = u64::try_from(bound.as_nanos()).unwrap_or(u64::MAX);
+        self.0.bound.store(nanos, Ordering::Relaxed);
+    }
+
+    /// The calling thread is `member`, and begins what a crash waits for. O(1).
+    ///
+    /// # Panics
+    ///
+    /// If `member` is not below [`MOST_MEMBERS`].
+    pub fn enter(self, member: u8) {
+        let thread = backend::current_thread();
+        self.0.members[usize::from(member)].store(thread, Ordering::Relaxed);
+    }
+
+    /// `member` has ended it. O(1).
+    pub fn leave(self, member: u8) {
+        self.0.members[usize::from(member)].store(0, Ordering::Relaxed);
+    }
+
+    /// Whether `member` has crashed in it: it will not come to its end.
+    pub fn has_crashed(self, member: u8) -> bool {
+        let thread = self.0.members.get(usize::from(member));
+        thread.is_some_and(|thread| thread.load(Ordering::Acquire) < 0)
+    }
+
+    /// Nothing is to be waited for any more. One system call. Async-signal-safe.
+    pub fn announce_done(self) {
+        self.0.is_awaited.store(false, Ordering::Release);
+        DONE.word().fetch_add(1, Ordering::AcqRel);
+        DONE.wake_all();
+    }
+}
+
+/// The crash was none, as it turned out after [`handle`].
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+pub(crate) fn forget() {
+    CRASHED.store(0, Ordering::Release);
+}
+
+/// What the handler does on the thread that crashes: async-signal-safe, and it returns after a bounded time.
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+pub(crate) fn handle(number: i32) {
+    let began = Instant::now_real();
+    // The first crash is the one that is told; the others wait as it does.
+    let _ = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
+    let me = backend::current_thread();
+    for member in SLOTS.iter().flat_map(|slot| &slot.members) {
+        let _ = member.compare_exchange(me, -me, Ordering::AcqRel, Ordering::Relaxed);
+    }
+    signals::announce_event();
+    for slot in &SLOTS {
+        let until = began.plus_nanos(slot.bound.load(Ordering::Relaxed));
+        loop {
+            let seen = DONE.word().load(Ordering::Acquire);
+            if !slot.is_awaited.load(Ordering::Acquire) || Instant::now_real() >= until {
+                break;
+            }
+            DONE.wait(seen, until);
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A descriptor of the parent process.
+
+use crate::parent::Watched;
+use nix::errno::Errno;
+use nix::libc;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::eventfd::{EfdFlags, EventFd};
+use nix::unistd::getppid;
+use std::io;
+use std::os::fd::{AsFd, FromRawFd, OwnedFd};
+
+#[derive(Debug)]
+pub(crate) struct Watch {
+    /// None: it had ended before there was a descriptor.
+    parent: Option<OwnedFd>,
+    stop: EventFd,
+}
+
+impl Watch {
+    pub(crate) fn new() -> io::Result<Self> {
+        let stop = EventFd::from_flags(EfdFlags::EFD_CLOEXEC)?;
+        let parent = getppid();
+        // SAFETY: a plain system call; what it returns is a new descriptor, or an error.
+        let opened = unsafe { libc::syscall(libc::SYS_pidfd_open, parent.as_raw(), 0) };
+        let descriptor = match Errno::result(opened) {
+            // The number was not given to somebody else before it was opened, if it still is the parent's.
+            // SAFETY: it is open, and nobody else's.
+            Ok(number) => {
+                Some(unsafe { OwnedFd::from_raw_fd(number as i32) }).filter(|_| getppid() == parent)
+            }
+            Err(Errno::ESRCH) => None,
+            Err(error) => return Err(error.into()),
+        };
+        Ok(Self {
+            parent: descriptor,
+            stop,
+        })
+    }
+
+    pub(crate) fn wait(&self) -> Watched {
+        let Some(parent) = &self.parent else {
+            return Watched::HasEnded;
+        };
+        loop {
+            let mut waited = [
+                PollFd::new(parent.as_fd(), PollFlags::POLLIN),
+                PollFd::new(self.stop.as_fd(), PollFlags::POLLIN),
+            ];
+            // Interrupted, or out of memory for a moment: again.
+            if poll(&mut waited, PollTimeout::NONE).is_err() {
+                continue;
+            }
+            let is_ready =
+                |one: &PollFd<'_>| one.revents().is_some_and(|events| !events.is_empty());
+            if is_ready(&waited[1]) {
+                return Watched::Stopped;
+            }
+            if is_ready(&waited[0]) {
+                return Watched::HasEnded;
+            }
+        }
+    }
+
+    pub(crate) fn stop(&self) {
+        // It fails only when the count is at its end, and then it is not zero.
+        let _ = self.stop.write(1);
+    }
+}
+
+/// Makes this process survive what ends its terminal, its session, or is typed there: for one that must be the last.
+pub(crate) fn outlive_requests() {
+    // Fails for a leader of a group, which is in a session of its own already, or is what a user typed.
+    let _ = nix::unistd::setsid();
+    for signal in [
+        libc::SIGINT,
+        libc::SIGTERM,
+        libc::SIGHUP,
+        libc::SIGQUIT,
+        libc::SIGPIPE,
+    ] {
+        // SAFETY: to ignore a signal runs nothing.
+        unsafe { libc::signal(signal, libc::SIG_IGN) };
+    }
+}

@@ -1,0 +1,97 @@
+//! Triggers, members that hang, the end of the system, and jobs that come late, in any order: each job is run once, none is lost.
+
+use super::*;
+use crate::sync::Arc;
+use crate::sync::atomic::AtomicUsize;
+
+struct Scene {
+    relay: Relay,
+    runs: [AtomicUsize; 2],
+}
+
+impl Scene {
+    fn new(jobs: usize) -> Arc<Self> {
+        let relay = Relay::new();
+        for _ in 0..jobs {
+            relay.add();
+        }
+        Arc::new(Self {
+            relay,
+            runs: std::array::from_fn(|_| AtomicUsize::new(0)),
+        })
+    }
+
+    fn runs(&self) -> [usize; 2] {
+        std::array::from_fn(|job| self.runs[job].load(Ordering::Relaxed))
+    }
+
+    /// A member that is never stuck itself, and at once takes who is before it for stuck.
+    fn serve(&self, member: u8) {
+        loop {
+            match self.relay.take(member) {
+                Leg::Run(turn) => {
+                    self.runs[turn.job()].fetch_add(1, Ordering::Relaxed);
+                    if !self.relay.finish(turn) {
+                        // It was left behind.
+                        return;
+                    }
+                }
+                Leg::Watch(turn) => {
+                    self.relay.leave_behind(turn);
+                }
+                Leg::Rest => return,
+            }
+        }
+    }
+}
+
+#[test]
+fn members_that_leave_each_other_behind_run_each_job_once() {
+    loom::model(|| {
+        let scene = Scene::new(2);
+        assert!(scene.relay.begin());
+        let other = scene.clone();
+        let second = loom::thread::spawn(move || other.serve(1));
+        scene.serve(0);
+        second.join().unwrap();
+        // Both may have been left behind only if both jobs were.
+        assert!(scene.relay.is_done());
+        assert_eq!(scene.runs(), [1, 1]);
+    });
+}
+
+#[test]
+fn of_several_triggers_and_the_end_one_comes_first() {
+    loom::model(|| {
+        let scene = Scene::new(1);
+        let triggers: Vec<_> = (0..2)
+            .map(|_| {
+                let scene = scene.clone();
+                loom::thread::spawn(move || scene.relay.begin())
+            })
+            .collect();
+        let is_closed = scene.relay.close();
+        let begun = triggers
+            .into_iter()
+            .map(|one| usize::from(one.join().unwrap()))
+            .sum::<usize>();
+        assert_eq!(begun, usize::from(!is_closed));
+        scene.serve(0);
+        assert_eq!(scene.runs(), [begun, 0]);
+    });
+}
+
+#[test]
+fn a_job_that_comes_late_is_run_or_refused() {
+    loom::model(|| {
+        let scene = Scene::new(1);
+        scene.relay.begin();
+        let other = scene.clone();
+        let adds = loom::thread::spawn(move || other.relay.add());
+        scene.serve(0);
+        let added = adds.join().unwrap();
+        scene.serve(0);
+        assert!(scene.relay.is_done());
+        assert_eq!(scene.runs(), [1, usize::from(added.is_some())]);
+    });
+}

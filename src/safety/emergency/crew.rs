@@ -1,0 +1,334 @@
+//! The threads that wait for an emergency, and run the functions.
+//!
+//! Two are on duty: whoever comes first runs the functions, the other sees to it that none takes too long. The rest is a reserve, of whom one takes
+//! the watch when the watcher has taken over from one that hangs. All are made before the start, and have a stack that is in memory.
+
+use super::Emergency;
+use super::functions::Task;
+use crate::error::{Error, Result};
+use crate::safety::state::Cause;
+use luna_executors::Living;
+use luna_platform::clock::Instant;
+use luna_platform::crash::{CrashSlot, CrashWatch};
+use luna_platform::futex::Futex;
+use luna_platform::shortfall::Shortfall;
+use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
+use luna_platform::thread::{
+    self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
+};
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+/// How many are on duty.
+const ON_DUTY: u32 = 2;
+
+/// The most members: all but one may hang.
+const MOST: usize = 8;
+
+/// How much longer a crash waits than the functions may take.
+const CRASH_MARGIN: Duration = Duration::from_millis(200);
+
+/// What the members know of each other.
+#[derive(Debug)]
+pub(super) struct Crew {
+    /// Members with a lower number are on duty.
+    on_duty: Futex,
+    /// The members' numbers in the kernel.
+    numbers: [OnceLock<ThreadNumber>; MOST],
+    /// A bit for each member that was left behind.
+    left_behind: AtomicU8,
+    /// How many there are.
+    members: AtomicU32,
+    hears_signals: AtomicBool,
+    /// The signal that was heard, 0 for none.
+    heard: AtomicU32,
+    heard_crash: AtomicBool,
+    /// That the functions have run was announced.
+    has_announced: AtomicBool,
+    crash: OnceLock<CrashSlot>,
+}
+
+impl Default for Crew {
+    fn default() -> Self {
+        Self {
+            on_duty: Futex::new(ON_DUTY),
+            numbers: [const { OnceLock::new() }; MOST],
+            left_behind: AtomicU8::new(0),
+            members: AtomicU32::new(0),
+            hears_signals: AtomicBool::new(false),
+            heard: AtomicU32::new(0),
+            heard_crash: AtomicBool::new(false),
+            has_announced: AtomicBool::new(false),
+            crash: OnceLock::new(),
+        }
+    }
+}
+
+impl Crew {
+    /// Whether there is somebody to run the functions.
+    pub(super) fn serves(&self) -> bool {
+        self.members.load(Ordering::Relaxed) > 0
+    }
+
+    /// How long all functions may take together: so long a crash waits for them.
+    pub(super) fn bound_crashes(&self, limits: Duration) {
+        if let Some(crash) = self.crash.get() {
+            crash.set_bound(limits.saturating_add(CRASH_MARGIN));
+        }
+    }
+
+    fn is_left_behind(&self, member: u8) -> bool {
+        self.left_behind.load(Ordering::Acquire) & 1 << member != 0
+    }
+
+    /// Another member hangs: it goes on at low priority if it ever does, and one of the reserve takes its place.
+    fn leave_behind(&self, member: u8) {
+        self.left_behind.fetch_or(1 << member, Ordering::AcqRel);
+        if let Some(number) = self.numbers[usize::from(member)].get() {
+            thread::demote(*number);
+        }
+        self.on_duty.word().fetch_add(1, Ordering::AcqRel);
+        self.on_duty.wake_all();
+    }
+
+    /// Sleeps until this member is on duty, or the system ends.
+    fn await_duty(&self, member: u8, ends: impl Fn() -> bool) {
+        loop {
+            let on_duty = self.on_duty.word().load(Ordering::Acquire);
+            if u32::from(member) < on_duty || ends() {
+                return;
+            }
+            self.on_duty.wait(on_duty, Instant::NEVER);
+        }
+    }
+
+    /// Lets the reserve look whether the system ends.
+    fn dismiss(&self) {
+        self.on_duty.word().fetch_add(MOST as u32, Ordering::AcqRel);
+        self.on_duty.wake_all();
+    }
+}
+
+/// The crew, as the system sees it. Dropping it ends it.
+pub(crate) struct EmergencyThread {
+    emergency: Arc<Emergency>,
+    living: Arc<Living>,
+    policy: Policy,
+    threads: Vec<Thread<()>>,
+    signals: Option<SignalWatch>,
+    crash: Option<CrashWatch>,
+}
+
+impl EmergencyThread {
+    /// Starts the crew, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes.
+    pub(crate) fn start(
+        emergency: Arc<Emergency>,
+        living: Arc<Living>,
+        real_time: bool,
+    ) -> Result<Self> {
+        // A platform without signals has the functions all the same, for panics.
+        let signals = supported(SignalWatch::install(&[
+            Signal::Interrupt,
+            Signal::Terminate,
+            Signal::Hangup,
+        ]))?;
+        let crash = supported(CrashWatch::install())?;
+        let crew = &emergency.crew;
+        crew.hears_signals
+            .store(signals.is_some(), Ordering::Relaxed);
+        if let Some(crash) = &crash {
+            // A system is started once.
+            let _ = crew.crash.set(crash.slot());
+            crew.bound_crashes(emergency.at_emergency.limits());
+        }
+        let policy = match real_time {
+            false => Policy::Other,
+            // A function that computes for ever would keep who watches it from the only core there is; of equals they take turns.
+            true if thread::available_cores().len() == 1 => Policy::round_robin(EMERGENCY_PRIORITY),
+            true => Policy::fifo(EMERGENCY_PRIORITY),
+        };
+        let mut all = Self {
+            emergency,
+            living,
+            policy,
+            threads: Vec::with_capacity(MOST),
+            signals,
+            crash,
+        };
+        for _ in 0..ON_DUTY {
+            all.add_member()?;
+        }
+        Ok(all)
+    }
+
+    /// As many of the reserve as there are functions that may hang. To be called when all that are registered at set-up are.
+    pub(crate) fn complete(&mut self) -> Result<()> {
+        let Emergency {
+            at_emergency,
+            at_safe_state,
+            ..
+        } = &*self.emergency;
+        let wanted = (at_emergency.count() + at_safe_state.count() + 1).min(MOST);
+        while self.threads.len() < wanted {
+            self.add_member()?;
+        }
+        Ok(())
+    }
+
+    fn add_member(&mut self) -> Result<()> {
+        let member = self.threads.len() as u8;
+        let mut attributes = Attributes::framework("luna-emergency", self.policy);
+        if u32::from(member) >= ON_DUTY {
+            attributes = attributes.stack_size(2 * MINIMUM_STACK_SIZE);
+        }
+        let (emergency, living) = (self.emergency.clone(), self.living.clone());
+        let prepared = self.emergency.clone();
+        let thread = thread::spawn(
+            attributes,
+            move |_| {
+                let crew = &prepared.crew;
+                // Each number is given once.
+                let _ = crew.numbers[usize::from(member)].set(thread::current_number());
+                crew.members.fetch_add(1, Ordering::Relaxed);
+                if crew.hears_signals.load(Ordering::Relaxed) {
+                    signals::accept_here();
+                }
+                Ok::<_, Infallible>(())
+            },
+            move |()| serve(&emergency, member, &living),
+        )
+        .map_err(|error| Error::not_started("the emergency manager", error))?;
+        self.threads.push(thread);
+        Ok(())
+    }
+
+    /// What the crew was refused.
+    pub(crate) fn shortfalls(&self) -> &[Shortfall] {
+        // The others were refused the same.
+        let first = self.threads.first();
+        first.map_or(&[], |thread| &thread.obtained().shortfalls)
+    }
+
+    /// Ends the crew, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
+    /// [`Emergency::is_safe`] says for good whether there was one.
+    pub(crate) fn stop(mut self) -> Option<i32> {
+        self.join();
+        let heard = self.emergency.crew.heard.load(Ordering::Relaxed);
+        (heard != 0).then_some(heard as i32)
+    }
+
+    fn join(&mut self) {
+        self.emergency.end();
+        let crew = &self.emergency.crew;
+        crew.dismiss();
+        for (member, thread) in self.threads.drain(..).enumerate() {
+            // One that hangs is left to itself.
+            if !crew.is_left_behind(member as u8) {
+                // A panic in a function is caught; the thread's own would have been reported by the panic hook.
+                let _ = thread.join();
+            }
+        }
+        if let Some(crash) = &self.crash {
+            // The program is about to end by it, unless whoever handled the signal before knows better: it must not end as if nothing had been.
+            while crash.slot().signal().is_some() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        if let Some(signals) = self.signals.take() {
+            let was_heard = crew.heard.load(Ordering::Relaxed) != 0;
+            // One that came too late for the functions does what it does after the end.
+            signals.give_back(!was_heard);
+        }
+    }
+}
+
+impl Drop for EmergencyThread {
+    fn drop(&mut self) {
+        self.join();
+    }
+}
+
+fn supported<T>(watch: Result<T, SignalError>) -> Result<Option<T>> {
+    match watch {
+        Ok(watch) => Ok(Some(watch)),
+        Err(SignalError::Unsupported) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// The life of a member.
+fn serve(emergency: &Emergency, member: u8, living: &Living) {
+    let crew = &emergency.crew;
+    let _clock = emergency.clock().enter();
+    crew.await_duty(member, || emergency.is_to_end.load(Ordering::Acquire));
+    loop {
+        let seen = signals::event_count();
+        emergency.hear();
+        if emergency.is_safe() && !crew.has_announced.swap(true, Ordering::AcqRel) {
+            if let Some(crash) = crew.crash.get() {
+                crash.announce_done();
+            }
+            living.announce();
+        }
+        match step(emergency, member) {
+            Task::Ran(true) => {}
+            // Somebody else has taken over; this thread has a low priority by now.
+            Task::Ran(false) => return,
+            Task::LeftBehind(other) => crew.leave_behind(other),
+            Task::Until(until) => {
+                if emergency.may_end() {
+                    return;
+                }
+                signals::wait_for_event(seen, until);
+            }
+        }
+    }
+}
+
+/// Does what there is to do now; the emergency before all else.
+fn step(emergency: &Emergency, member: u8) -> Task {
+    let crash = emergency.crew.crash.get();
+    let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
+    let around = |begins| {
+        if let Some(crash) = crash {
+            if begins {
+                crash.enter(member);
+            } else {
+                crash.leave(member);
+            }
+        }
+    };
+    let mut until = Instant::NEVER;
+    for functions in [&emergency.at_emergency, &emergency.at_safe_state] {
+        match functions.step(member, has_crashed, around) {
+            Task::Until(at) => until = until.min(at),
+            done => return done,
+        }
+    }
+    Task::Until(until)
+}
+
+impl Emergency {
+    /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
+    fn hear(&self) {
+        let crew = &self.crew;
+        if crew.hears_signals.load(Ordering::Relaxed)
+            && let Some(number) = signals::received()
+        {
+            let is_news = crew.heard.swap(number as u32, Ordering::Relaxed) == 0;
+            if is_news || !self.has_begun() {
+                self.begin(Cause::Signal(number));
+            }
+        }
+        if let Some(crash) = crew.crash.get()
+            && let Some(number) = crash.signal()
+        {
+            let is_news = !crew.heard_crash.swap(true, Ordering::Relaxed);
+            if is_news || !self.has_begun() {
+                self.begin(Cause::Signal(number));
+            }
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! The functions that bring something to safety: who runs which is the relay's; here is what runs, and how it went.
+
+use crate::error::{Result, SetupError};
+use luna_platform::clock::Instant;
+use luna_platform::lock::PiLock;
+use luna_platform::relay::{Leg, Relay, Turn};
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// How long a function may take unless stated.
+pub(crate) const LIMIT: Duration = Duration::from_millis(500);
+
+/// The most functions of a kind: room is set aside for them, so that none has to be found when one is registered late.
+const MOST: usize = 256;
+
+/// How often at most who watches looks whether a function with a shorter limit has begun meanwhile.
+const SHORTEST_LOOK: Duration = Duration::from_millis(1);
+
+/// How it went with one function: in [`SafetyReport::functions`](crate::SafetyReport::functions).
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct FunctionReport {
+    /// Its name.
+    pub name: String,
+    /// How long it was allowed to take, on the machine's clock.
+    pub limit: Duration,
+    /// How it went.
+    pub outcome: FunctionOutcome,
+    /// From the trigger until it began, if it did.
+    pub began_after: Option<Duration>,
+    /// How long it took; of one that was left behind, until then.
+    pub took: Option<Duration>,
+}
+
+/// What became of a function. One that was withdrawn is not reported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum FunctionOutcome {
+    /// There was no reason to run it.
+    #[default]
+    NotRun,
+    /// It has run, to its end.
+    Ran,
+    /// It panicked; the others ran.
+    Panicked,
+    /// It took longer than its limit, or its thread crashed: another thread went on with the others. It may have come to its end later, at low priority.
+    LeftBehind,
+}
+
+impl fmt::Display for FunctionReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "`{}` ", self.name)?;
+        match self.outcome {
+            FunctionOutcome::NotRun => return f.write_str("did not run"),
+            FunctionOutcome::Ran => f.write_str("ran")?,
+            FunctionOutcome::Panicked => f.write_str("panicked")?,
+            FunctionOutcome::LeftBehind => {
+                write!(f, "was left behind, its limit being {:?}", self.limit)?;
+            }
+        }
+        if let (Some(began), Some(took)) = (self.began_after, self.took) {
+            write!(f, ", from {began:?} after the trigger for {took:?}")?;
+        }
+        Ok(())
+    }
+}
+
+pub(crate) type Run = Box<dyn FnMut() + Send>;
+
+struct Slot {
+    name: String,
+    limit: Duration,
+    /// None while it runs, and once it was withdrawn, has hung, or will not run again.
+    run: Option<Run>,
+    is_withdrawn: bool,
+    outcome: FunctionOutcome,
+    began: Option<Instant>,
+    took: Option<Duration>,
+    /// Since when it runs, as long as it does.
+    running: Option<Instant>,
+}
+
+/// What a member of the crew finds to do.
+pub(super) enum Task {
+    /// It was run. False: this member was left behind meanwhile, and is to go.
+    Ran(bool),
+    /// Another one hangs, and this member has left it behind: the number of the member that hangs.
+    LeftBehind(u8),
+    /// Look again then, or on an event.
+    Until(Instant),
+}
+
+/// Functions that run one after the other.
+pub(crate) struct Functions {
+    relay: Relay,
+    slots: PiLock<Vec<Slot>>,
+    /// The instant of the trigger, 0 before.
+    triggered: AtomicU64,
+    /// Whether one was called since then.
+    has_called: AtomicBool,
+}
+
+impl Functions {
+    pub(super) fn new() -> Self {
+        Self {
+            relay: Relay::new(),
+            slots: PiLock::new(Vec::with_capacity(MOST)),
+            triggered: AtomicU64::new(0),
+            has_called: AtomicBool::new(false),
+        }
+    }
+
+    /// Adds a function behind the others; gives its number.
+    pub(crate) fn add(&self, name: &str, limit: Duration, run: Run) -> Result<usize> {
+        let too_many = || SetupError::TooManyFunctions {
+            name: name.to_owned(),
+            most: MOST,
+        };
+        let over = || SetupError::EmergencyOver {
+            name: name.to_owned(),
+        };
+        let slot = Slot {
+            name: name.to_owned(),
+            limit,
+            run: Some(run),
+            is_withdrawn: false,
+            outcome: FunctionOutcome::NotRun,
+            began: None,
+            took: None,
+            running: None,
+        };
+        let mut slots = self.slots.lock();
+        if slots.len() >= MOST {
+            drop(slots);
+            return Err(too_many().into());
+        }
+        // Under the lock, so that who is told to run it finds it.
+        let Some(number) = self.relay.add() else {
+            drop(slots);
+            return Err(over().into());
+        };
+        debug_assert_eq!(number, slots.len());
+        slots.push(slot);
+        Ok(number)
+    }
+
+    /// Takes a function back that has not begun.
+    pub(crate) fn withdraw(&self, number: usize) -> bool {
+        let taken = {
+            let mut slots = self.slots.lock();
+            let slot = &mut slots[number];
+            let taken = slot.run.take();
+            slot.is_withdrawn |= taken.is_some();
+            taken
+        };
+        taken.is_some()
+    }
+
+    pub(super) fn relay(&self) -> &Relay {
+        &self.relay
+    }
+
+    /// Begins, if it was not begun before; then `now` is the instant of the trigger.
+    pub(super) fn begin(&self, now: Instant) -> bool {
+        // The first one's stays.
+        let now = now.as_nanos().max(1);
+        let _ = self
+            .triggered
+            .compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
+        self.relay.begin()
+    }
+
+    /// Whether it can be as it was before it began; then it is.
+    pub(crate) fn may_reset(&self) -> bool {
+        if self.relay.is_under_way() {
+            return false;
+        }
+        self.relay.again();
+        self.triggered.store(0, Ordering::Relaxed);
+        self.has_called.store(false, Ordering::Relaxed);
+        true
+    }
+
+    /// Whether they have begun, and none was called yet.
+    pub(super) fn wait_for_the_first(&self) -> bool {
+        self.relay.is_under_way() && !self.has_called.load(Ordering::Acquire)
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.slots.lock().len()
+    }
+
+    /// How long all of them may take together.
+    pub(super) fn limits(&self) -> Duration {
+        let slots = self.slots.lock();
+        let limits = slots.iter().map(|slot| slot.limit);
+        limits.fold(Duration::ZERO, Duration::saturating_add)
+    }
+
+    /// Does what there is to do for `member`. `around` is told when a function begins, and when it has ended: what the system needs of the thread meanwhile.
+    pub(super) fn step(
+        &self,
+        member: u8,
+        has_crashed: impl Fn(u8) -> bool,
+        around: impl Fn(bool),
+    ) -> Task {
+        match self.relay.take(member) {
+            Leg::Rest => Task::Until(Instant::NEVER),
+            Leg::Run(turn) => Task::Ran(self.run(turn, around)),
+            Leg::Watch(turn) => self.watch(turn, has_crashed(turn.member())),
+        }
+    }
+
+    fn run(&self, turn: Turn, around: impl Fn(bool)) -> bool {
+        let began = Instant::now_real();
+        let run = {
+            let slot = &mut self.slots.lock()[turn.job()];
+            if slot.run.is_some() {
+                (slot.began, slot.running) = (Some(began), Some(began));
+            }
+            slot.run.take()
+        };
+        let Some(mut run) = run else {
+            // Withdrawn, or it has hung in an earlier round.
+            return self.relay.finish(turn);
+        };
+        around(true);
+        // Behind the reading of the clock: who has looked on is later than that.
+        self.has_called.store(true, Ordering::Release);
+        // The others must run whatever this one does.
+        let outcome = match catch_unwind(AssertUnwindSafe(&mut run)) {
+            Ok(()) => FunctionOutcome::Ran,
+            Err(payload) => {
+                // Its drop is the user's code too.
+                std::mem::forget(payload);
+                FunctionOutcome::Panicked
+            }
+        };
+        around(false);
+        let mut slots = self.slots.lock();
+        if slots[turn.job()].outcome == FunctionOutcome::LeftBehind {
+            // It is nobody's any more. Its drop, the user's code, is at low priority.
+            drop(slots);
+            drop(run);
+            return false;
+        }
+        let slot = &mut slots[turn.job()];
+        slot.outcome = outcome;
+        slot.took = slot.running.take().map(|began| Instant::now_real() - began);
+        slot.run = Some(run);
+        // Under the lock, as the watcher's decision is: one of the two comes first.
+        self.relay.finish(turn)
+    }
+
+    fn watch(&self, turn: Turn, has_crashed: bool) -> Task {
+        let now = Instant::now_real();
+        let mut slots = self.slots.lock();
+        let shortest = slots[turn.job()..].iter().map(|slot| slot.limit).min();
+        let slot = &mut slots[turn.job()];
+        // The runner comes here between its turn and its begin too.
+        let until = slot.running.unwrap_or(now) + slot.limit;
+        if now < until && !has_crashed {
+            let look = now + shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK);
+            return Task::Until(until.min(look));
+        }
+        if !self.relay.leave_behind(turn) {
+            // It has just ended.
+            return Task::Until(now);
+        }
+        slot.outcome = FunctionOutcome::LeftBehind;
+        slot.took = slot.running.take().map(|began| now - began);
+        Task::LeftBehind(turn.member())
+    }
+
+    /// How it went with each, and takes the functions out, which are to be dropped.
+    pub(super) fn conclude(&self) -> (Vec<FunctionReport>, Vec<Run>) {
+        let triggered = Instant::from_nanos(self.triggered.load(Ordering::Relaxed));
+        let mut slots = self.slots.lock();
+        let reports = slots
+            .iter()
+            .filter(|slot| !slot.is_withdrawn)
+            .map(|slot| FunctionReport {
+                name: slot.name.clone(),
+                limit: slot.limit,
+                outcome: slot.outcome,
+                began_after: slot.began.map(|began| began - triggered),
+                took: slot.took,
+            })
+            .collect();
+        let runs = slots
+            .iter_mut()
+            .filter_map(|slot| slot.run.take())
+            .collect();
+        (reports, runs)
+    }
+}
+
+impl fmt::Debug for Functions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.relay.fmt(f)
+    }
+}

@@ -1,0 +1,230 @@
+//! The emergency manager: threads above all others that wait for an emergency and then bring the machine to safety.
+
+mod crew;
+mod functions;
+mod trigger;
+
+pub(crate) use crew::EmergencyThread;
+pub(crate) use functions::LIMIT;
+pub use functions::{FunctionOutcome, FunctionReport};
+pub use trigger::EmergencyTrigger;
+
+use super::report::SafetyReport;
+use super::state::{Cause, Degree, Journal};
+use crate::error::{Error, Result};
+use crate::system::Plan;
+use crew::Crew;
+use functions::{Functions, Run};
+use luna_executors::SimulationHandle;
+use luna_platform::clock::{Clock, Instant};
+use luna_platform::current::ProcessId;
+use luna_platform::signals;
+use std::cell::RefCell;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock, Weak};
+use std::time::Duration;
+
+/// How long at most a process that triggers looks on until the functions begin: so no other process of its core runs before.
+const LOOKS_ON: Duration = Duration::from_millis(1);
+
+/// What the triggers share with the crew. It lives from the system's making.
+#[derive(Debug)]
+pub(crate) struct Emergency {
+    pub(crate) at_emergency: Functions,
+    pub(crate) at_safe_state: Functions,
+    pub(crate) journal: Journal,
+    crew: Crew,
+    /// The system has ended: the crew is to end, once the functions have run if there is an emergency.
+    is_to_end: AtomicBool,
+    /// Where the processes run, if time is virtual there.
+    simulation: OnceLock<SimulationHandle>,
+    plan: Weak<Plan>,
+}
+
+thread_local! {
+    /// Of the system whose processes run on this thread.
+    pub(super) static OF_THREAD: RefCell<Option<Arc<Emergency>>> = const { RefCell::new(None) };
+}
+
+/// Raises an emergency with `cause`, and gives it back for the process to end with: `return Err(luna::emergency(cause))`.
+///
+/// For what must not go on, but is no bug to panic over: a sensor that is dead, a simulated plant that cannot be stepped. The functions of
+/// [`on_emergency`](crate::System::on_emergency) run at once, on the thread of the highest priority; then all processes are cancelled, and
+/// [`System::run`](crate::System::run) returns the cause with this process' name, whatever the others return on their way out. The report says
+/// [`End::Emergency`](crate::End::Emergency). If there was an emergency before, its own cause stays. So it is too for what a process drops while it is cancelled, after
+/// a livelock or because the driver of its clock is gone.
+///
+/// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back: a
+/// driver's thread has an [`EmergencyTrigger`].
+/// Real-time path: yes; O(1), one system call, and a clone of the cause. On the machine's clock it looks on until the first function begins, at most for a
+/// millisecond, so that no other process of its thread, and none of lower priority on its core, runs before.
+///
+/// ```
+/// use luna::{End, prelude::*};
+///
+/// let mut system = System::new("arm");
+/// system.on_emergency("brakes", || { /* engage them */ });
+/// let main = system.executor("main").build()?;
+/// main.process("encoder").spawn(async { Err(luna::emergency(luna::Error::other("no index pulse"))) })?;
+/// main.process("servo").spawn(std::future::pending::<luna::Result<()>>())?;
+/// assert_eq!(system.run().unwrap_err().to_string(), "process `encoder`: no index pulse");
+/// assert_eq!(system.report().unwrap().end, End::Emergency);
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[must_use = "the process is to end with it: return it as its error"]
+pub fn emergency(cause: Error) -> Error {
+    if luna_platform::current::process(|process| process.is_some())
+        && let Some(emergency) = OF_THREAD.with(|of_thread| of_thread.borrow().clone())
+    {
+        emergency.trigger(Cause::Raised(cause.clone()));
+    }
+    cause
+}
+
+impl Emergency {
+    pub(crate) fn new(plan: Weak<Plan>) -> Arc<Self> {
+        Arc::new(Self {
+            at_emergency: Functions::new(),
+            at_safe_state: Functions::new(),
+            journal: Journal::new(),
+            crew: Crew::default(),
+            is_to_end: AtomicBool::new(false),
+            simulation: OnceLock::new(),
+            plan,
+        })
+    }
+
+    /// Registers a function behind the others; gives its number.
+    pub(crate) fn add_function(&self, name: &str, limit: Duration, run: Run) -> Result<usize> {
+        let number = self.at_emergency.add(name, limit, run)?;
+        self.crew.bound_crashes(self.at_emergency.limits());
+        Ok(number)
+    }
+
+    /// Says on what the processes run, before they do.
+    pub(crate) fn simulate(&self, simulation: SimulationHandle) {
+        // A system is started once.
+        let _ = self.simulation.set(simulation);
+        if self.has_begun() {
+            self.stop_time();
+        }
+    }
+
+    /// Makes this the emergency that processes of the calling thread raise.
+    pub(crate) fn enter_thread(self: &Arc<Self>) {
+        OF_THREAD.with(|of_thread| {
+            let mut of_thread = of_thread.borrow_mut();
+            if !of_thread
+                .as_ref()
+                .is_some_and(|there| Arc::ptr_eq(there, self))
+            {
+                *of_thread = Some(self.clone());
+            }
+        });
+    }
+
+    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), one system call, and the wait until the functions begin that
+    /// [`emergency`] tells of.
+    pub(crate) fn trigger(&self, cause: Cause) {
+        self.begin(cause);
+        signals::announce_event();
+        self.look_on();
+    }
+
+    fn begin(&self, cause: Cause) {
+        self.stop_time();
+        // What was said after the end has no effect.
+        let begins = || self.at_emergency.begin(Instant::now_real()) || self.has_begun();
+        self.journal
+            .note(Degree::Emergency, cause, Instant::now(), begins);
+    }
+
+    fn stop_time(&self) {
+        if let Some(simulation) = self.simulation.get() {
+            // How far it would go until the functions have run is another in each run.
+            simulation.stop_time();
+        }
+    }
+
+    /// Keeps this thread's core until the first function begins, which another core's wake-up may delay.
+    fn look_on(&self) {
+        if self.simulation.get().is_some() || !self.crew.serves() {
+            return;
+        }
+        // On the core of a thread with a lower priority the crew has preempted it before this is reached; with a time limit all the same.
+        let until = Instant::now_real() + LOOKS_ON;
+        while self.at_emergency.wait_for_the_first() && Instant::now_real() < until {
+            std::hint::spin_loop();
+        }
+    }
+
+    /// See [`Safety::enter_safe_state`](crate::Safety::enter_safe_state).
+    pub(crate) fn enter_safe_state(&self, cause: Cause) {
+        let mut has_functions = false;
+        self.journal
+            .note(Degree::SafeState, cause, Instant::now(), || {
+                has_functions = self.at_safe_state.begin(Instant::now_real())
+                    && !self.at_safe_state.relay().is_done();
+                true
+            });
+        if has_functions {
+            signals::announce_event();
+        }
+    }
+
+    pub(crate) fn degree(&self) -> Degree {
+        self.journal.degree()
+    }
+
+    /// What it was raised with, and by which process if one did.
+    pub(crate) fn cause(&self) -> Option<(Option<ProcessId>, Cause)> {
+        let event = self.journal.emergency()?;
+        Some((event.process, event.cause))
+    }
+
+    pub(crate) fn name_of(&self, process: ProcessId) -> Option<String> {
+        self.plan.upgrade()?.process_name(process)
+    }
+
+    /// The system's clock.
+    fn clock(&self) -> Clock {
+        self.simulation
+            .get()
+            .map_or(Clock::REAL, SimulationHandle::clock)
+    }
+
+    /// Whether there is an emergency: the functions have run, or will.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.at_emergency.relay().has_begun()
+    }
+
+    /// Whether the functions have run.
+    pub(crate) fn is_safe(&self) -> bool {
+        self.at_emergency.relay().is_done()
+    }
+
+    /// What is to be told at the end. Drops the functions.
+    pub(crate) fn conclude(self: &Arc<Self>) -> SafetyReport {
+        let (functions, at_emergency) = self.at_emergency.conclude();
+        let (safe_state_functions, at_safe_state) = self.at_safe_state.conclude();
+        drop((at_emergency, at_safe_state));
+        SafetyReport {
+            state: super::Safety::new(self.clone()).state(),
+            functions,
+            safe_state_functions,
+        }
+    }
+
+    fn end(&self) {
+        self.is_to_end.store(true, Ordering::Release);
+        signals::announce_event();
+    }
+
+    /// Whether the crew may end: there is no emergency and none will begin, or its functions have run; and no others do.
+    fn may_end(&self) -> bool {
+        let relay = self.at_emergency.relay();
+        self.is_to_end.load(Ordering::Acquire)
+            && !self.at_safe_state.relay().is_under_way()
+            && (relay.is_done() || relay.close())
+    }
+}

@@ -1,0 +1,165 @@
+//! The handles of a system's safety state.
+
+use super::emergency::{Emergency, OF_THREAD};
+use super::state::{Cause, Degree, ResetError, SafetyState};
+use crate::error::{Error, Result};
+use luna_platform::clock::Instant;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A system's safety state, to be read and changed from anywhere: from [`System::safety`](crate::System::safety), and in a process from [`luna::safety`](crate::safety()).
+/// Cloning it is cheap, and it may outlive the system.
+///
+/// ```
+/// use luna::{Degree, prelude::*};
+///
+/// let mut system = System::new("arm");
+/// let safety = system.safety();
+/// let main = system.executor("main").build()?;
+/// main.process("controller").spawn(async {
+///     let safety = luna::safety().expect("it is a process of a system");
+///     safety.warn(luna::Error::other("the motor is hot"));
+///     assert_eq!(safety.degree(), Degree::Warning);
+///     safety.enter_safe_state(luna::Error::other("the motor is too hot"));
+///     let output = if safety.is_safe_state() { 0.0 } else { 1.0 };
+///     assert_eq!(output, 0.0);
+///     Ok(())
+/// })?;
+/// let report = system.run()?; // a safe state does not end the system
+/// assert_eq!(report.safety.state.to_string(), "safe state: the motor is too hot, by process `controller`");
+/// assert!(safety.reset(luna::Error::other("the motor has cooled down")).is_ok());
+/// assert_eq!(safety.degree(), Degree::Normal);
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Clone)]
+pub struct Safety(Arc<Emergency>);
+
+/// The safety state of the system whose process this is called in; none outside of a system's threads. Real-time path: yes; O(1).
+///
+/// ```
+/// assert!(luna::safety().is_none());
+/// ```
+pub fn safety() -> Option<Safety> {
+    let emergency = OF_THREAD.with(|of_thread| of_thread.borrow().clone());
+    emergency.map(Safety)
+}
+
+impl Safety {
+    pub(crate) fn new(emergency: Arc<Emergency>) -> Self {
+        Self(emergency)
+    }
+
+    /// How bad it is. Real-time path: yes; one atomic load.
+    pub fn degree(&self) -> Degree {
+        self.0.journal.degree()
+    }
+
+    /// Whether outputs are to be neutral: in a safe state, and in an emergency too. Real-time path: yes; one atomic load.
+    #[inline]
+    pub fn is_safe_state(&self) -> bool {
+        self.degree() >= Degree::SafeState
+    }
+
+    /// The state, with causes, processes' names and times. Not for the real-time path: it allocates, and takes the system's plain lock.
+    pub fn state(&self) -> SafetyState {
+        let mut state = self.0.journal.state();
+        for event in state.events.iter_mut().chain(&mut state.latched) {
+            event.who = event.process.and_then(|process| self.0.name_of(process));
+        }
+        state
+    }
+
+    /// Notes a warning: everything goes on. Real-time path: yes; O(1), no system call, no allocation.
+    pub fn warn(&self, cause: Error) {
+        self.0.journal.note(
+            Degree::Warning,
+            Cause::Raised(cause),
+            Instant::now(),
+            || true,
+        );
+    }
+
+    /// Enters the safe state, if it is not that bad yet: the processes run on, and whoever asks [`is_safe_state`](Self::is_safe_state) from now on is told so; the
+    /// functions of [`on_safe_state`](crate::System::on_safe_state) run on the emergency manager's thread. It stays so until it is [`reset`](Self::reset).
+    /// Real-time path: yes; O(1), no allocation, and one system call if there are such functions.
+    pub fn enter_safe_state(&self, cause: Error) {
+        self.0.enter_safe_state(Cause::Raised(cause));
+    }
+
+    /// Raises an emergency: as [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise).
+    pub fn raise(&self, cause: Error) {
+        self.0.trigger(Cause::Raised(cause));
+    }
+
+    /// Leaves a warning or the safe state, for a reason that is kept with the other events. A person's decision, or that of a process that knows that what was wrong
+    /// is not any more. Real-time path: no, since it may free what the causes hold; O(1).
+    ///
+    /// # Errors
+    ///
+    /// [`ResetError`]: an emergency is not left but by a new system, and functions of the safe state must have run.
+    pub fn reset(&self, why: Error) -> Result<(), ResetError> {
+        self.0
+            .journal
+            .reset(why, || self.0.at_safe_state.may_reset())
+    }
+
+    /// Registers a function as [`System::on_emergency_within`](crate::System::on_emergency_within) does, from wherever something is set up that is to be brought to
+    /// safety: a driver that opens a device, say. Functions run in the order in which they were registered, whoever did it.
+    ///
+    /// It may still be registered while the system runs, or while the others run in an emergency: then it runs behind them.
+    /// Not for the real-time path: it allocates, and the memory is taken before any lock.
+    ///
+    /// # Errors
+    ///
+    /// [`SetupError::EmergencyOver`](crate::SetupError::EmergencyOver) if it would never be run: the functions have run, or the system has ended; [`SetupError::TooManyFunctions`](crate::SetupError::TooManyFunctions).
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::time::Duration;
+    ///
+    /// let system = System::new("arm");
+    /// let function = system.safety().on_emergency("card", Duration::from_millis(10), || { /* neutral outputs */ })?;
+    /// // When the card is closed:
+    /// assert!(function.withdraw());
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn on_emergency(
+        &self,
+        name: &str,
+        limit: Duration,
+        function: impl FnMut() + Send + 'static,
+    ) -> Result<SafetyFunction> {
+        let number = self.0.add_function(name, limit, Box::new(function))?;
+        Ok(SafetyFunction {
+            emergency: self.0.clone(),
+            number,
+        })
+    }
+}
+
+impl fmt::Debug for Safety {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Safety").field(&self.degree()).finish()
+    }
+}
+
+/// A function that was registered by [`Safety::on_emergency`]. Dropping this changes nothing.
+pub struct SafetyFunction {
+    emergency: Arc<Emergency>,
+    number: usize,
+}
+
+impl SafetyFunction {
+    /// Takes the function back, which is dropped, because what it was for is gone. Says whether it will not run; if not, it runs at this moment, or has run. Not for
+    /// the real-time path: it frees.
+    pub fn withdraw(self) -> bool {
+        self.emergency.at_emergency.withdraw(self.number)
+    }
+}
+
+impl fmt::Debug for SafetyFunction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("SafetyFunction").field(&self.number).finish()
+    }
+}

@@ -1,0 +1,67 @@
+//! The death of the program that started this one, as an emergency.
+
+use super::emergency::Emergency;
+use super::state::Cause;
+use crate::error::{Error, Result, SetupError};
+use luna_platform::parent::{ParentWatch, Watched};
+use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, TIMER_PRIORITY, Thread};
+use std::convert::Infallible;
+use std::io;
+use std::sync::Arc;
+
+/// The thread that waits for the parent's death. Dropping it ends it.
+pub(crate) struct ParentThread {
+    watch: Arc<ParentWatch>,
+    thread: Option<Thread<()>>,
+}
+
+impl ParentThread {
+    /// Starts it; gives why it cannot be had, if the machine has it not.
+    pub(crate) fn start(
+        emergency: Arc<Emergency>,
+        real_time: bool,
+    ) -> Result<Result<Self, io::Error>> {
+        let watch = match ParentWatch::new() {
+            Ok(watch) => Arc::new(watch),
+            Err(error) => return Ok(Err(error)),
+        };
+        let policy = match real_time {
+            // It only triggers.
+            true => Policy::fifo(TIMER_PRIORITY),
+            false => Policy::Other,
+        };
+        let own = watch.clone();
+        let thread = thread::spawn(
+            Attributes::framework("luna-parent", policy).stack_size(MINIMUM_STACK_SIZE),
+            |_| Ok::<_, Infallible>(()),
+            move |()| {
+                if own.wait() == Watched::HasEnded {
+                    emergency.trigger(Cause::ParentDied);
+                }
+            },
+        )
+        .map_err(|error| Error::not_started("the watch of the parent process", error))?;
+        Ok(Ok(Self {
+            watch,
+            thread: Some(thread),
+        }))
+    }
+
+    /// What a strict system says where it cannot be had.
+    pub(crate) fn refused(error: &io::Error) -> Error {
+        let message = format!(
+            "the parent process cannot be watched: {error}; Linux 5.3 or later can (pidfd_open(2))"
+        );
+        SetupError::System { message }.into()
+    }
+}
+
+impl Drop for ParentThread {
+    fn drop(&mut self) {
+        self.watch.stop();
+        if let Some(thread) = self.thread.take() {
+            // It has nothing of the user's in it.
+            let _ = thread.join();
+        }
+    }
+}

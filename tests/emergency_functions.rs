@@ -1,0 +1,416 @@
+//! The functions that bring the machine to safety: each once, in order, whoever hangs or panics; registered at set-up, by drivers, and late.
+
+mod common;
+
+use common::{burn_until, has_real_time, skip, watchdog};
+use luna::prelude::*;
+use luna::{Cause, Degree, End, Error, FunctionOutcome, Instant, SafetyReport};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
+use std::time::Duration;
+
+#[derive(Default, Clone)]
+struct Log(Arc<Mutex<Vec<String>>>);
+
+impl Log {
+    fn note(&self, what: &str) {
+        self.0.lock().unwrap().push(what.to_owned());
+    }
+
+    fn noter(&self, what: &str) -> impl FnMut() + Send + 'static {
+        let (log, what) = (self.clone(), what.to_owned());
+        move || log.note(&what)
+    }
+
+    fn all(&self) -> Vec<String> {
+        self.0.lock().unwrap().clone()
+    }
+}
+
+/// Long enough for a loaded machine, and a test that waits for it waits no longer than a person would.
+const SHORT: Duration = Duration::from_millis(20);
+const LONG: Duration = Duration::from_secs(60);
+
+fn outcomes(safety: &SafetyReport) -> Vec<FunctionOutcome> {
+    safety.functions.iter().map(|one| one.outcome).collect()
+}
+
+/// Raises an emergency in a process, and gives what the report says of safety.
+fn raise_in(system: &mut System) -> SafetyReport {
+    let main = system.executor("main").build().unwrap();
+    main.process("raiser")
+        .spawn(async { Err(luna::emergency(Error::other("now"))) })
+        .unwrap();
+    assert_eq!(
+        system.run().unwrap_err().to_string(),
+        "process `raiser`: now"
+    );
+    let report = system.report().unwrap();
+    assert_eq!(report.end, End::Emergency);
+    report.safety
+}
+
+/// Hangs until it is let go, so that no thread of a test stays for ever.
+fn hang(log: &Log, what: &str) -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
+    let (let_go, is_let_go) = mpsc::channel::<()>();
+    let mut note = log.noter(what);
+    let hangs = move || {
+        note();
+        // Until the sender is dropped.
+        let _ = is_let_go.recv();
+    };
+    (hangs, let_go)
+}
+
+#[test]
+fn one_that_hangs_is_left_behind_and_the_others_run() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let (hangs, let_go) = hang(&log, "hangs");
+    let mut system = System::new("hanging");
+    system.on_emergency_within("first", LONG, log.noter("first"));
+    system.on_emergency_within("hangs", SHORT, hangs);
+    system.on_emergency_within("panics", LONG, || panic!("in a function"));
+    system.on_emergency_within("last", LONG, log.noter("last"));
+    let safety = raise_in(&mut system);
+    assert_eq!(log.all(), ["first", "hangs", "last"]);
+    use FunctionOutcome::{LeftBehind, Panicked, Ran};
+    assert_eq!(outcomes(&safety), [Ran, LeftBehind, Panicked, Ran]);
+    let hung = &safety.functions[1];
+    assert!(hung.took.unwrap() >= SHORT, "{hung}");
+    // They began one after the other.
+    let began: Vec<_> = safety
+        .functions
+        .iter()
+        .map(|one| one.began_after.unwrap())
+        .collect();
+    assert!(began.is_sorted(), "{began:?}");
+    assert_eq!(safety.failed().count(), 2);
+    drop(let_go);
+}
+
+#[test]
+fn all_but_one_thread_may_hang() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("all hang");
+    let mut kept = Vec::new();
+    for number in 0..7 {
+        let name = format!("hangs {number}");
+        let (hangs, let_go) = hang(&log, &name);
+        kept.push(let_go);
+        system.on_emergency_within(&name, SHORT, hangs);
+    }
+    system.on_emergency_within("last", LONG, log.noter("last"));
+    let safety = raise_in(&mut system);
+    let mut expected: Vec<String> = (0..7).map(|number| format!("hangs {number}")).collect();
+    expected.push("last".to_owned());
+    assert_eq!(log.all(), expected);
+    assert_eq!(
+        outcomes(&safety)[6..],
+        [FunctionOutcome::LeftBehind, FunctionOutcome::Ran]
+    );
+}
+
+/// It computes for ever at the highest priority there is: who watches it must be given a core all the same, and it must lose its priority.
+#[test]
+fn one_that_computes_for_ever_loses_its_priority() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let (told, policy_after) = mpsc::channel();
+    let mut system = System::new("computing");
+    system
+        .executor("control")
+        .policy(Policy::fifo(80))
+        .build()
+        .unwrap();
+    let over = is_over.clone();
+    system.on_emergency_within("computes", SHORT, move || {
+        let before = luna_platform::thread::current_policy();
+        while !over.load(Ordering::Relaxed) {
+            std::hint::spin_loop();
+        }
+        let _ = told.send((before, luna_platform::thread::current_policy()));
+    });
+    let over = is_over.clone();
+    let mut note = log.noter("last");
+    system.on_emergency_within("last", LONG, move || {
+        note();
+        over.store(true, Ordering::Relaxed);
+    });
+    let safety = raise_in(&mut system);
+    assert_eq!(log.all(), ["last"]);
+    assert_eq!(safety.functions[0].outcome, FunctionOutcome::LeftBehind);
+    let (before, after) = policy_after.recv().unwrap();
+    assert_eq!(after, Policy::Other);
+    if !has_real_time() {
+        return skip("its priority before: no privilege");
+    }
+    assert_eq!(before.priority(), 99);
+}
+
+#[test]
+fn drivers_functions_run_in_the_order_of_registration() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("drivers");
+    let safety = system.safety();
+    safety
+        .on_emergency("card", LONG, log.noter("card"))
+        .unwrap();
+    system.on_emergency("user", log.noter("user"));
+    let gone = safety
+        .on_emergency("gone", LONG, log.noter("gone"))
+        .unwrap();
+    struct Driver(Log);
+    impl Process for Driver {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            // Where devices are opened.
+            let safety = luna::safety();
+            assert!(safety.is_none(), "no process' body runs yet");
+            self.0.note("opened");
+            Ok(())
+        }
+        async fn run(&mut self) -> luna::Result<()> {
+            // A device that is plugged in while the system runs.
+            let safety = luna::safety().unwrap();
+            safety
+                .on_emergency("late", LONG, self.0.noter("late"))
+                .unwrap();
+            Err(luna::emergency(Error::other("now")))
+        }
+    }
+    let main = system.executor("main").build().unwrap();
+    main.process("driver").spawn(Driver(log.clone())).unwrap();
+    assert!(gone.withdraw());
+    system.run().unwrap_err();
+    assert_eq!(log.all(), ["opened", "card", "user", "late"]);
+    let report = system.report().unwrap().safety;
+    let names: Vec<_> = report.functions.iter().map(|one| &*one.name).collect();
+    assert_eq!(names, ["card", "user", "late"]);
+    // Nothing more is ever run.
+    let refused = safety.on_emergency("too late", LONG, || ()).unwrap_err();
+    assert!(refused.to_string().contains("too late"), "{refused}");
+    assert_eq!(Arc::strong_count(&log.0), 1, "the functions were dropped");
+}
+
+#[test]
+fn one_that_is_registered_while_others_run_runs_behind_them() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("late");
+    let safety = system.safety();
+    let own = log.clone();
+    system.on_emergency("first", move || {
+        own.note("first");
+        safety
+            .on_emergency("of first", LONG, own.noter("of first"))
+            .unwrap();
+    });
+    system.on_emergency("second", log.noter("second"));
+    raise_in(&mut system);
+    assert_eq!(log.all(), ["first", "second", "of first"]);
+}
+
+#[test]
+fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
+    let _watch = watchdog();
+    // Before: no body runs.
+    let log = Log::default();
+    let mut system = System::new("before");
+    system.on_emergency("neutral", log.noter("neutral"));
+    let main = system.executor("main").build().unwrap();
+    let own = log.clone();
+    main.process("body")
+        .spawn(async move {
+            own.note("body");
+            Ok(())
+        })
+        .unwrap();
+    let trigger = system.emergency_trigger();
+    trigger.raise(Error::other("lost before"));
+    assert_eq!(trigger.safety().degree(), Degree::Emergency);
+    assert_eq!(system.run().unwrap_err().to_string(), "lost before");
+    assert_eq!(log.all(), ["neutral"]);
+
+    // While it runs.
+    let log = Log::default();
+    let mut system = System::new("during");
+    system.on_emergency("neutral", log.noter("neutral"));
+    let main = system.executor("main").build().unwrap();
+    let (begun, has_begun) = mpsc::channel();
+    main.process("body")
+        .spawn(async move {
+            begun.send(()).unwrap();
+            std::future::pending().await
+        })
+        .unwrap();
+    let trigger = system.emergency_trigger();
+    let driver = std::thread::spawn(move || {
+        has_begun.recv().unwrap();
+        trigger.raise(Error::other("lost"));
+        trigger.raise(Error::other("lost once more"));
+        trigger
+    });
+    assert_eq!(system.run().unwrap_err().to_string(), "lost");
+    assert_eq!(log.all(), ["neutral"]);
+    let trigger = driver.join().unwrap();
+
+    // After: the state stays.
+    trigger.raise(Error::other("lost after"));
+    assert_eq!(
+        trigger.safety().state().latched.unwrap().to_string(),
+        "emergency: lost"
+    );
+    let log = Log::default();
+    let mut system = System::new("after");
+    system.on_emergency("neutral", log.noter("neutral"));
+    system.run().unwrap();
+    let safety = system.safety();
+    system.emergency_trigger().raise(Error::other("too late"));
+    assert_eq!((safety.degree(), log.all().len()), (Degree::Normal, 0));
+}
+
+#[test]
+fn a_second_run_takes_nothing_from_the_first() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("twice");
+    system.on_emergency("neutral", log.noter("neutral"));
+    let main = system.executor("main").build().unwrap();
+    let (begun, has_begun) = mpsc::channel();
+    main.process("body")
+        .spawn(async move {
+            begun.send(()).unwrap();
+            std::future::pending().await
+        })
+        .unwrap();
+    std::thread::scope(|scope| {
+        let first = scope.spawn(|| system.run());
+        has_begun.recv().unwrap();
+        assert!(system.run().unwrap_err().to_string().contains("twice"));
+        system.emergency_trigger().raise(Error::other("now"));
+        assert_eq!(first.join().unwrap().unwrap_err().to_string(), "now");
+    });
+    assert_eq!(log.all(), ["neutral"]);
+}
+
+#[test]
+fn on_every_clock() {
+    let _watch = watchdog();
+    for clock in ["real", "virtual", "driven"] {
+        let log = Log::default();
+        let (hangs, let_go) = hang(&log, "hangs");
+        let mut system = System::new(clock);
+        let driver = match clock {
+            "virtual" => {
+                system.virtual_clock();
+                None
+            }
+            "driven" => Some(system.driven_clock()),
+            _ => None,
+        };
+        system.on_emergency_within("hangs", SHORT, hangs);
+        system.on_emergency_within("last", LONG, log.noter("last"));
+        let drives = driver.map(|mut driver| {
+            std::thread::spawn(move || while driver.advance_by(Duration::from_millis(1)).is_ok() {})
+        });
+        let safety = raise_in(&mut system);
+        assert_eq!(log.all(), ["hangs", "last"], "{clock}");
+        assert_eq!(
+            outcomes(&safety),
+            [FunctionOutcome::LeftBehind, FunctionOutcome::Ran],
+            "{clock}"
+        );
+        drop(let_go);
+        if let Some(drives) = drives {
+            drives.join().unwrap();
+        }
+    }
+}
+
+#[test]
+fn the_report_says_how_it_went() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let (hangs, _let_go) = hang(&log, "hangs");
+    let mut system = System::new("told");
+    system.on_emergency_within("brakes", SHORT, hangs);
+    system.on_emergency_within("lamp", LONG, || ());
+    raise_in(&mut system);
+    let report = system.report().unwrap();
+    let text = report.to_string();
+    for part in [
+        "safety: emergency: now, by process `raiser`",
+        "function `brakes` was left behind, its limit being 20ms",
+        "function `lamp` ran, from",
+    ] {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+    let latched = report.safety.state.latched.unwrap();
+    assert_eq!(latched.who.as_deref(), Some("raiser"));
+    assert!(matches!(latched.cause, Cause::Raised(_)));
+}
+
+/// On the core of a process that triggers, nothing of it or below it runs before the functions do, though their thread be woken on another core.
+#[test]
+fn no_other_process_of_the_core_runs_before_the_first_function() {
+    let _watch = watchdog();
+    if !has_real_time() {
+        return skip("priorities: no privilege");
+    }
+    let core = luna_platform::thread::available_cores()[0];
+    for round in 0..50 {
+        let triggered_at = Arc::new(AtomicU64::new(u64::MAX));
+        let first_intrusion = Arc::new(AtomicU64::new(u64::MAX));
+        let mut system = System::new("alone");
+        system.on_emergency("first", || ());
+        let executor = |system: &mut System, name: &str, priority| {
+            let executor = system.executor(name).core(core);
+            executor.policy(Policy::fifo(priority)).build().unwrap()
+        };
+        let control = executor(&mut system, "control", 80);
+        let below = executor(&mut system, "below", 40);
+        // Each of them runs as soon as the culprit lets go of the core.
+        let intruder = || {
+            let (triggered_at, first) = (triggered_at.clone(), first_intrusion.clone());
+            async move {
+                loop {
+                    if triggered_at.load(Ordering::SeqCst) < u64::MAX {
+                        first.fetch_min(luna::now().as_nanos(), Ordering::SeqCst);
+                    }
+                    luna::yield_now().await;
+                }
+            }
+        };
+        control.process("beside").spawn(intruder()).unwrap();
+        below.process("below").spawn(intruder()).unwrap();
+        let triggered = triggered_at.clone();
+        control
+            .process("culprit")
+            .spawn(async move {
+                luna::after(Duration::from_millis(1)).await;
+                burn_until(luna::now() + Duration::from_micros(200));
+                triggered.store(luna::now().as_nanos(), Ordering::SeqCst);
+                Err(luna::emergency(Error::other("now")))
+            })
+            .unwrap();
+        system.run().unwrap_err();
+        let safety = system.report().unwrap().safety;
+        let after = safety.functions[0].began_after.unwrap();
+        if after > Duration::from_micros(900) {
+            // A hypervisor took the other core meanwhile: nobody waits for that.
+            println!("round {round}: the first function began after {after:?}");
+            continue;
+        }
+        let at = |time: &AtomicU64| Instant::from_nanos(time.load(Ordering::SeqCst));
+        let (triggered, intrusion) = (at(&triggered_at), at(&first_intrusion));
+        // What came before the trigger itself, a clone of the cause, only makes this easier by that much.
+        assert!(
+            intrusion >= triggered + after,
+            "round {round}: another ran {:?} after the trigger, the first function {after:?}",
+            intrusion - triggered
+        );
+    }
+}
