@@ -36,6 +36,8 @@
 //! ```
 
 mod csp;
+#[cfg(unix)]
+pub mod devices;
 mod error;
 #[cfg(unix)]
 pub mod external;
@@ -74,12 +76,12 @@ pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use luna_platform::usage::ThreadUsage;
 pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
+pub use safety::{Bite, Watchdog, WatchdogProcess};
+pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use safety::{
     Cause, Degree, EmergencyTrigger, FunctionOutcome, FunctionReport, Guardian, ResetError, Safety,
     SafetyEvent, SafetyFunction, SafetyReport, SafetyState, emergency, guard, safety,
 };
-pub use safety::{Bite, Watchdog, WatchdogProcess};
-pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};
 pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{

@@ -94,6 +94,9 @@ pub enum Error {
     /// A link to a file failed.
     #[cfg(unix)]
     External(crate::external::LinkError),
+    /// A device cannot be opened, or is lost.
+    #[cfg(unix)]
+    Device(Arc<crate::devices::DeviceError>),
     /// An error of the user's own: see [`Error::other`].
     Other(OtherError),
 }
@@ -218,6 +221,8 @@ impl fmt::Display for Error {
             Error::Several(several) => several.fmt(f),
             #[cfg(unix)]
             Error::External(error) => error.fmt(f),
+            #[cfg(unix)]
+            Error::Device(error) => error.fmt(f),
             Error::Other(error) => error.fmt(f),
         }
     }
@@ -231,6 +236,8 @@ impl std::error::Error for Error {
             Error::Several(several) => Some(several.first()),
             #[cfg(unix)]
             Error::External(error) => error.source(),
+            #[cfg(unix)]
+            Error::Device(error) => error.source(),
             Error::Other(error) => error.0.source(),
             _ => None,
         }

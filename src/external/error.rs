@@ -4,6 +4,7 @@ use super::record::BadRecord;
 use luna_executors::FileError;
 use std::fmt;
 use std::io;
+use std::time::Duration;
 
 /// Why a link to a file cannot be made, or has ended.
 ///
@@ -43,6 +44,25 @@ pub enum LinkError {
     },
     /// The file cannot be waited for.
     Wait(FileError),
+    /// The other side has hung up, or the device was unplugged.
+    HungUp,
+    /// Nothing could be written for so long.
+    Stalled {
+        /// How long was waited.
+        limit: Duration,
+    },
+    /// The device did not answer for so long.
+    Silent {
+        /// How long was waited.
+        limit: Duration,
+    },
+    /// There is no connection, and no more attempts are made.
+    NotConnected {
+        /// How many there were.
+        attempts: u32,
+        /// Why the last one failed.
+        error: OsError,
+    },
 }
 
 impl LinkError {
@@ -87,6 +107,19 @@ impl fmt::Display for LinkError {
                 "writing failed in record {record}, after {written} of its bytes: {error}"
             ),
             LinkError::Wait(error) => error.fmt(f),
+            LinkError::HungUp => {
+                f.write_str("the other side has hung up, or the device was unplugged")
+            }
+            LinkError::Stalled { limit } => {
+                write!(
+                    f,
+                    "nothing could be written for {limit:?}: the other side does not read"
+                )
+            }
+            LinkError::Silent { limit } => write!(f, "no answer for {limit:?}"),
+            LinkError::NotConnected { attempts, error } => {
+                write!(f, "no connection after {attempts} attempts: {error}")
+            }
         }
     }
 }

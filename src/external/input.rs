@@ -88,7 +88,7 @@ impl<T: FromBytes + Send> Process for Input<T> {
         if let Some(device) = &mut self.device {
             device.prepare()?;
         }
-        self.splitter = Some(Splitter::new(self.framing));
+        self.splitter = Some(Splitter::of_valid(self.framing));
         Ok(())
     }
 
@@ -125,7 +125,7 @@ async fn pump<T: FromBytes + Send>(
         let record = if is_at_end {
             splitter.finish()
         } else {
-            splitter.next()
+            splitter.next_record()
         };
         let decoded = match record {
             Some(Ok(bytes)) => T::from_bytes(bytes).map_err(Fault::Malformed),

@@ -5,6 +5,9 @@
 //! a [`Framing`]; what they mean is said by [`FromBytes`] and [`ToBytes`], which a [`Frame`] has for bytes as they are.
 //!
 //! A program that reads and writes one device makes two links of it, the one with a clone of the file.
+//!
+//! Links to serial ports, buses, joysticks, pins and sockets, through the [device manager](crate::devices), are the crate `luna-links`; [`Splitter`] and
+//! [`Packer`] are what such a link is made with.
 
 mod device;
 mod error;
@@ -21,4 +24,6 @@ pub use frame::Frame;
 pub use framing::{Framing, Prefix};
 pub use input::{Input, input};
 pub use output::{Output, output};
+pub use packer::Packer;
 pub use record::{BadRecord, Fault, FromBytes, Malformed, ToBytes};
+pub use splitter::Splitter;

@@ -79,7 +79,7 @@ impl<T: ToBytes + Send> Process for Output<T> {
         if let Some(device) = &mut self.device {
             device.prepare()?;
         }
-        self.packer = Some(Packer::new(self.framing));
+        self.packer = Some(Packer::of_valid(self.framing));
         Ok(())
     }
 

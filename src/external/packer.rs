@@ -1,19 +1,43 @@
 //! Values in, framed bytes out.
 
+use super::error::LinkError;
 use super::framing::{Framing, Kind};
 use super::record::{BadRecord, Fault, ToBytes};
 
-/// Frames one record at a time for writing. It allocates when it is made, and then no more.
+/// Frames one record at a time for writing: for links of your own. It allocates when it is made, and then no more; all else of it is for the
+/// real-time path.
+///
+/// ```
+/// use luna::external::{Frame, Framing, Packer, Prefix};
+///
+/// let mut packer = Packer::new(Framing::prefixed(Prefix::U8, 10))?;
+/// let record = Frame::<10>::new(b"abc").unwrap();
+/// assert_eq!(packer.pack(&record), Ok(&b"\x03abc"[..]));
+/// assert_eq!(packer.packed(), b"\x03abc"); // to write it once more
+/// # Ok::<(), luna::external::LinkError>(())
+/// ```
 #[derive(Debug)]
-pub(super) struct Packer {
+pub struct Packer {
     framing: Framing,
     buffer: Box<[u8]>,
+    /// How much of it is the record packed last.
+    packed: usize,
     /// Of the record packed last.
     number: u64,
 }
 
 impl Packer {
-    pub(super) fn new(framing: Framing) -> Self {
+    /// One for this framing.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError::Room`] or [`LinkError::PrefixTooSmall`].
+    pub fn new(framing: Framing) -> Result<Self, LinkError> {
+        framing.validate()?;
+        Ok(Self::of_valid(framing))
+    }
+
+    pub(super) fn of_valid(framing: Framing) -> Self {
         let around = match framing.kind {
             Kind::Prefixed(prefix) => prefix.size(),
             Kind::Delimited { .. } => 1,
@@ -22,19 +46,32 @@ impl Packer {
         Self {
             framing,
             buffer: vec![0; framing.most + around].into_boxed_slice(),
+            packed: 0,
             number: 0,
         }
     }
 
     /// The bytes to write for `value`. O(their number).
-    pub(super) fn pack(&mut self, value: &impl ToBytes) -> Result<&[u8], BadRecord> {
+    ///
+    /// # Errors
+    ///
+    /// The value cannot be written in this framing, with its number, counted from 1.
+    pub fn pack(&mut self, value: &impl ToBytes) -> Result<&[u8], BadRecord> {
         self.number += 1;
+        self.packed = 0;
         let number = self.number;
-        self.frame(value)
-            .map_err(|fault| BadRecord { number, fault })
+        self.packed = self
+            .frame(value)
+            .map_err(|fault| BadRecord { number, fault })?;
+        Ok(self.packed())
     }
 
-    fn frame(&mut self, value: &impl ToBytes) -> Result<&[u8], Fault> {
+    /// The bytes of the record that was packed last; none if there was none, or it could not be packed.
+    pub fn packed(&self) -> &[u8] {
+        &self.buffer[..self.packed]
+    }
+
+    fn frame(&mut self, value: &impl ToBytes) -> Result<usize, Fault> {
         let (length, most) = (value.length(), self.framing.most);
         match self.framing.kind {
             Kind::Fixed if length != most => {
@@ -63,7 +100,7 @@ impl Packer {
             self.buffer[end] = delimiter;
             end += 1;
         }
-        Ok(&self.buffer[..end])
+        Ok(end)
     }
 }
 
@@ -74,7 +111,7 @@ mod tests {
 
     #[track_caller]
     fn packs(framing: Framing, value: &[u8], expected: Result<&[u8], Fault>) {
-        let mut packer = Packer::new(framing);
+        let mut packer = Packer::of_valid(framing);
         let value = Frame::<16>::new(value).unwrap();
         // Twice, so that nothing of the first is left in the second.
         for number in 1..=2 {

@@ -149,8 +149,12 @@ pub enum ResetError {
 impl fmt::Display for ResetError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            ResetError::Emergency => "an emergency cannot be reset: the system ends, make a new one",
-            ResetError::FunctionsRun => "the functions of the safe state still run: reset it when they have",
+            ResetError::Emergency => {
+                "an emergency cannot be reset: the system ends, make a new one"
+            }
+            ResetError::FunctionsRun => {
+                "the functions of the safe state still run: reset it when they have"
+            }
         })
     }
 }

@@ -323,6 +323,22 @@ impl System {
         Ok(self)
     }
 
+    /// Opens devices: each once, by name, shared by those who use it, and closed when the last of them has finished. See [`devices`](crate::devices).
+    ///
+    /// ```
+    /// use luna::devices::{Node, Sharing};
+    /// use luna::prelude::*;
+    ///
+    /// const CLOCK: Node = Node::new("clock");
+    /// let system = System::new("machine");
+    /// let opened = system.devices().open("/dev/rtc9", CLOCK.kind(), Sharing::Exclusive, || CLOCK.open("/dev/rtc9".as_ref(), true));
+    /// assert_eq!(opened.unwrap_err().to_string(), "there is no clock `/dev/rtc9`: plug it in, load its driver, or correct the name");
+    /// ```
+    #[cfg(unix)]
+    pub fn devices(&self) -> crate::devices::DeviceManager {
+        crate::devices::DeviceManager::new(self.plan.clone())
+    }
+
     /// The report of the run that has ended, also when it ended in an error.
     ///
     /// ```

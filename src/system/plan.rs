@@ -31,6 +31,8 @@ pub(crate) struct Plan {
     stand_ins: Mutex<StandIns>,
     /// Nobody can be replaced any more.
     stand_ins_closed: AtomicBool,
+    #[cfg(unix)]
+    devices: crate::devices::Devices,
     tree: Arc<Tree>,
     emergency: Arc<Emergency>,
 }
@@ -450,6 +452,8 @@ impl Plan {
             members: Mutex::default(),
             stand_ins: Mutex::default(),
             stand_ins_closed: AtomicBool::new(false),
+            #[cfg(unix)]
+            devices: Default::default(),
             tree: Tree::new(),
             emergency: Emergency::new(plan.clone()),
         })
@@ -491,6 +495,11 @@ impl Plan {
             return Ok(());
         }
         self.stand_ins().check_plain(process)
+    }
+
+    #[cfg(unix)]
+    pub(crate) fn devices(&self) -> &crate::devices::Devices {
+        &self.devices
     }
 
     pub(crate) fn members(&self) -> MutexGuard<'_, Members> {

@@ -1,5 +1,6 @@
 //! Bytes in, records out.
 
+use crate::external::error::LinkError;
 use crate::external::framing::{Framing, Kind, Prefix};
 use crate::external::record::{BadRecord, Fault};
 use std::ops::Range;
@@ -7,14 +8,27 @@ use std::ops::Range;
 /// Reads of less than this cost more by the call than by the byte.
 const READ_AHEAD: usize = 4096;
 
-/// Divides what is read into records. It allocates when it is made, and then no more.
+/// Divides what is read into records: for links of your own, to whatever gives bytes. It allocates when it is made, and then no more; all else of it is for the
+/// real-time path.
+///
+/// ```
+/// use luna::external::{Framing, Splitter};
+///
+/// let mut splitter = Splitter::new(Framing::lines(80))?;
+/// let read = b"one\ntw"; // as much as came
+/// splitter.room()[..read.len()].copy_from_slice(read);
+/// splitter.filled(read.len());
+/// assert_eq!(splitter.next_record(), Some(Ok(&b"one"[..])));
+/// assert_eq!(splitter.next_record(), None); // the rest is still to come
+/// # Ok::<(), luna::external::LinkError>(())
+/// ```
 ///
 /// # Invariants
 ///
-/// `start <= end <= buffer.len()`. When [`next`](Self::next) has given nothing, what is held is shorter than a whole record, so there is
+/// `start <= end <= buffer.len()`. When [`next_record`](Self::next_record) has given nothing, what is held is shorter than a whole record, so there is
 /// room for the rest of it.
 #[derive(Debug)]
-pub(super) struct Splitter {
+pub struct Splitter {
     framing: Framing,
     buffer: Box<[u8]>,
     /// What is held lies from here to `end`.
@@ -38,7 +52,34 @@ enum Skip {
 type Found = Result<Range<usize>, Fault>;
 
 impl Splitter {
-    pub(super) fn new(framing: Framing) -> Self {
+    /// One for this framing.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError::Room`] or [`LinkError::PrefixTooSmall`].
+    pub fn new(framing: Framing) -> Result<Self, LinkError> {
+        framing.validate()?;
+        Ok(Self::of_valid(framing))
+    }
+
+    /// Holds nothing any more, and counts from 1 again: for another connection.
+    ///
+    /// ```
+    /// use luna::external::{Framing, Splitter};
+    ///
+    /// let mut splitter = Splitter::new(Framing::fixed(2))?;
+    /// splitter.room()[0] = b'a';
+    /// splitter.filled(1);
+    /// splitter.clear();
+    /// assert_eq!(splitter.finish(), None);
+    /// # Ok::<(), luna::external::LinkError>(())
+    /// ```
+    pub fn clear(&mut self) {
+        (self.start, self.end, self.searched, self.number) = (0, 0, 0, 0);
+        self.skip = Skip::Nothing;
+    }
+
+    pub(super) fn of_valid(framing: Framing) -> Self {
         let most = framing.most;
         let size = match framing.kind {
             Kind::Fixed => READ_AHEAD.max(most),
@@ -60,8 +101,8 @@ impl Splitter {
         }
     }
 
-    /// Where to read to. Never empty after `next` has given nothing. Moves less than a record.
-    pub(super) fn room(&mut self) -> &mut [u8] {
+    /// Where to read to. Never empty after [`next_record`](Self::next_record) has given nothing. Moves less than a record.
+    pub fn room(&mut self) -> &mut [u8] {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
             self.end -= self.start;
@@ -70,14 +111,18 @@ impl Splitter {
         &mut self.buffer[self.end..]
     }
 
-    /// So many bytes were read.
-    pub(super) fn filled(&mut self, count: usize) {
-        debug_assert!(count <= self.buffer.len() - self.end);
+    /// So many bytes were read to the front of the [`room`](Self::room).
+    ///
+    /// # Panics
+    ///
+    /// If there was not so much room.
+    pub fn filled(&mut self, count: usize) {
+        assert!(count <= self.buffer.len() - self.end);
         self.end += count;
     }
 
-    /// The next whole record that is held. O(its bytes), and O(bytes held) to skip.
-    pub(super) fn next(&mut self) -> Option<Result<&[u8], BadRecord>> {
+    /// The next whole record that is held, or what is wrong with it. O(its bytes), and O(bytes held) to skip.
+    pub fn next_record(&mut self) -> Option<Result<&[u8], BadRecord>> {
         let found = match self.framing.kind {
             Kind::Fixed => self.find_fixed(),
             Kind::Delimited {
@@ -89,8 +134,18 @@ impl Splitter {
         found.map(|found| self.report(found))
     }
 
-    /// What the end of the file leaves of a record. Called when `next` has given nothing.
-    pub(super) fn finish(&mut self) -> Option<Result<&[u8], BadRecord>> {
+    /// What the end of the file leaves of a record. Called when [`next_record`](Self::next_record) has given nothing.
+    ///
+    /// ```
+    /// use luna::external::{Fault, Framing, Splitter};
+    ///
+    /// let mut splitter = Splitter::new(Framing::fixed(2))?;
+    /// splitter.room()[0] = b'a';
+    /// splitter.filled(1);
+    /// assert_eq!(splitter.finish().unwrap().unwrap_err().fault, Fault::Cut { came: 1 });
+    /// # Ok::<(), luna::external::LinkError>(())
+    /// ```
+    pub fn finish(&mut self) -> Option<Result<&[u8], BadRecord>> {
         let held = std::mem::replace(&mut self.start, self.end)..self.end;
         // What is skipped was reported before.
         if held.is_empty() || self.skip != Skip::Nothing {
@@ -113,8 +168,8 @@ impl Splitter {
         }
     }
 
-    /// The record given last, as a bad one.
-    pub(super) fn bad(&self, fault: Fault) -> BadRecord {
+    /// The record given last, as a bad one: with its number.
+    pub fn bad(&self, fault: Fault) -> BadRecord {
         BadRecord {
             number: self.number,
             fault,

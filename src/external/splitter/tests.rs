@@ -11,7 +11,7 @@ type Got = Vec<Result<Vec<u8>, Fault>>;
 
 /// What `bytes` come to when they are read in pieces of at most `piece` bytes.
 fn split(framing: Framing, bytes: &[u8], piece: usize) -> Got {
-    let mut splitter = Splitter::new(framing);
+    let mut splitter = Splitter::of_valid(framing);
     let mut got = Vec::new();
     let mut note = |record: Result<&[u8], BadRecord>| {
         let record = record.map(<[u8]>::to_vec);
@@ -28,7 +28,7 @@ fn split(framing: Framing, bytes: &[u8], piece: usize) -> Got {
         room[..count].copy_from_slice(&rest[..count]);
         rest = &rest[count..];
         splitter.filled(count);
-        while let Some(record) = splitter.next() {
+        while let Some(record) = splitter.next_record() {
             note(record);
         }
     }
@@ -168,7 +168,7 @@ fn chunks_and_packets_are_what_is_read() {
         split(Framing::chunks(4), b"abcdef", 4),
         [Ok(b"abcd".to_vec()), Ok(b"ef".to_vec())]
     );
-    let mut splitter = Splitter::new(Framing::packets(4));
+    let mut splitter = Splitter::of_valid(Framing::packets(4));
     for (packet, expected) in [
         (&b"abcd"[..], Ok(&b"abcd"[..])),
         (b"abcde", Err(too_long(4))),
@@ -176,9 +176,9 @@ fn chunks_and_packets_are_what_is_read() {
     ] {
         splitter.room()[..packet.len()].copy_from_slice(packet);
         splitter.filled(packet.len());
-        let got = splitter.next().unwrap();
+        let got = splitter.next_record().unwrap();
         assert_eq!(got.map_err(|bad| bad.fault), expected);
-        assert_eq!(splitter.next(), None);
+        assert_eq!(splitter.next_record(), None);
     }
     assert_eq!(splitter.finish(), None);
 }

@@ -1,0 +1,328 @@
+//! Drivers that block in system calls, those written for `embedded-hal` among them: each on a thread of its own, behind a call channel.
+//!
+//! [`driver`] takes a driver as it is, and a function that makes of a request an answer by it. Processes call it over a
+//! [call channel](luna::call_channel) and wait as processes do, wherever they run; the driver's thread alone waits for the bus. So any driver crate for
+//! `embedded-hal` is a link driver of LUNA:
+//!
+//! ```
+//! use luna::devices::Sharing;
+//! use luna::prelude::*;
+//! use luna_links::driver::driver;
+//! # struct Thermometer;
+//! # impl Thermometer { fn read_celsius(&mut self) -> Result<f32, std::io::Error> { Ok(21.5) } }
+//!
+//! let mut system = System::new("oven");
+//! // With an I2C bus: `i2c::open(...)`, and the crate's driver made with `I2c::new(&bus)`.
+//! let bus = system.devices().open("bus", "bus", Sharing::Shared, || Ok(()))?;
+//! let (thermometer, calls) = luna::call_channel::<(), f32>();
+//! let link = driver(&bus, Thermometer, calls, |sensor, ()| sensor.read_celsius().map_err(luna::Error::other));
+//! let counts = link.counts();
+//! let main = system.executor("main").build()?;
+//! main.process("thermometer").spawn(link)?;
+//! main.process("controller").spawn(async move {
+//!     assert_eq!(thermometer.call(()).await?, 21.5);
+//!     Ok(())
+//! })?;
+//! system.run()?;
+//! assert_eq!(counts.records(), 1);
+//! # Ok::<(), luna::Error>(())
+//! ```
+
+use crate::Counts;
+use crate::end::Lose;
+use luna::devices::Device;
+use luna::external::LinkError;
+use luna::{Buffer, Error, Policy, Process, Receiver, Sender, Server};
+use luna_platform::clock::Instant;
+use luna_platform::thread::{self, Attributes, Thread};
+use std::convert::Infallible;
+use std::fmt;
+use std::time::Duration;
+
+/// Makes a process that lets a driver answer the calls of others, on a thread that the driver has for itself.
+///
+/// `serve` may block. Its errors are [counted](Counts::bad), and the call that met one ends as [unanswered](luna::CallError::Unanswered); after
+/// [so many in a row](Driver::errors_before_loss) the device is lost. Where a caller is to see errors, they are part of the answer.
+///
+/// How long each transaction takes is counted ([`Counts::longest`], [`Counts::late`]), and one without end makes the device [lost](Driver::lost_after) while it
+/// hangs: nobody waits for it longer. `device` is what the driver uses; its own handle of it, if it has one, goes with it to the thread.
+///
+/// The link ends without an error when the last client is gone. Cancel-safe: a transaction that has begun runs to its end on the driver's thread, and its answer is dropped.
+/// Real-time path: a call takes two hand-overs between threads beside the transaction itself, and allocates nothing here.
+pub fn driver<X, D, Q, A>(
+    device: &Device<X>,
+    driver: D,
+    calls: Server<Q, A>,
+    serve: impl FnMut(&mut D, Q) -> luna::Result<A> + Send + 'static,
+) -> Driver<D, Q, A>
+where
+    X: Send + Sync + 'static,
+    D: Send + 'static,
+    Q: Send + 'static,
+    A: Send + 'static,
+{
+    let (jobs, taken) = luna::channel();
+    let (done, answers) = luna::buffered(Buffer::fifo(1));
+    let (is_safe, safe) = luna::buffered(Buffer::fifo(1));
+    Driver {
+        name: device.name().to_owned(),
+        policy: Policy::Other,
+        core: None,
+        late_after: Duration::from_millis(10),
+        lost_after: Duration::from_secs(1),
+        most_errors: 3,
+        counts: Counts::default(),
+        device: Some(Box::new(device.clone())),
+        calls: Some(calls.external()),
+        jobs: jobs.external(),
+        answers: Answers::external(answers),
+        safe: Some(Receiver::external(safe)),
+        work: Some(Work {
+            driver,
+            serve: Box::new(serve),
+            make_safe: None,
+            jobs: Receiver::external(taken),
+            done: done.external(),
+            is_safe: is_safe.external(),
+        }),
+        thread: None,
+    }
+}
+
+/// Made by [`driver`]: a link to be spawned.
+#[must_use = "a link is a process: spawn it"]
+pub struct Driver<D, Q, A> {
+    name: String,
+    policy: Policy,
+    core: Option<usize>,
+    late_after: Duration,
+    lost_after: Duration,
+    most_errors: u32,
+    counts: Counts,
+    device: Option<Box<dyn Lose>>,
+    calls: Option<Server<Q, A>>,
+    jobs: Sender<Job<Q>>,
+    answers: Answers<A>,
+    /// Says that the device was brought to safety; for the emergency function.
+    safe: Option<Receiver<()>>,
+    /// Until the thread has it.
+    work: Option<Work<D, Q, A>>,
+    thread: Option<Thread<()>>,
+}
+
+type Answers<A> = Receiver<luna::Result<A>>;
+
+enum Job<Q> {
+    Serve(Q),
+    MakeSafe,
+    End,
+}
+
+/// What the thread does.
+struct Work<D, Q, A> {
+    driver: D,
+    serve: Box<dyn FnMut(&mut D, Q) -> luna::Result<A> + Send>,
+    make_safe: Option<Box<dyn FnMut(&mut D) + Send>>,
+    jobs: Receiver<Job<Q>>,
+    done: Sender<luna::Result<A>>,
+    is_safe: Sender<()>,
+}
+
+impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
+    /// The policy of the driver's thread; without this it has no priority.
+    pub fn policy(mut self, policy: Policy) -> Self {
+        self.policy = policy;
+        self
+    }
+
+    /// The core of the driver's thread; any if not stated.
+    pub fn core(mut self, core: usize) -> Self {
+        self.core = Some(core);
+        self
+    }
+
+    /// Counts a transaction as late that took longer; 10 ms if not stated.
+    pub fn late_after(mut self, time: Duration) -> Self {
+        self.late_after = time;
+        self
+    }
+
+    /// The device is lost when a transaction takes so long, while it still hangs; 1 s if not stated. The thread is then left to it.
+    pub fn lost_after(mut self, time: Duration) -> Self {
+        self.lost_after = time;
+        self
+    }
+
+    /// The device is lost after so many transactions in a row that failed; 3 if not stated, 0 is as 1.
+    pub fn errors_before_loss(mut self, errors: u32) -> Self {
+        self.most_errors = errors;
+        self
+    }
+
+    /// What the driver does in an emergency. It does it on its own thread, after the transaction that is under way, and answers no call from then on; the emergency
+    /// thread waits for it, at most [so long](Self::lost_after) for it to be taken and to be done. State that time before.
+    ///
+    /// # Errors
+    ///
+    /// As for [`Device::on_emergency`].
+    ///
+    /// # Panics
+    ///
+    /// When it is called twice.
+    pub fn on_emergency(
+        mut self,
+        make_safe: impl FnMut(&mut D) + Send + 'static,
+    ) -> luna::Result<Self> {
+        let safe = self
+            .safe
+            .take()
+            .expect("a driver has one emergency function");
+        let (jobs, limit) = (self.jobs.clone(), self.lost_after);
+        if let (Some(device), Some(work)) = (&self.device, &mut self.work) {
+            work.make_safe = Some(Box::new(make_safe));
+            let function = move || {
+                if jobs.blocking_send_timeout(Job::MakeSafe, limit).is_ok() {
+                    let _ = safe.blocking_recv_timeout(limit);
+                }
+            };
+            // Both waits, and a little for what it does in between.
+            device.on_emergency("driver", limit * 3, Box::new(function))?;
+        }
+        Ok(self)
+    }
+
+    /// What it counts.
+    pub fn counts(&self) -> Counts {
+        self.counts.clone()
+    }
+}
+
+impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver<D, Q, A> {
+    /// Starts the driver's thread. What it is refused is said on standard error.
+    ///
+    /// # Errors
+    ///
+    /// There is no thread to be had, or its policy or core makes no sense.
+    fn pre_run(&mut self) -> luna::Result<()> {
+        let Some(work) = self.work.take() else {
+            return Err(LinkError::NotPrepared.into());
+        };
+        let mut attributes = Attributes::new(self.name.as_str()).policy(self.policy);
+        if let Some(core) = self.core {
+            attributes = attributes.core(core);
+        }
+        let (counts, late_after) = (self.counts.clone(), self.late_after);
+        let thread = thread::spawn(
+            attributes,
+            |_| Ok::<_, Infallible>(()),
+            move |()| work.run(&counts, late_after),
+        )
+        .map_err(Error::other)?;
+        for shortfall in &thread.obtained().shortfalls {
+            eprintln!("luna: the driver of `{}`: {shortfall}", self.name);
+        }
+        self.thread = Some(thread);
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        let (Some(calls), Some(device)) = (self.calls.take(), &self.device) else {
+            return Err(LinkError::NotPrepared.into());
+        };
+        let limit = self.lost_after;
+        let silent = || device.lost(LinkError::Silent { limit }.into());
+        let panicked = || device.lost(Error::Panicked("the driver's thread".to_owned()));
+        let mut errors = 0;
+        loop {
+            let (request, reply) = match calls.accept().await {
+                Ok(call) => call.into_parts(),
+                Err(error) if error.is_closed() => return Ok(()),
+                Err(error) => return Err(error.into()),
+            };
+            let deadline = luna::now() + limit;
+            let job = Job::Serve(request);
+            match self.jobs.send_deadline(job, deadline).await {
+                Ok(()) => {}
+                Err(error) if error.is_timeout() => return Err(silent()),
+                Err(_) => return Err(panicked()),
+            }
+            match self.answers.recv_deadline(deadline).await {
+                Ok(Ok(answer)) => {
+                    errors = 0;
+                    // A client that has gone does not want it.
+                    drop(reply.send(answer));
+                }
+                Ok(Err(error)) => {
+                    drop(reply);
+                    self.counts.one_bad();
+                    errors += 1;
+                    if errors >= self.most_errors {
+                        return Err(device.lost(error));
+                    }
+                }
+                Err(error) if error.is_timeout() => return Err(silent()),
+                Err(_) => return Err(panicked()),
+            }
+        }
+    }
+
+    /// Ends the thread; one that still hangs after [`lost_after`](Self::lost_after) is left behind, and standard error told.
+    fn post_run(&mut self) {
+        self.calls = None;
+        if let Some(thread) = self.thread.take() {
+            let told = self.jobs.blocking_send_timeout(Job::End, self.lost_after);
+            if told.as_ref().is_err_and(|error| error.is_timeout()) {
+                eprintln!(
+                    "luna: the driver of `{}` hangs in a transaction; its thread is left behind, and its device stays open",
+                    self.name
+                );
+            } else {
+                // Its panic was told by the hook.
+                let _ = thread.join();
+            }
+        }
+        self.work = None;
+        self.device = None;
+    }
+}
+
+impl<D, Q: Send, A: Send> Work<D, Q, A> {
+    fn run(mut self, counts: &Counts, late_after: Duration) {
+        let mut is_safe = false;
+        while let Ok(job) = self.jobs.blocking_recv() {
+            match job {
+                Job::Serve(request) => {
+                    let answer = if is_safe {
+                        Err(Error::other("its driver has brought it to safety"))
+                    } else {
+                        let begin = Instant::now_real();
+                        let answer = (self.serve)(&mut self.driver, request);
+                        counts.took(Instant::now_real() - begin, late_after);
+                        answer
+                    };
+                    // There is room: nobody asks before the last answer is taken. If nobody asks any more, `jobs` will tell.
+                    let _ = self.done.try_send(answer);
+                }
+                Job::MakeSafe => {
+                    if let Some(make_safe) = &mut self.make_safe {
+                        is_safe = true;
+                        make_safe(&mut self.driver);
+                    }
+                    let _ = self.is_safe.try_send(());
+                }
+                Job::End => return,
+            }
+        }
+    }
+}
+
+impl<D, Q, A> fmt::Debug for Driver<D, Q, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Driver")
+            .field("name", &self.name)
+            .field("late_after", &self.late_after)
+            .field("lost_after", &self.lost_after)
+            .field("counts", &self.counts)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,89 @@
+//! A line by the traits of `embedded-hal`.
+
+use super::{Levels, Pins};
+use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin, OutputPin, StatefulOutputPin};
+use luna::devices::Device;
+use std::fmt;
+use std::io;
+
+/// One line, by the traits of `embedded-hal`: for a driver that needs a pin beside its bus. Each call is a system call, made at once.
+#[derive(Debug, Clone)]
+pub struct Pin {
+    pins: Device<Pins>,
+    number: usize,
+}
+
+impl Pin {
+    /// The line of this number, from 0, if there is one.
+    pub fn new(pins: &Device<Pins>, number: usize) -> Option<Self> {
+        (number < pins.count()).then(|| Self {
+            pins: pins.clone(),
+            number,
+        })
+    }
+
+    fn set(&self, level: bool) -> Result<(), PinError> {
+        let levels = Levels::NONE.with(self.number, level);
+        self.pins.set(levels).map_err(PinError)
+    }
+
+    fn get(&self) -> Result<bool, PinError> {
+        self.pins.get(self.number).map_err(PinError)
+    }
+}
+
+/// A pin that cannot be set or read: what the system says, that it is no output, or that an emergency has set it.
+#[derive(Debug)]
+pub struct PinError(io::Error);
+
+impl fmt::Display for PinError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a pin cannot be used: {}", self.0)
+    }
+}
+
+impl std::error::Error for PinError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        Some(&self.0)
+    }
+}
+
+impl Error for PinError {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::Other
+    }
+}
+
+impl ErrorType for Pin {
+    type Error = PinError;
+}
+
+impl OutputPin for Pin {
+    fn set_low(&mut self) -> Result<(), PinError> {
+        self.set(false)
+    }
+
+    fn set_high(&mut self) -> Result<(), PinError> {
+        self.set(true)
+    }
+}
+
+impl StatefulOutputPin for Pin {
+    fn is_set_high(&mut self) -> Result<bool, PinError> {
+        self.get()
+    }
+
+    fn is_set_low(&mut self) -> Result<bool, PinError> {
+        Ok(!self.get()?)
+    }
+}
+
+impl InputPin for Pin {
+    fn is_high(&mut self) -> Result<bool, PinError> {
+        self.get()
+    }
+
+    fn is_low(&mut self) -> Result<bool, PinError> {
+        Ok(!self.get()?)
+    }
+}

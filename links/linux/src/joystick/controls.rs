@@ -1,0 +1,162 @@
+//! From an input device to a channel of controls.
+
+use super::state::{Meaning, State};
+use super::{Control, Controller, Event, FRAMING};
+use crate::Counts;
+use crate::end::Stop;
+use crate::wire::Wire;
+use luna::devices::Device;
+use luna::external::{FromBytes, LinkError, Splitter};
+use luna::{Process, Sender};
+use luna_platform::path::{self, Call};
+use std::fmt;
+use std::future::Future;
+use std::pin::{Pin, pin};
+
+/// Makes a process that tells what the controls of a device do: first those that do not stand at 0, then each as it changes.
+///
+/// When the kernel has dropped events because nobody read them, the device is asked where it stands, and what differs is told; so what a reader knows is right in the end. That is
+/// counted as [bad](Counts::bad). It ends without an error when the last receiver is gone, and is the [loss](Device::lost) of the device when that is unplugged.
+///
+/// Real-time path: from its `run` on; a system call a read, no allocation. Cancel-safe.
+///
+/// # Errors
+///
+/// The descriptor cannot be had.
+pub fn controls<D: Controller>(
+    device: &Device<D>,
+    sender: Sender<Control>,
+) -> Result<Controls<D>, LinkError> {
+    let file = device
+        .file()
+        .map_err(|error| LinkError::SetUp(error.into()))?;
+    Ok(Controls {
+        wire: Some(Wire::new(file)?),
+        splitter: Splitter::new(FRAMING)?,
+        state: Box::new(State::new(|axis| device.range(axis))),
+        device: Some(device.clone()),
+        sender: Some(sender.external()),
+        counts: Counts::default(),
+    })
+}
+
+/// A link to be spawned: see [`controls`].
+#[must_use = "a link is a process: spawn it"]
+pub struct Controls<D: Controller> {
+    /// Before the device, which is closed after it.
+    wire: Option<Wire>,
+    device: Option<Device<D>>,
+    splitter: Splitter,
+    state: Box<State>,
+    sender: Option<Sender<Control>>,
+    counts: Counts,
+}
+
+impl<D: Controller> Controls<D> {
+    /// What it counts: events.
+    pub fn counts(&self) -> Counts {
+        self.counts.clone()
+    }
+}
+
+impl<D: Controller> Process for Controls<D> {
+    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
+        // Now, off the real-time path. If it fails, so does the first wait, which tells.
+        let _ = luna::prepare_files();
+        async {
+            let sender = self.sender.take();
+            let (Some(wire), Some(device), Some(sender)) = (&mut self.wire, &self.device, sender)
+            else {
+                return Err(LinkError::NotPrepared.into());
+            };
+            let (state, splitter, counts) = (&mut self.state, &mut self.splitter, &self.counts);
+            let stop = tell(wire, splitter, state, device, &sender, counts).await;
+            stop.end(device)
+        }
+    }
+
+    /// Lets go of the device.
+    fn post_run(&mut self) {
+        self.wire = None;
+        self.device = None;
+    }
+}
+
+/// Until something ends it.
+async fn tell<D: Controller>(
+    wire: &mut Wire,
+    splitter: &mut Splitter,
+    state: &mut State,
+    device: &Device<D>,
+    sender: &Sender<Control>,
+    counts: &Counts,
+) -> Stop {
+    let mut ended = pin!(sender.ended());
+    let mut meaning = Meaning::Ask;
+    loop {
+        match meaning {
+            Meaning::Nothing => {}
+            Meaning::Control(control) => {
+                if let Some(stop) = send(sender, control).await {
+                    return stop;
+                }
+            }
+            Meaning::Ask => {
+                let now = match path::expected(Call::File, || device.snapshot()) {
+                    Ok(now) => now,
+                    Err(error) => return LinkError::Read(error.into()).into(),
+                };
+                let mut place = 0;
+                while let Some(control) = state.compare(&now, &mut place) {
+                    if let Some(stop) = send(sender, control).await {
+                        return stop;
+                    }
+                }
+            }
+        }
+        let event = match next(wire, splitter, ended.as_mut()).await {
+            Ok(event) => event,
+            Err(stop) => return stop,
+        };
+        counts.record();
+        meaning = state.take(event);
+        if meaning == Meaning::Ask {
+            counts.one_bad();
+        }
+    }
+}
+
+async fn send(sender: &Sender<Control>, control: Control) -> Option<Stop> {
+    match sender.send(control).await {
+        Ok(()) => None,
+        Err(error) if error.is_closed() => Some(Stop::Closed),
+        Err(_) => Some(Stop::Poisoned),
+    }
+}
+
+async fn next(
+    wire: &mut Wire,
+    splitter: &mut Splitter,
+    mut ended: Pin<&mut luna::Ended<'_>>,
+) -> Result<Event, Stop> {
+    loop {
+        if let Some(Ok(bytes)) = splitter.next_record()
+            && let Ok(event) = Event::from_bytes(bytes)
+        {
+            return Ok(event);
+        }
+        match wire.read(splitter.room(), ended.as_mut()).await? {
+            0 => return Err(Stop::HungUp),
+            count => splitter.filled(count),
+        }
+    }
+}
+
+impl<D: Controller> fmt::Debug for Controls<D> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Controls")
+            .field("device", &self.device)
+            .field("counts", &self.counts)
+            .finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,141 @@
+//! What a link does all day: from a wire to a channel, and from a channel to a wire.
+
+use crate::Counts;
+use crate::end::Stop;
+use crate::wire::Wire;
+use luna::external::{Fault, FromBytes, LinkError, Packer, Splitter, ToBytes};
+use luna::{Receiver, Sender};
+use std::pin::pin;
+use std::time::Duration;
+
+/// What a link does with a broken record: one that is garbled, cut off, or too long. All are [counted](Counts::bad).
+///
+/// A value's type comes first: one that stands for broken records ([`FromBytes::from_bad`]), as `Result<T, BadRecord>`, gets them all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum OnBad {
+    /// It ends with the record as its error. The device is not lost by that.
+    #[default]
+    End,
+    /// It drops the record, and goes on with the next.
+    Drop,
+}
+
+/// The transports differ in what an empty read and a refusal mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Bytes in a row. No bytes are the end.
+    Stream,
+    /// Packets, each for itself: an empty one is broken, and one that nobody takes is gone.
+    Packets,
+}
+
+/// Until something ends it.
+pub(crate) async fn pump_in<T: FromBytes + Send>(
+    wire: &mut Wire,
+    splitter: &mut Splitter,
+    sender: &Sender<T>,
+    kind: Kind,
+    on_bad: OnBad,
+    counts: &Counts,
+) -> Stop {
+    let mut ended = pin!(sender.ended());
+    let mut is_at_end = false;
+    loop {
+        let record = if is_at_end {
+            splitter.finish()
+        } else {
+            splitter.next_record()
+        };
+        let decoded = match record {
+            Some(Ok(bytes)) => T::from_bytes(bytes).map_err(Fault::Malformed),
+            Some(Err(bad)) => Err(bad.fault),
+            None if is_at_end => return Stop::HungUp,
+            None => {
+                match wire.read(splitter.room(), ended.as_mut()).await {
+                    Ok(0) if kind == Kind::Packets => counts.one_bad(),
+                    Ok(0) => is_at_end = true,
+                    Ok(count) => splitter.filled(count),
+                    Err(stop) => {
+                        if let Some(stop) = unless_refused(stop, kind, counts) {
+                            return stop;
+                        }
+                    }
+                }
+                continue;
+            }
+        };
+        let value = match decoded {
+            Ok(value) => {
+                counts.record();
+                value
+            }
+            Err(fault) => {
+                counts.one_bad();
+                match (T::from_bad(splitter.bad(fault)), on_bad) {
+                    (Ok(value), _) => value,
+                    // What is cut off because the other side has hung up: that is the cause.
+                    (Err(_), _) if is_at_end => continue,
+                    (Err(_), OnBad::Drop) => continue,
+                    (Err(bad), OnBad::End) => return Stop::Record(bad),
+                }
+            }
+        };
+        match sender.send(value).await {
+            Ok(()) => {}
+            Err(error) if error.is_closed() => return Stop::Closed,
+            Err(_) => return Stop::Poisoned,
+        }
+    }
+}
+
+/// Until something ends it. With `is_unsent` the packer's last record is written first; afterwards it says whether there is one that did not get out whole.
+pub(crate) async fn pump_out<T: ToBytes + Send>(
+    wire: &mut Wire,
+    packer: &mut Packer,
+    is_unsent: &mut bool,
+    receiver: &Receiver<T>,
+    kind: Kind,
+    patience: Option<Duration>,
+    counts: &Counts,
+) -> Stop {
+    let mut poisoned = pin!(receiver.poisoned());
+    loop {
+        if !*is_unsent {
+            let value = match receiver.recv().await {
+                Ok(value) => value,
+                Err(error) if error.is_closed() => return Stop::Closed,
+                Err(_) => return Stop::Poisoned,
+            };
+            if let Err(bad) = packer.pack(&value) {
+                return Stop::Record(bad);
+            }
+            *is_unsent = true;
+        }
+        let number = counts.records() + 1;
+        let written = wire.write(packer.packed(), number, poisoned.as_mut(), patience);
+        match written.await {
+            Ok(()) => counts.record(),
+            Err(stop) => {
+                if let Some(stop) = unless_refused(stop, kind, counts) {
+                    return stop;
+                }
+            }
+        }
+        *is_unsent = false;
+    }
+}
+
+/// Nothing if a packet was refused because nobody listens: that ends nothing.
+fn unless_refused(stop: Stop, kind: Kind, counts: &Counts) -> Option<Stop> {
+    let (Stop::Failed(LinkError::Read(error)) | Stop::Failed(LinkError::Write { error, .. })) =
+        &stop
+    else {
+        return Some(stop);
+    };
+    if kind == Kind::Packets && error.kind() == std::io::ErrorKind::ConnectionRefused {
+        counts.one_refused();
+        return None;
+    }
+    Some(stop)
+}

@@ -1,0 +1,151 @@
+//! Why a device cannot be used.
+
+use crate::error::Error;
+use crate::external::OsError;
+use std::fmt;
+use std::sync::Arc;
+
+/// Why a device cannot be opened, or was lost. Each says what to do.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum DeviceError {
+    /// There is no such device.
+    Missing {
+        /// The device's name.
+        device: String,
+        /// What it was to be: "serial port".
+        kind: &'static str,
+    },
+    /// Somebody has it who does not share it.
+    Busy {
+        /// The device's name.
+        device: String,
+        /// Who.
+        by: Holder,
+    },
+    /// This user may not open it.
+    NoPermission {
+        /// The device's name.
+        device: String,
+        /// Which group or udev rule allows it.
+        remedy: String,
+    },
+    /// It is something else.
+    WrongKind {
+        /// The device's name.
+        device: String,
+        /// What it was to be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// Its settings make no sense, or the device cannot have them.
+    Settings {
+        /// The device's name.
+        device: String,
+        /// What is wrong with them.
+        reason: String,
+    },
+    /// The system refused it for another reason.
+    Refused {
+        /// The device's name.
+        device: String,
+        /// What the system said.
+        error: OsError,
+    },
+    /// It was there, and is gone or does not answer.
+    Lost {
+        /// The device's name.
+        device: Arc<str>,
+        /// What it was: "serial port".
+        kind: &'static str,
+        /// By what that was found out.
+        error: Error,
+    },
+}
+
+/// Who has a device that is busy.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Holder {
+    /// This program itself: another part of it, or another of its systems.
+    ThisProgram,
+    /// Another process.
+    Process {
+        /// Its number.
+        pid: u32,
+        /// Its name, as far as the system tells.
+        name: String,
+    },
+    /// Who is known to the kernel by a name alone.
+    Named {
+        /// The name.
+        name: String,
+    },
+    /// Somebody whom the system does not tell, or not this user.
+    Unknown,
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Holder::ThisProgram => f.write_str("this program"),
+            Holder::Process { pid, name } => write!(f, "process {pid} (`{name}`)"),
+            Holder::Named { name } => write!(f, "`{name}`"),
+            Holder::Unknown => f.write_str("somebody whom the system does not tell"),
+        }
+    }
+}
+
+impl fmt::Display for DeviceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            DeviceError::Missing { device, kind } => write!(
+                f,
+                "there is no {kind} `{device}`: plug it in, load its driver, or correct the name"
+            ),
+            DeviceError::Busy {
+                device,
+                by: Holder::ThisProgram,
+            } => write!(
+                f,
+                "`{device}` is in use in this program: open it once and clone its handle, or open it as shared everywhere"
+            ),
+            DeviceError::Busy { device, by } => {
+                write!(f, "`{device}` is in use by {by}: end that first")
+            }
+            DeviceError::NoPermission { device, remedy } => {
+                write!(f, "this user may not open `{device}`: {remedy}")
+            }
+            DeviceError::WrongKind {
+                device,
+                expected,
+                found,
+            } => write!(f, "`{device}` is no {expected} but {found}"),
+            DeviceError::Settings { device, reason } => write!(f, "`{device}`: {reason}"),
+            DeviceError::Refused { device, error } => {
+                write!(f, "the system does not open `{device}`: {error}")
+            }
+            DeviceError::Lost {
+                device,
+                kind,
+                error,
+            } => write!(f, "the {kind} `{device}` is lost: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for DeviceError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            DeviceError::Lost { error, .. } => Some(error),
+            _ => None,
+        }
+    }
+}
+
+impl From<DeviceError> for Error {
+    fn from(error: DeviceError) -> Error {
+        Error::Device(Arc::new(error))
+    }
+}

@@ -1,0 +1,193 @@
+//! Who has which device.
+
+use super::device::{Device, DeviceView, Open, Status};
+use super::error::{DeviceError, Holder};
+use crate::safety::Safety;
+use crate::system::Plan;
+use std::any::Any;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+/// Who may open a device that is open already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Sharing {
+    /// Whoever opens it as shared, too, and as of the same type: all use what the first has opened.
+    Shared,
+    /// Nobody.
+    Exclusive,
+}
+
+/// Opens the devices of a [`System`](crate::System): see [`System::devices`](crate::System::devices).
+///
+/// Cloning it is cheap, and it does not borrow the system. Devices belong to the set-up; one may also be opened in a `pre_run`, or anew while the system runs when it was lost. Not for
+/// the real-time path: its functions take plain locks, and opening is what drivers make of it.
+#[derive(Clone)]
+pub struct DeviceManager {
+    plan: Arc<Plan>,
+}
+
+/// What a system keeps of its devices.
+#[derive(Default)]
+pub(crate) struct Devices(Mutex<Vec<Entry>>);
+
+struct Entry {
+    status: Arc<Status>,
+    sharing: Sharing,
+    /// What was opened; none while it is being opened, or when that failed.
+    open: Option<Weak<dyn Any + Send + Sync>>,
+}
+
+impl Entry {
+    /// What is open, if it is.
+    fn open(&self) -> Option<Arc<dyn Any + Send + Sync>> {
+        self.open.as_ref()?.upgrade()
+    }
+}
+
+impl Devices {
+    fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Forgets a device that could not be opened.
+struct Forget<'a> {
+    devices: &'a Devices,
+    status: &'a Arc<Status>,
+}
+
+impl Drop for Forget<'_> {
+    fn drop(&mut self) {
+        let mut entries = self.devices.lock();
+        entries.retain(|entry| entry.open.is_some() || !Arc::ptr_eq(&entry.status, self.status));
+    }
+}
+
+impl DeviceManager {
+    pub(crate) fn new(plan: Arc<Plan>) -> Self {
+        Self { plan }
+    }
+
+    /// Opens the device `name`, or shares what is open under that name already.
+    ///
+    /// `open` is called only in the first case, and does all that opening means; dropping what it gives closes the device. `kind` is what the device is, in the words
+    /// of an error: "motor driver". A name that is a path is that of the file which it leads to, so a link and its target are one device.
+    ///
+    /// # Errors
+    ///
+    /// [`DeviceError::Busy`] if it is open in this system and not shared by both, or open as another type; and
+    /// whatever `open` fails with. Then the device may be opened again.
+    ///
+    /// ```
+    /// use luna::devices::{DeviceError, Holder, Sharing};
+    /// use luna::prelude::*;
+    ///
+    /// let system = System::new("machine");
+    /// let devices = system.devices();
+    /// let bus = devices.open("bus", "field bus", Sharing::Shared, || Ok(42))?;
+    /// let same = devices.open("bus", "field bus", Sharing::Shared, || -> Result<i32, DeviceError> { unreachable!() })?;
+    /// assert_eq!((*bus, *same, devices.list()[0].users), (42, 42, 2));
+    /// let refused = devices.open("bus", "field bus", Sharing::Exclusive, || Ok(0));
+    /// assert!(matches!(refused, Err(DeviceError::Busy { by: Holder::ThisProgram, .. })));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn open<D: Send + Sync + 'static>(
+        &self,
+        name: &str,
+        kind: &'static str,
+        sharing: Sharing,
+        open: impl FnOnce() -> Result<D, DeviceError>,
+    ) -> Result<Device<D>, DeviceError> {
+        let busy = || DeviceError::Busy {
+            device: name.to_owned(),
+            by: Holder::ThisProgram,
+        };
+        let devices = self.plan.devices();
+        let key = key(name);
+        let status = {
+            let mut entries = devices.lock();
+            let there = entries.iter().position(|entry| *entry.status.key() == *key);
+            if let Some(entry) = there.map(|place| &entries[place]) {
+                if entry.open.is_none() {
+                    return Err(busy());
+                }
+                if let Some(open) = entry.open() {
+                    let both = (entry.sharing, sharing) == (Sharing::Shared, Sharing::Shared);
+                    return match open.downcast::<Open<D>>() {
+                        Ok(open) if both => Ok(Device::new(open, self.safety())),
+                        _ => Err(busy()),
+                    };
+                }
+            }
+            // It was closed: another opening is another device.
+            if let Some(place) = there {
+                entries.remove(place);
+            }
+            let status = Arc::new(Status::new(name, key, kind));
+            entries.push(Entry {
+                status: status.clone(),
+                sharing,
+                open: None,
+            });
+            status
+        };
+        // Without the lock: what is called here is the driver's, which may open what lies below it.
+        let forget = Forget {
+            devices,
+            status: &status,
+        };
+        let open = Arc::new(Open::new(open()?, status.clone()));
+        let held: Arc<dyn Any + Send + Sync> = open.clone();
+        for entry in &mut *devices.lock() {
+            if Arc::ptr_eq(&entry.status, &status) {
+                entry.open = Some(Arc::downgrade(&held));
+            }
+        }
+        drop(forget);
+        Ok(Device::new(open, self.safety()))
+    }
+
+    fn safety(&self) -> Safety {
+        Safety::new(self.plan.emergency().clone())
+    }
+
+    /// All devices that were opened, in that order, with those that are closed again.
+    ///
+    /// ```
+    /// use luna::devices::{DeviceState, Sharing};
+    ///
+    /// let system = luna::System::new("machine");
+    /// let devices = system.devices();
+    /// let lamp = devices.open("lamp", "lamp", Sharing::Exclusive, || Ok(()))?;
+    /// assert_eq!((devices.list()[0].state, devices.list()[0].users), (DeviceState::Open, 1));
+    /// drop(lamp);
+    /// assert_eq!((devices.list()[0].state, devices.list()[0].users), (DeviceState::Closed, 0));
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn list(&self) -> Vec<DeviceView> {
+        self.plan
+            .devices()
+            .lock()
+            .iter()
+            .filter(|entry| entry.open.is_some())
+            .map(|entry| entry.status.view(entry.sharing))
+            .collect()
+    }
+}
+
+/// By what a device is known.
+fn key(name: &str) -> String {
+    if !name.starts_with('/') {
+        return name.to_owned();
+    }
+    std::fs::canonicalize(name).map_or_else(
+        |_| name.to_owned(),
+        |path| path.to_string_lossy().into_owned(),
+    )
+}
+
+impl fmt::Debug for DeviceManager {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.list()).finish()
+    }
+}

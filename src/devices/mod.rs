@@ -1,0 +1,20 @@
+//! The device manager: a device is opened once, by name, and closed when its last user has finished.
+//!
+//! A program opens its devices while it is set up (or in a `pre_run`), through [`System::devices`](crate::System::devices). Who opens a device gets a
+//! [`Device`], a handle that is cloned for each process that uses it; the manager knows all of them, so that two parts of a program that
+//! name one device share it, or the second is told that it is busy. A driver registers what brings its device to safety with
+//! [`Device::on_emergency`], and says with [`Device::lost`] that it is gone, which by default is an emergency.
+//!
+//! [`Node`] is for drivers: it opens a device file, and makes of the system's refusal an error that says what to do.
+
+mod device;
+mod error;
+mod holder;
+mod manager;
+mod node;
+
+pub use device::{Device, DeviceState, DeviceView, OnLoss};
+pub use error::{DeviceError, Holder};
+pub(crate) use manager::Devices;
+pub use manager::{DeviceManager, Sharing};
+pub use node::Node;
