@@ -189,15 +189,16 @@ fn another_master_ends_it() {
     let server = Arc::new(turning());
     let link = patient(&server);
     let address = server.address();
+    let mut others = None;
     let (outcome, ..) = run(link, 1_000, move |cycle| {
         if cycle == 20 {
-            luna::off_path(|| {
-                let (_duty, duties) = register();
-                let mut other = Card::open(address).unwrap().link("other", PERIOD);
-                other.pwm(1, duties);
-                drop(other.process().unwrap());
-            });
+            let (_duty, duties) = register();
+            let mut other = Card::open(address).unwrap().link("other", PERIOD);
+            other.pwm(1, duties);
+            // Kept: its end would make the watchdog bite.
+            others = Some(other.process().unwrap());
         }
+        assert_eq!(others.is_some(), cycle >= 20);
     });
     assert_eq!(fault(outcome), Fault::Foreign);
 }

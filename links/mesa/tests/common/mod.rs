@@ -7,20 +7,20 @@ use luna_mesa::{Bucket, Card, Fault, Link, Reading, Sample};
 use luna_mesa_sim::{Card as SimCard, Server, Settings};
 use std::time::Duration;
 
-pub const PERIOD: Duration = Duration::from_millis(2);
+pub(crate) const PERIOD: Duration = Duration::from_millis(2);
 
 /// Counts a second of encoder 0: 100 a period.
-pub const SPEED: f64 = 50_000.0;
+pub(crate) const SPEED: f64 = 50_000.0;
 /// What the link is told: then a silence of half a second is not too long.
-pub const FASTEST: f64 = 60_000.0;
+pub(crate) const FASTEST: f64 = 60_000.0;
 
 /// Where encoder 0 is at a time (ns).
-pub fn count_at(now: u64) -> i64 {
+pub(crate) fn count_at(now: u64) -> i64 {
     (now / 20_000) as i64
 }
 
 /// A card whose encoder 0 turns at [`SPEED`] for ever.
-pub fn turning() -> Server {
+pub(crate) fn turning() -> Server {
     let settings = Settings {
         world: Box::new(|now: u64, card: &mut SimCard| card.turn_encoder(0, count_at(now), now)),
         seed: seed(),
@@ -29,7 +29,7 @@ pub fn turning() -> Server {
     Server::start(settings).unwrap()
 }
 
-pub fn seed() -> u64 {
+pub(crate) fn seed() -> u64 {
     let seed = std::env::var("LUNA_SEED")
         .ok()
         .and_then(|seed| seed.parse().ok());
@@ -37,34 +37,34 @@ pub fn seed() -> u64 {
 }
 
 /// A link that takes much, so that a machine that is busy with other things changes no outcome.
-pub fn patient(server: &Server) -> Link {
+pub(crate) fn patient(server: &Server) -> Link {
     let mut link = Card::open(server.address()).unwrap().link("card", PERIOD);
     link.watchdog(Duration::from_secs(5))
         .tolerance(Bucket::new(1, 1, 5_000));
     link
 }
 
-pub fn samples() -> (Sender<Sample<Reading>>, Receiver<Sample<Reading>>) {
+pub(crate) fn samples() -> (Sender<Sample<Reading>>, Receiver<Sample<Reading>>) {
     luna::buffered(Buffer::fifo(256))
 }
 
-pub fn register<T: Copy + Send>() -> (Sender<T>, Receiver<T>) {
+pub(crate) fn register<T: Copy + Send>() -> (Sender<T>, Receiver<T>) {
     luna::buffered(Buffer::overwrite_oldest(1))
 }
 
 /// What must hold of all that a controller gets: fresh values are those of their time, others the last fresh one.
 #[derive(Debug, Default)]
-pub struct Truth {
+pub(crate) struct Truth {
     /// Where the counter may have been at position 0.
     zero: Option<[i64; 2]>,
     last: Option<Sample<Reading>>,
-    pub fresh: u32,
-    pub stale: u32,
-    pub longest: u32,
+    pub(crate) fresh: u32,
+    pub(crate) stale: u32,
+    pub(crate) longest: u32,
 }
 
 impl Truth {
-    pub fn check(&mut self, sample: Sample<Reading>) {
+    pub(crate) fn check(&mut self, sample: Sample<Reading>) {
         match sample.fresh() {
             Some(reading) => {
                 let [asked, answered] = sample.measured_between();
@@ -94,20 +94,23 @@ impl Truth {
 }
 
 /// The fault that has ended a run.
-pub fn fault(outcome: luna::Result<luna::Report>) -> Fault {
+pub(crate) fn fault(outcome: luna::Result<luna::Report>) -> Fault {
     let error = outcome.expect_err("the link has failed");
-    let mut source: Option<&(dyn std::error::Error + 'static)> = Some(&error);
-    while let Some(error) = source {
-        if let Some(fault) = error.downcast_ref::<Fault>() {
-            return fault.clone();
-        }
-        source = error.source();
-    }
-    panic!("no fault of a link: {error}");
+    let luna::Error::Process { source, .. } = &error else {
+        panic!("not of a process: {error}");
+    };
+    let luna::Error::Other(other) = &**source else {
+        panic!("not a link's: {error}");
+    };
+    other
+        .get()
+        .downcast_ref::<Fault>()
+        .expect("a fault")
+        .clone()
 }
 
 /// Looks at the card until it is so, for ten seconds at most.
-pub fn wait_until(server: &Server, is_so: impl Fn(&SimCard) -> bool) {
+pub(crate) fn wait_until(server: &Server, is_so: impl Fn(&SimCard) -> bool) {
     let deadline = luna::now() + Duration::from_secs(10);
     while !server.with_card(|card, _| is_so(card)) {
         assert!(luna::now() < deadline, "it never came to be so");
