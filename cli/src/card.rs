@@ -1,7 +1,7 @@
 //! What is behind the demo's registers: processes that simulate the machine, or a card.
 
 use crate::failure::Failure;
-use luna::System;
+use luna::{Policy, System};
 use luna_jiwy::{AXES, hardware};
 use luna_mesa::{Card, Health};
 use luna_mesa_sim::{PlantWorld, Server, Settings};
@@ -45,12 +45,13 @@ pub(crate) fn parse(text: &str) -> Result<Choice, String> {
     Ok(Choice::Mesa(address.ok_or("there is no such host")?))
 }
 
-/// Adds the machine, or the link to it, to the system.
+/// Adds the machine, or the link to it, to the system. What controls it has `policy`.
 pub(crate) fn machine(
     choice: Option<&Choice>,
     system: &mut System,
     executor: &luna::Executor,
     period: Duration,
+    policy: Policy,
 ) -> Result<([hardware::Registers; 2], Machine), Failure> {
     let (address, simulated) = match choice {
         None => {
@@ -60,7 +61,7 @@ pub(crate) fn machine(
         }
         Some(Choice::Mesa(address)) => (*address, None),
         Some(Choice::MesaSim) => {
-            let (server, states) = simulate()?;
+            let (server, states) = simulate(policy)?;
             (server.address(), Some((server, states)))
         }
     };
@@ -80,7 +81,8 @@ pub(crate) fn machine(
 
 type States = Arc<Mutex<[MotorState; 2]>>;
 
-fn simulate() -> Result<(Server, States), Failure> {
+/// A card whose threads are above those with `policy`: hardware is never late.
+fn simulate(policy: Policy) -> Result<(Server, States), Failure> {
     let states = States::default();
     let watched = states.clone();
     let camera = PanTilt::jiwy(AXES.each_ref().map(|axis| axis.count_at_zero));
@@ -89,6 +91,12 @@ fn simulate() -> Result<(Server, States), Failure> {
     });
     let settings = Settings {
         world: Box::new(world),
+        policy: match policy {
+            Policy::Fifo(priority) | Policy::RoundRobin(priority) => {
+                Policy::Fifo((priority + 1).min(97))
+            }
+            other => other,
+        },
         ..Settings::default()
     };
     let server = Server::start(settings).map_err(|error| Failure::Card(error.into()))?;

@@ -43,6 +43,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         &mut system,
         &executors.mechanism,
         settings.period,
+        arguments.place.policy,
     )?;
     let findings = network::build(&executors, registers, settings).map_err(Failure::Luna)?;
     drop(executors);

@@ -17,9 +17,9 @@ fn the_demo_runs_through_a_simulated_card() {
         "mesa-sim",
         "--calibrated",
         "--seconds",
-        "1.5",
+        "2",
         "--rate",
-        "250",
+        "100",
         "--policy",
         "other",
     ]);

@@ -41,7 +41,8 @@ pub struct Watchdog {
     /// When it bites.
     deadline: Option<u64>,
     has_bitten: bool,
-    bitten_at: Option<u64>,
+    /// When it was to bite, and when that was seen.
+    bitten: Option<[u64; 2]>,
     fed_at: Option<u64>,
 }
 
@@ -51,9 +52,14 @@ impl Watchdog {
         self.has_bitten
     }
 
-    /// When it was seen to bite last.
+    /// When its time was over, if it has bitten.
     pub fn bitten_at(&self) -> Option<u64> {
-        self.bitten_at
+        self.bitten.map(|[due, _]| due)
+    }
+
+    /// When that was seen: the simulation looks at each packet, and about each half millisecond.
+    pub fn seen_to_bite_at(&self) -> Option<u64> {
+        self.bitten.map(|[_, seen]| seen)
     }
 
     /// When it was fed or set last.
@@ -87,7 +93,7 @@ impl Card {
                 time: watchdog::OFF,
                 deadline: None,
                 has_bitten: false,
-                bitten_at: None,
+                bitten: None,
                 fed_at: None,
             },
             ports: Ports::new(),
@@ -129,8 +135,10 @@ impl Card {
 
     /// Lets time go on until `now`: the watchdog may bite.
     pub fn advance(&mut self, now: u64) {
-        if self.watchdog.deadline.is_some_and(|due| due <= now) {
-            self.bite(now);
+        if let Some(due) = self.watchdog.deadline
+            && due <= now
+        {
+            self.bite(due, now);
         }
     }
 
@@ -190,10 +198,10 @@ impl Card {
         }
     }
 
-    fn bite(&mut self, now: u64) {
+    fn bite(&mut self, due: u64, now: u64) {
         self.watchdog.deadline = None;
         self.watchdog.has_bitten = true;
-        self.watchdog.bitten_at = Some(now);
+        self.watchdog.bitten = Some([due, now]);
         self.ports.let_go();
     }
 
@@ -313,8 +321,10 @@ impl Card {
     fn restart_watchdog(&mut self, now: u64) {
         self.watchdog.restart(now);
         // Less than a packet takes to come.
-        if self.watchdog.deadline.is_some_and(|due| due < now + 1_000) {
-            self.bite(now);
+        if let Some(due) = self.watchdog.deadline
+            && due < now + 1_000
+        {
+            self.bite(due, now);
         }
     }
 

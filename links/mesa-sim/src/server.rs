@@ -1,6 +1,8 @@
 //! The card on a socket, with a machine behind it and a network in front.
 
 use crate::{Card, Faults, Network, NoWorld, Sent, World};
+use luna::Policy;
+use luna_platform::thread::{self, Attributes};
 use std::cmp::Ordering as Order;
 use std::collections::BinaryHeap;
 use std::fmt;
@@ -24,6 +26,8 @@ pub struct Settings {
     pub faults: Faults,
     /// By which seed.
     pub seed: u64,
+    /// The policy of its threads, where the system grants it: a real card is never late.
+    pub policy: Policy,
 }
 
 impl Default for Settings {
@@ -33,6 +37,7 @@ impl Default for Settings {
             world: Box::new(NoWorld),
             faults: Faults::NONE,
             seed: 1,
+            policy: Policy::Other,
         }
     }
 }
@@ -43,6 +48,7 @@ impl fmt::Debug for Settings {
             .field("address", &self.address)
             .field("faults", &self.faults)
             .field("seed", &self.seed)
+            .field("policy", &self.policy)
             .finish_non_exhaustive()
     }
 }
@@ -118,10 +124,17 @@ impl Server {
             changed: Condvar::new(),
             is_over: AtomicBool::new(false),
         });
-        let spawn = |name: &str, body: fn(&Shared)| {
+        let policy = settings.policy;
+        let spawn = |name: &'static str, body: fn(&Shared)| {
             let shared = Arc::clone(&shared);
             let thread = std::thread::Builder::new().name(name.to_owned());
-            thread.spawn(move || body(&shared))
+            thread.spawn(move || {
+                if policy != Policy::Other {
+                    // Who is not granted it simulates a card that is late at times.
+                    let _ = thread::apply_to_current(&Attributes::new(name).policy(policy));
+                }
+                body(&shared);
+            })
         };
         Ok(Self {
             address,

@@ -8,8 +8,8 @@ use luna_mesa::{Bucket, Card, Health, Reading, Sample};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The card's watchdog: a machine whose program is gone is off after this time.
-const WATCHDOG: Duration = Duration::from_millis(50);
+/// The card's watchdog: a machine whose program is gone is off after so many periods.
+const WATCHDOG: u32 = 50;
 
 /// The link gives up when it is without an answer for so many cycles in a row (or has lost more than one in 11 for long). Until then the controllers have the last position, which is off by a few degrees at
 /// most.
@@ -38,7 +38,7 @@ pub fn mesa(
     period: Duration,
 ) -> luna::Result<Behind> {
     let mut link = card.link("card", period);
-    link.watchdog(WATCHDOG).tolerance(TOLERANCE);
+    link.watchdog(period * WATCHDOG).tolerance(TOLERANCE);
     let mut build_axis = |index: usize| {
         let axis = &AXES[index];
         let (registers, Bench { count, pwm, enable }) = registers();
