@@ -64,6 +64,9 @@ pub(crate) struct Demo {
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,
+    /// The card between the processes and the machine: mesa-sim, a simulated Mesa 7I92 in this program, or mesa:HOST[:PORT], a real one [default: none, the machine is simulated by processes]
+    #[arg(long, value_name = "CARD", value_parser = crate::card::parse, conflicts_with = "on_virtual_clock")]
+    pub(crate) card: Option<crate::card::Choice>,
 }
 
 impl Demo {

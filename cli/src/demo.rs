@@ -5,11 +5,11 @@ pub(crate) mod table;
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
-use crate::{args, place, report, text};
+use crate::{args, card, place, report, text};
 use luna::prelude::*;
 use luna_jiwy::joystick::Recording;
 use luna_jiwy::network::LOOP;
-use luna_jiwy::{AXES, Executors, Findings, Settings, Start, hardware, network};
+use luna_jiwy::{AXES, Executors, Findings, Settings, Start, network};
 use luna_plants::MotorState;
 use std::io::Write;
 
@@ -40,10 +40,14 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         system.virtual_clock();
     }
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
-    let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
-        .map_err(Failure::Luna)?;
-    let findings =
-        network::build(&executors, machine.registers, settings).map_err(Failure::Luna)?;
+    let (registers, machine) = card::machine(
+        arguments.card.as_ref(),
+        &mut system,
+        &executors.mechanism,
+        settings.period,
+        arguments.place.policy,
+    )?;
+    let findings = network::build(&executors, registers, settings).map_err(Failure::Luna)?;
     drop(executors);
 
     let report = system.run().map_err(Failure::Luna)?;
@@ -52,11 +56,8 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         table_4: table::row(&report, arguments.rate, CONTROL),
         axes: AXES
             .iter()
-            .zip(findings.iter().zip(&machine.states))
-            .map(|(axis, (findings, state))| {
-                let state = state.get().copied().unwrap_or_default();
-                found(axis.name, findings, state)
-            })
+            .zip(findings.iter().zip(machine.states()))
+            .map(|(axis, (findings, state))| found(axis.name, findings, state))
             .collect(),
     };
 
@@ -76,7 +77,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
             }),
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
-            text::memory(&demo.measurement) + text::ending(&demo.measurement),
+            text::memory(&demo.measurement) + &machine.card() + text::ending(&demo.measurement),
         ];
         print_parts(&mut out, &parts)
     };

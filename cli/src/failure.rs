@@ -35,6 +35,8 @@ pub(crate) enum Failure {
         /// Those that are there.
         online: Vec<usize>,
     },
+    /// The card cannot be had.
+    Card(Box<dyn std::error::Error + Send + Sync>),
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -52,7 +54,7 @@ impl Failure {
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
             )) => 2,
-            Self::Luna(_) | Self::Output(_) => 1,
+            Self::Card(_) | Self::Luna(_) | Self::Output(_) => 1,
         }
     }
 }
@@ -70,6 +72,7 @@ impl fmt::Display for Failure {
                 "--core {core}: the machine has the cores {}",
                 write_core_list(online)
             ),
+            Self::Card(error) => write!(f, "card: {error}"),
             Self::Luna(error) => error.fmt(f),
             Self::Output(error) => write!(f, "standard output: {error}"),
         }

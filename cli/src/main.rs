@@ -3,6 +3,7 @@
 mod alloc;
 mod args;
 mod beside;
+mod card;
 mod demo;
 mod doctor;
 mod failure;

@@ -1,13 +1,17 @@
 //! What the processes see of the machine: for each axis the registers of a card.
 //!
 //! A register is a buffer of one that forgets the older value: it is read and written without waiting, like that of a real card. Who is behind it is chosen at
-//! set-up: [`simulated`] processes on the system's own clock, or a [`Simulator`] outside of the system that drives its clock in [`lock_step`].
+//! set-up: [`simulated`] processes on the system's own clock, a [`Simulator`] outside of the system that drives its clock in [`lock_step`], or a card over Ethernet ([`mesa`](fn@mesa)).
 
 mod lock_step;
+#[cfg(unix)]
+mod mesa;
 mod simulated;
 
 pub use lock_step::{Axis, Simulator, lock_step};
 pub(crate) use simulated::simulates;
+#[cfg(unix)]
+pub use mesa::{Behind, mesa};
 pub use simulated::{Simulated, simulated};
 
 use luna::prelude::*;

@@ -1,0 +1,50 @@
+//! `luna demo --card mesa-sim`: Jiwy through the link to a simulated card.
+
+use std::process::Command;
+
+fn luna(arguments: &[&str]) -> std::process::Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn the_demo_runs_through_a_simulated_card() {
+    let output = luna(&[
+        "demo",
+        "--card",
+        "mesa-sim",
+        "--calibrated",
+        "--seconds",
+        "2",
+        "--rate",
+        "100",
+        "--policy",
+        "other",
+    ]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{output:?}");
+    let line = text.lines().find(|line| line.starts_with("card: "));
+    assert!(line.is_some_and(|line| line.contains("cycles")), "{text}");
+}
+
+#[test]
+fn a_card_has_its_own_time() {
+    let output = luna(&["demo", "--card", "mesa-sim", "--virtual"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_card_that_is_not_there_is_said_so() {
+    // A port of loopback that the system has just given and taken back.
+    let port = std::net::UdpSocket::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let output = luna(&["demo", "--card", &format!("mesa:127.0.0.1:{port}")]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("did not answer"), "{text}");
+}

@@ -1,0 +1,86 @@
+//! The machine behind a Mesa Anything I/O card: PWM generators 0 and 1 drive pan and tilt, encoders 0 and 1 count.
+
+use super::{Bench, Registers, registers};
+use crate::AXES;
+use luna::prelude::*;
+use luna::{Error, Executor};
+use luna_mesa::{Bucket, Card, Health, Reading, Sample};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The card's watchdog: a machine whose program is gone is off after so many periods.
+const WATCHDOG: u32 = 50;
+
+/// The link gives up when it is without an answer for so many cycles in a row (or has lost more than one in 11 for long). Until then the controllers have the last position, which is off by a few degrees at
+/// most.
+const TOLERANCE: Bucket = Bucket::new(10, 1, 201);
+
+/// The machine, as who sets up the system sees it.
+#[derive(Debug)]
+pub struct Behind {
+    /// Of pan and of tilt.
+    pub registers: [Registers; 2],
+    /// What the link counts.
+    pub health: Arc<Health>,
+}
+
+/// Adds the link to `card`, which exchanges packets each `period`. An emergency takes the card's outputs away.
+///
+/// Only fresh positions are written to the registers. They count from where the machine stands now; [`Start::Calibrated`](crate::Start::Calibrated) is for one that stands in the middle.
+///
+/// # Errors
+///
+/// The card cannot do it, or those of [`spawn`](luna::ProcessBuilder::spawn).
+pub fn mesa(
+    system: &mut System,
+    executor: &Executor,
+    card: Card,
+    period: Duration,
+) -> luna::Result<Behind> {
+    let mut link = card.link("card", period);
+    link.watchdog(period * WATCHDOG).tolerance(TOLERANCE);
+    let mut build_axis = |index: usize| {
+        let axis = &AXES[index];
+        let (registers, Bench { count, pwm, enable }) = registers();
+        let (reading, readings) = luna::buffered(Buffer::overwrite_oldest(1));
+        let number = index as u8;
+        link.encoder(number, fastest(index), reading)
+            .pwm_with_enable(number, pwm, enable);
+        executor
+            .process(&format!("{} counts", axis.name))
+            .spawn(tell_counts(axis.count_at_zero, readings, count))?;
+        Ok::<_, Error>(registers)
+    };
+    let registers = [build_axis(0)?, build_axis(1)?];
+    let process = link.process().map_err(Error::other)?;
+    let neutral = process.neutral();
+    system.on_emergency("motors off", move || neutral.engage());
+    let health = process.health();
+    executor.process("card").spawn(process)?;
+    Ok(Behind { registers, health })
+}
+
+/// The most counts a second that the motor makes without load, and half as much again.
+fn fastest(index: usize) -> f64 {
+    let motor = &AXES[index].plant;
+    let turns = motor.supply / motor.torque_constant / std::f64::consts::TAU;
+    1.5 * turns * luna_plants::COUNTS_PER_MOTOR_TURN
+}
+
+/// Writes what the encoder says to the register, while it is fresh.
+async fn tell_counts(
+    at_zero: i32,
+    readings: Receiver<Sample<Reading>>,
+    register: Sender<i32>,
+) -> luna::Result<()> {
+    while let Ok(sample) = readings.recv().await {
+        if let Some(reading) = sample.fresh() {
+            // The low 32 bits are what a counter keeps.
+            let count = at_zero.wrapping_add(reading.position as i32);
+            if register.send(count).await.is_err() {
+                break;
+            }
+        }
+    }
+    Ok(())
+}

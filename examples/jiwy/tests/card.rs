@@ -1,0 +1,43 @@
+//! The model behind a simulated card: it follows its joystick as with any other machine.
+#![cfg(unix)]
+
+use luna::prelude::*;
+use luna_jiwy::joystick::Recording;
+use luna_jiwy::{AXES, Executors, Settings, Start, hardware, network};
+use luna_mesa_sim::{PlantWorld, Server};
+use luna_plants::PanTilt;
+use std::time::Duration;
+
+#[test]
+fn follows_its_joystick_through_a_card() {
+    let camera = PanTilt::jiwy(AXES.each_ref().map(|axis| axis.count_at_zero));
+    let server = Server::start(luna_mesa_sim::Settings {
+        world: Box::new(PlantWorld::new(camera)),
+        ..Default::default()
+    })
+    .unwrap();
+    let mut system = System::new("jiwy");
+    let executors = Executors {
+        control: system.executor("control").build().unwrap(),
+        mechanism: system.executor("mechanism").build().unwrap(),
+        operator: system.executor("operator").build().unwrap(),
+    };
+    let settings = Settings {
+        period: Duration::from_millis(10),
+        cycles: 300,
+        start: Start::Calibrated,
+        joystick: Recording::built_in().play(),
+    };
+    let card = luna_mesa::Card::open(server.address()).unwrap();
+    let machine = hardware::mesa(&mut system, &executors.mechanism, card, settings.period).unwrap();
+    let findings = network::build(&executors, machine.registers, settings).unwrap();
+    drop(executors);
+    system.run().unwrap();
+    for (axis, findings) in AXES.iter().zip(&findings) {
+        let tracking = findings.tracking.get().unwrap();
+        // It was controlled: without, it would not follow at all.
+        assert!(tracking.rms() < 0.2, "{}: {}", axis.name, tracking.rms());
+    }
+    assert!(machine.health.cycles() > 200);
+    assert!(server.with_card(|card, _| card.duty(0) == 0.0 && card.duty(1) == 0.0));
+}

@@ -1,0 +1,204 @@
+//! A card's 16-bit counters as positions that do not wrap, and rates by time stamp.
+
+mod stamps;
+#[cfg(test)]
+mod tests;
+
+pub use stamps::Stamps;
+
+use crate::cycle::RawEncoder;
+use std::fmt;
+use std::time::Duration;
+
+/// What an encoder says in one answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Encoder {
+    /// Counts since the tracker began.
+    pub position: i64,
+    /// Counts a second: between the last two edges; when none comes it sinks to what the wait allows.
+    pub rate: f64,
+    /// The position at the index, once it was seen.
+    pub index: Option<i64>,
+}
+
+/// Why a position is not known any more. It never becomes known again by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Lost {
+    /// Between two answers it may have moved by more than half of the counter's range.
+    Wrapped,
+    /// It has moved further than it can: a counter that was reset, or a fault.
+    Jumped {
+        /// By how many counts.
+        by: i64,
+    },
+    /// A and B changed at once: the card has lost counts.
+    Quadrature,
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::Wrapped => f.write_str(
+                "its position is lost: no answer came for so long that its counter may have wrapped",
+            ),
+            Lost::Jumped { by } => write!(
+                f,
+                "its position is lost: it jumped by {by} counts, more than it can move"
+            ),
+            Lost::Quadrature => {
+                f.write_str("its position is lost: both of its lines changed at once")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Lost {}
+
+/// Follows one counter.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    /// The most counts a second.
+    fastest: f64,
+    state: Option<State>,
+    lost: Option<Lost>,
+    index: Option<i64>,
+    checks_quadrature: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct State {
+    count: u16,
+    stamp: u16,
+    position: i64,
+    /// When it was read, in time stamps.
+    read: u64,
+    /// When the last edge was.
+    edge: Option<u64>,
+    rate: f64,
+}
+
+/// Counts that a counter may differ by from what the time allows: its edges are not equal, nor is the time exact.
+const SLACK: f64 = 4.0;
+
+impl Tracker {
+    /// For an encoder that makes at most `fastest` counts a second.
+    pub const fn new(fastest: f64) -> Self {
+        Self {
+            fastest,
+            state: None,
+            lost: None,
+            index: None,
+            checks_quadrature: true,
+        }
+    }
+
+    /// Leaves out the card's check that A and B never change at once.
+    #[must_use]
+    pub const fn ignoring_quadrature_errors(mut self) -> Self {
+        self.checks_quadrature = false;
+        self
+    }
+
+    /// What the counter says in an answer, whose stamps are `stamps`; `elapsed` is the most time that may lie between this reading and the one before. The first reading is position 0.
+    /// O(1).
+    ///
+    /// # Errors
+    ///
+    /// [`Lost`], and then for ever.
+    pub fn update(
+        &mut self,
+        raw: RawEncoder,
+        stamps: &Stamps,
+        elapsed: Duration,
+    ) -> Result<Encoder, Lost> {
+        if let Some(lost) = self.lost {
+            return Err(lost);
+        }
+        let updated = self.follow(raw, stamps, elapsed);
+        if let Err(lost) = updated {
+            self.lost = Some(lost);
+        }
+        updated
+    }
+
+    fn follow(
+        &mut self,
+        raw: RawEncoder,
+        stamps: &Stamps,
+        elapsed: Duration,
+    ) -> Result<Encoder, Lost> {
+        if raw.quadrature_error && self.checks_quadrature {
+            return Err(Lost::Quadrature);
+        }
+        let now = stamps.now();
+        let next = match self.state {
+            None => State {
+                count: raw.count,
+                stamp: raw.stamp,
+                position: 0,
+                read: now,
+                edge: None,
+                rate: 0.0,
+            },
+            Some(last) => {
+                let farthest = self.fastest * elapsed.as_secs_f64() + SLACK;
+                // A limit that is not a number is none.
+                if farthest.is_nan() || farthest >= f64::from(i16::MAX) {
+                    return Err(Lost::Wrapped);
+                }
+                let moved = i64::from(raw.count.wrapping_sub(last.count).cast_signed());
+                if moved as f64 > farthest || (moved as f64) < -farthest {
+                    return Err(Lost::Jumped { by: moved });
+                }
+                last.after(raw, moved, stamps)
+            }
+        };
+        self.state = Some(next);
+        if let (None, Some(latched)) = (self.index, raw.index) {
+            let since = raw.count.wrapping_sub(latched).cast_signed();
+            self.index = Some(next.position.saturating_sub(since.into()));
+        }
+        Ok(Encoder {
+            position: next.position,
+            rate: next.rate,
+            index: self.index,
+        })
+    }
+}
+
+impl State {
+    fn after(self, raw: RawEncoder, moved: i64, stamps: &Stamps) -> State {
+        let now = stamps.now();
+        // A stamp is less than a turn of the stamps' counter old if the answer before is.
+        let is_near = now - self.read < Stamps::TURN;
+        let edge = is_near.then(|| now - stamps.age(raw.stamp));
+        let (edge, rate) = if moved != 0 {
+            // Without the two edges: between the two readings.
+            let (from, to) = match (self.edge, edge) {
+                (Some(from), Some(to)) if to > from => (from, to),
+                _ => (self.read, now),
+            };
+            let ticks = (to - from).max(1);
+            (edge, moved as f64 * stamps.frequency() / ticks as f64)
+        } else if raw.stamp != self.stamp {
+            // There and back again.
+            (edge, 0.0)
+        } else {
+            let rate = self.edge.map_or(0.0, |edge| {
+                let most = stamps.frequency() / (now - edge).max(1) as f64;
+                self.rate.min(most).max(-most)
+            });
+            (self.edge, rate)
+        };
+        State {
+            count: raw.count,
+            stamp: raw.stamp,
+            position: self.position.saturating_add(moved),
+            read: now,
+            edge,
+            rate,
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! What of a card is used.
+
+use crate::idrom::Tag;
+use crate::lbp16::PacketError;
+use std::fmt;
+
+/// What of a card is used, and how. Nothing at first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Selection {
+    /// How many encoders, from number 0 on.
+    pub encoders: u8,
+    /// Of which of these the first index is latched, by their bits.
+    pub latch_index: u64,
+    /// How many PWM generators, from number 0 on.
+    pub pwms: u8,
+    /// Their frequency (Hz).
+    pub pwm_frequency: f64,
+    /// General-purpose pins that are outputs.
+    pub outputs: Vec<OutputPin>,
+    /// The watchdog's time (ns): if no write packet comes for so long, all pins become inputs with pull-up.
+    pub watchdog_ns: u64,
+}
+
+/// A general-purpose pin that is an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OutputPin {
+    /// Its number on the card.
+    pub pin: u8,
+    /// The level that harms nobody: at set-up, in an emergency and at the end.
+    pub neutral: bool,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self {
+            encoders: 0,
+            latch_index: 0,
+            pwms: 0,
+            pwm_frequency: 20_000.0,
+            outputs: Vec::new(),
+            watchdog_ns: 50_000_000,
+        }
+    }
+}
+
+/// Why a card cannot be used so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// The card's configuration has not so many units.
+    TooFew {
+        /// Of what.
+        tag: Tag,
+        /// How many are asked for.
+        asked: u8,
+        /// How many there are.
+        there: u8,
+    },
+    /// A register of a module lies where none can.
+    NoRegister {
+        /// Of what.
+        tag: Tag,
+    },
+    /// The card has no pin of this number.
+    NoPin {
+        /// Which.
+        pin: u8,
+    },
+    /// The pin is a module's that is used too, or is asked for twice.
+    PinTaken {
+        /// Which.
+        pin: u8,
+    },
+    /// A PWM generator has no pin on the card.
+    NoOutputPin {
+        /// Which.
+        pwm: u8,
+    },
+    /// The card's clock cannot count so long, or so short a time.
+    WatchdogTime {
+        /// How long (ns).
+        asked: u64,
+    },
+    /// The packets would be too long.
+    Packet(PacketError),
+}
+
+impl fmt::Display for LayoutError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            LayoutError::TooFew { tag, asked, there } => write!(
+                f,
+                "the card has {there} {tag}, {asked} are asked for: ask for fewer, or give it another configuration"
+            ),
+            LayoutError::NoRegister { tag } => {
+                write!(
+                    f,
+                    "the card's description of its {tag} has no place for all registers"
+                )
+            }
+            LayoutError::NoPin { pin } => write!(f, "the card has no pin {pin}"),
+            LayoutError::PinTaken { pin } => {
+                write!(f, "pin {pin} cannot be an output: it has another use")
+            }
+            LayoutError::NoOutputPin { pwm } => {
+                write!(f, "PWM generator {pwm} has no pin on the card")
+            }
+            LayoutError::WatchdogTime { asked } => write!(
+                f,
+                "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
+            ),
+            LayoutError::Packet(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for LayoutError {}
+
+impl From<PacketError> for LayoutError {
+    fn from(error: PacketError) -> Self {
+        LayoutError::Packet(error)
+    }
+}

@@ -1,0 +1,75 @@
+//! Mesa Anything I/O cards over Ethernet (7I92, 7I96S, 7I76E and their like, with HostMot2) as link drivers: encoders, PWM and pins as channels.
+//!
+//! A [`Card`] is opened at set-up, a [`Link`] connects its encoders, generators and pins to channels, and its [`process`](Link::process) is spawned like any other: in each period it
+//! sends one write and one read packet and waits for the answer as processes do, without blocking its executor. A [`Neutral`] is the link's own emergency function.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna_mesa::{Card, Reading, Sample};
+//! use luna_mesa_sim::{PlantWorld, Server, Settings};
+//! use luna_plants::PanTilt;
+//! use std::time::Duration;
+//!
+//! // A simulated card, with a pan-tilt camera behind it.
+//! let camera = Settings { world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))), ..Settings::default() };
+//! let server = Server::start(camera).unwrap();
+//!
+//! let card = Card::open(server.address()).map_err(luna::Error::other)?;
+//! let (count, counts) = luna::buffered::<Sample<Reading>>(Buffer::overwrite_oldest(1));
+//! let (duty, duties) = luna::buffered(Buffer::overwrite_oldest(1));
+//! let mut link = card.link("card", Duration::from_millis(2));
+//! link.watchdog(Duration::from_millis(500));
+//! link.encoder(0, 1e6, count).pwm(0, duties);
+//! let process = link.process().map_err(luna::Error::other)?;
+//!
+//! let mut system = System::new("pan");
+//! let neutral = process.neutral();
+//! system.on_emergency("card", move || neutral.engage());
+//! let main = system.executor("main").build()?;
+//! main.process("card").spawn(process)?;
+//! main.process("control").spawn(async move {
+//!     let mut position = 0;
+//!     while position < 100 {
+//!         if let Some(reading) = counts.recv().await?.fresh() {
+//!             position = reading.position;
+//!         }
+//!         duty.send(0.3).await?;
+//!     }
+//!     Ok(())
+//! })?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
+//!
+//! # Values
+//!
+//! A [`Sample`] says whether it is fresh. When an answer is lost, late or not for us, the last value is sent again, marked stale; a wrong one never is. What cannot be
+//! trusted any more (a position after too long a silence, a card that was restarted) ends the link, with its channels poisoned first and an emergency raised.
+//! The page `docs/mesa.md` of the repository says what happens at each failure.
+
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod card;
+mod fault;
+mod health;
+mod link;
+mod neutral;
+mod process;
+mod sample;
+mod socket;
+
+pub use card::{Card, OpenError};
+pub use fault::Fault;
+pub use health::Health;
+pub use hostmot2::encoder::Encoder as Reading;
+pub use hostmot2::{Bucket, LayoutError};
+pub use link::{Link, LinkError};
+pub use neutral::Neutral;
+pub use process::CardProcess;
+pub use sample::Sample;
+
+/// The programs of the page are tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/mesa.md")]
+struct Page;

@@ -1,0 +1,227 @@
+//! From channels to a card.
+
+use crate::process::{Actuators, CardProcess, Sensors};
+use crate::{Bucket, Card, Reading, Sample};
+use hostmot2::{ClientError, Layout, LayoutError, OutputPin, Selection};
+use luna::{Receiver, Sender};
+use std::fmt;
+use std::io;
+use std::time::Duration;
+
+/// A card, and the far ends of the channels by which processes reach it. Made by [`Card::link`]; the example is at the [crate](crate).
+///
+/// Give the channels one place and let them forget the older value ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)), as registers do: the link never waits for a process. Each
+/// encoder, generator and pin may be connected once.
+#[derive(Debug)]
+pub struct Link {
+    card: Card,
+    pub(crate) name: String,
+    pub(crate) period: Duration,
+    pub(crate) patience: f64,
+    pub(crate) bucket: Bucket,
+    pub(crate) checks_quadrature: bool,
+    selection: Selection,
+    pub(crate) sensors: Sensors,
+    pub(crate) actuators: Actuators,
+}
+
+/// Why a link cannot be made.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum LinkError {
+    /// The card cannot do it.
+    Layout(LayoutError),
+    /// The card does not answer any more.
+    Client(ClientError),
+    /// The system refuses what the socket needs.
+    Socket(io::Error),
+    /// A setting makes no sense.
+    Setting(&'static str),
+}
+
+impl fmt::Display for LinkError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            LinkError::Layout(error) => error.fmt(f),
+            LinkError::Client(error) => error.fmt(f),
+            LinkError::Socket(error) => write!(f, "no socket to the card: {error}"),
+            LinkError::Setting(what) => f.write_str(what),
+        }
+    }
+}
+
+impl std::error::Error for LinkError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            LinkError::Layout(error) => Some(error),
+            LinkError::Client(error) => Some(error),
+            LinkError::Socket(error) => Some(error),
+            LinkError::Setting(_) => None,
+        }
+    }
+}
+
+impl Link {
+    pub(crate) fn new(card: Card, name: &str, period: Duration) -> Self {
+        Self {
+            card,
+            name: name.to_owned(),
+            period,
+            patience: 0.8,
+            bucket: Bucket::new(10, 1, 301),
+            checks_quadrature: true,
+            selection: Selection::default(),
+            sensors: Sensors::default(),
+            actuators: Actuators::default(),
+        }
+    }
+
+    /// Sends what encoder `number` says to `channel` in each cycle: counts since the first answer, and counts a second. The encoder makes at most `fastest` counts a second: a
+    /// position that moves further than that allows, or that was not read for so long that its 16-bit counter may have wrapped, ends the link.
+    pub fn encoder(
+        &mut self,
+        number: u8,
+        fastest: f64,
+        channel: Sender<Sample<Reading>>,
+    ) -> &mut Self {
+        let count = number.saturating_add(1);
+        self.selection.encoders = self.selection.encoders.max(count);
+        self.sensors.add_encoder(number.into(), fastest, channel);
+        self
+    }
+
+    /// Has the card latch the count at the first index of this encoder from now on: [`Reading::index`](hostmot2::encoder::Encoder::index).
+    pub fn latch_index(&mut self, encoder: u8) -> &mut Self {
+        self.selection.latch_index |= 1_u64.checked_shl(encoder.into()).unwrap_or(0);
+        self
+    }
+
+    /// Goes on when the card says that both lines of an encoder have changed at once, which means that counts were lost; else that ends the link.
+    pub fn ignore_quadrature_errors(&mut self) -> &mut Self {
+        self.checks_quadrature = false;
+        self
+    }
+
+    /// Lets what comes from `channel` be the duty of PWM generator `number`: −1 to 1, in steps of 1/4096; beyond, the end of the range (4095/4096); what is not a number is 0, and counted. It
+    /// is enabled from the first duty on. Until then, and when all senders are gone, it is 0.
+    pub fn pwm(&mut self, number: u8, channel: Receiver<f64>) -> &mut Self {
+        self.add_pwm(number, channel, None)
+    }
+
+    /// As [`pwm`](Self::pwm), enabled as `enable` says: not before it has, nor when its senders are gone. The duty of a generator that is not enabled is 0.
+    pub fn pwm_with_enable(
+        &mut self,
+        number: u8,
+        channel: Receiver<f64>,
+        enable: Receiver<bool>,
+    ) -> &mut Self {
+        self.add_pwm(number, channel, Some(enable))
+    }
+
+    fn add_pwm(
+        &mut self,
+        number: u8,
+        channel: Receiver<f64>,
+        enable: Option<Receiver<bool>>,
+    ) -> &mut Self {
+        let count = number.saturating_add(1);
+        self.selection.pwms = self.selection.pwms.max(count);
+        self.actuators.add_pwm(number.into(), channel, enable);
+        self
+    }
+
+    /// Sends the level of pin `number` to `channel` in each cycle.
+    pub fn input(&mut self, number: u8, channel: Sender<Sample<bool>>) -> &mut Self {
+        self.sensors.add_input(number, channel);
+        self
+    }
+
+    /// Lets what comes from `channel` be the level of pin `number`. It is `neutral` before the first value, and when all senders are gone. At the end and in an emergency the pin becomes an
+    /// input with a pull-up: wire it so that this harms nobody.
+    pub fn output(&mut self, number: u8, neutral: bool, channel: Receiver<bool>) -> &mut Self {
+        self.actuators
+            .add_output(self.selection.outputs.len(), neutral, channel);
+        self.selection.outputs.push(OutputPin {
+            pin: number,
+            neutral,
+        });
+        self
+    }
+
+    /// The frequency of all PWM generators (Hz); 20 kHz if not stated.
+    pub fn pwm_frequency(&mut self, frequency: f64) -> &mut Self {
+        self.selection.pwm_frequency = frequency;
+        self
+    }
+
+    /// The time of the card's watchdog: if no write packet has come for so long, the card's pins become inputs. 50 ms if not stated; more than two periods.
+    pub fn watchdog(&mut self, time: Duration) -> &mut Self {
+        self.selection.watchdog_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self
+    }
+
+    /// How long an answer is awaited, as a part of the period; 0.8 if not stated.
+    pub fn patience(&mut self, part: f64) -> &mut Self {
+        self.patience = part;
+        self
+    }
+
+    /// How many errors are too many. If not stated, 31 cycles in a row without an answer, or more than one in 11 for long.
+    pub fn tolerance(&mut self, bucket: Bucket) -> &mut Self {
+        self.bucket = bucket;
+        self
+    }
+
+    /// Puts the card into the state that the link begins with (no outputs yet), and makes the process of it. For set-up: blocks, and allocates.
+    ///
+    /// # Errors
+    ///
+    /// The card has not what is connected, one thing has two uses, a setting makes no sense, or the card is silent.
+    pub fn process(mut self) -> Result<CardProcess, LinkError> {
+        let watchdog = Duration::from_nanos(self.selection.watchdog_ns);
+        let wrong = if self.period.is_zero() {
+            Some("a link's period is more than 0")
+        } else if !(self.patience > 0.0 && self.patience < 1.0) {
+            Some(
+                "the part of the period for which an answer is awaited is more than 0 and less than 1",
+            )
+        } else if watchdog <= self.period.saturating_mul(2) {
+            Some("the card's watchdog is to wait for more than two periods of the link")
+        } else if self.selection.pwm_frequency.is_nan() || self.selection.pwm_frequency <= 0.0 {
+            Some("a PWM frequency is more than 0")
+        } else {
+            self.sensors.wrong().or(self.actuators.wrong())
+        };
+        if let Some(wrong) = wrong {
+            return Err(LinkError::Setting(wrong));
+        }
+        let width = self.card.description.idrom.width;
+        if let Some(pin) = self.sensors.pin_beyond(width) {
+            return Err(LinkError::Layout(LayoutError::NoPin { pin }));
+        }
+        let layout =
+            Layout::new(&self.card.description, &self.selection).map_err(LinkError::Layout)?;
+        let packets = layout
+            .set_up()
+            .map_err(|error| LinkError::Layout(error.into()))?;
+        for packet in &packets {
+            self.card
+                .client
+                .confirmed(packet)
+                .map_err(LinkError::Client)?;
+        }
+        let port_width = self.card.description.idrom.port_width;
+        let sequence = self.card.client.sequence();
+        let Card { client, .. } = self.card;
+        let parts = crate::process::Parts {
+            name: self.name,
+            period: self.period,
+            patience: self.patience,
+            bucket: self.bucket,
+            checks_quadrature: self.checks_quadrature,
+            sensors: self.sensors,
+            actuators: self.actuators,
+        };
+        CardProcess::new(parts, layout, client.into_socket(), sequence, port_width)
+    }
+}

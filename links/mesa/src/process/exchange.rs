@@ -1,0 +1,97 @@
+//! A request, and the answer to just that one.
+
+use crate::Health;
+use crate::socket::Socket;
+use hostmot2::lbp16::Packet;
+use luna::{FileError, Instant};
+use std::sync::Arc;
+
+/// How many datagrams are looked at in one cycle: who floods the socket does not keep the executor.
+const MOST_AT_ONCE: u32 = 64;
+
+/// The socket, with the number of the last request and the room for an answer.
+#[derive(Debug)]
+pub(super) struct Exchange {
+    socket: Socket,
+    number: u32,
+    /// One more than an answer has: a longer datagram is cut, and would else look like one.
+    answer: Box<[u8]>,
+    health: Arc<Health>,
+}
+
+/// What came of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// No answer came in time.
+    Missed,
+    /// It lies in [`Exchange::answer`].
+    Answered { asked: Instant, answered: Instant },
+}
+
+impl Exchange {
+    pub(super) fn new(socket: Socket, answer_len: usize, number: u32, health: Arc<Health>) -> Self {
+        Self {
+            socket,
+            number,
+            answer: vec![0; answer_len + 1].into(),
+            health,
+        }
+    }
+
+    pub(super) fn next_number(&mut self) -> u32 {
+        self.number = self.number.wrapping_add(1);
+        self.number
+    }
+
+    pub(super) fn send(&self, packet: &Packet) {
+        if self.socket.send(packet.bytes()).is_err() {
+            self.health.refused.add();
+        }
+    }
+
+    /// The answer that has come.
+    pub(super) fn answer(&self) -> &[u8] {
+        &self.answer[..self.answer.len() - 1]
+    }
+
+    /// Sends the request of the last number, and waits until `deadline` for the answer that has this number.
+    pub(super) async fn ask(
+        &mut self,
+        request: &Packet,
+        deadline: Instant,
+    ) -> Result<Outcome, FileError> {
+        let asked = luna::now();
+        self.send(request);
+        let expected = self.answer.len() - 1;
+        let mut looked_at = 0;
+        while looked_at < MOST_AT_ONCE {
+            match self.socket.receive(&mut self.answer) {
+                Ok(Some(length))
+                    if length == expected
+                        && self.answer.starts_with(&self.number.to_le_bytes()) =>
+                {
+                    return Ok(Outcome::Answered {
+                        asked,
+                        answered: luna::now(),
+                    });
+                }
+                // An earlier cycle's, a copy of one, or nonsense.
+                Ok(Some(_)) => {
+                    looked_at += 1;
+                    self.health.dropped.add();
+                }
+                Ok(None) => {
+                    if luna::now() >= deadline || !self.socket.readable(deadline).await? {
+                        return Ok(Outcome::Missed);
+                    }
+                }
+                // Such as that nobody listens there: perhaps at the next time.
+                Err(_) => {
+                    looked_at += 1;
+                    self.health.refused.add();
+                }
+            }
+        }
+        Ok(Outcome::Missed)
+    }
+}

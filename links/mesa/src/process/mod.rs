@@ -1,0 +1,302 @@
+//! The process that a link is.
+
+mod ends;
+mod exchange;
+mod readings;
+
+pub(crate) use ends::{Actuators, Sensors};
+
+use crate::socket::Socket;
+use crate::{Bucket, Fault, Health, LinkError, Neutral};
+use exchange::{Exchange, Outcome};
+use hostmot2::lbp16::Packet;
+use hostmot2::{EchoState, Layout, Outputs, SequenceWindow};
+use luna::{Error, Process};
+use luna_platform::clock::Clock;
+use readings::Readings;
+use std::fmt;
+use std::future::Future;
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A link as a process, to be spawned: see [`Link::process`](crate::Link::process).
+///
+/// It ends, with the card's outputs off, when all who write to its actuators are gone; if it has none, when all who read its sensors are. Real-time path: yes, all of a cycle; O(what is connected), no
+/// allocation; two system calls to send, one to receive each datagram that has come, and those of [`readable`](luna::readable) to wait.
+#[must_use = "a link is a process: spawn it"]
+pub struct CardProcess {
+    parts: Parts,
+    state: State,
+    neutral: Neutral,
+    health: Arc<Health>,
+    is_run: bool,
+}
+
+/// What the link was given.
+pub(crate) struct Parts {
+    pub(crate) name: String,
+    pub(crate) period: Duration,
+    pub(crate) patience: f64,
+    pub(crate) bucket: Bucket,
+    pub(crate) checks_quadrature: bool,
+    pub(crate) sensors: Sensors,
+    pub(crate) actuators: Actuators,
+}
+
+/// What a cycle works on.
+struct State {
+    layout: Layout,
+    exchange: Exchange,
+    readings: Readings,
+    outputs: Outputs,
+    packet: Packet,
+    writes: SequenceWindow,
+    /// Whether the card has confirmed its start.
+    has_started: bool,
+    in_a_row: u32,
+}
+
+impl CardProcess {
+    pub(crate) fn new(
+        parts: Parts,
+        layout: Layout,
+        socket: UdpSocket,
+        sequence: u32,
+        port_width: u32,
+    ) -> Result<Self, LinkError> {
+        let too_long = |error: hostmot2::lbp16::PacketError| LinkError::Layout(error.into());
+        let mut packet = Packet::new();
+        layout.neutral_request(&mut packet).map_err(too_long)?;
+        let other = socket.try_clone().map_err(LinkError::Socket)?;
+        let neutral = Neutral::new(other, packet.bytes().to_vec());
+        // Now, so that no cycle finds that it does not fit.
+        let outputs = layout.outputs_at_rest();
+        layout
+            .write_request(0, &outputs, &mut packet)
+            .map_err(too_long)?;
+        layout.start_request(0, &mut packet).map_err(too_long)?;
+        layout.read_request(0, &mut packet).map_err(too_long)?;
+        let health = Arc::new(Health::default());
+        let socket = Socket::new(socket).map_err(LinkError::Socket)?;
+        let state = State {
+            exchange: Exchange::new(socket, layout.answer_len(), sequence, health.clone()),
+            readings: Readings::new(&parts, &layout, port_width),
+            outputs,
+            packet,
+            // Not a number that the card has from somebody before.
+            writes: SequenceWindow {
+                first: sequence.rotate_left(16),
+                last: sequence.rotate_left(16),
+            },
+            has_started: false,
+            in_a_row: 0,
+            layout,
+        };
+        Ok(Self {
+            parts,
+            state,
+            neutral,
+            health,
+            is_run: false,
+        })
+    }
+
+    /// How the outputs are taken away: for [`on_emergency`](luna::System::on_emergency).
+    pub fn neutral(&self) -> Neutral {
+        self.neutral.clone()
+    }
+
+    /// What it counts.
+    pub fn health(&self) -> Arc<Health> {
+        self.health.clone()
+    }
+}
+
+impl Process for CardProcess {
+    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
+        // What fails here fails again at the first wait, where it can be told.
+        let _ = luna::prepare_files();
+        async move {
+            let ended = self.go_on().await;
+            self.neutral.engage();
+            match ended {
+                Ok(()) => Ok(()),
+                Err(Stop::Luna(error)) => Err(error),
+                Err(Stop::Fault(fault)) => Err(self.fail(fault)),
+            }
+        }
+    }
+
+    /// The outputs are off whatever has ended it.
+    fn post_run(&mut self) {
+        self.neutral.engage();
+    }
+}
+
+impl Drop for CardProcess {
+    fn drop(&mut self) {
+        if !self.neutral.is_engaged() {
+            self.neutral.engage();
+        }
+    }
+}
+
+enum Stop {
+    Luna(Error),
+    Fault(Fault),
+}
+
+impl From<Fault> for Stop {
+    fn from(fault: Fault) -> Stop {
+        Stop::Fault(fault)
+    }
+}
+
+impl CardProcess {
+    async fn go_on(&mut self) -> Result<(), Stop> {
+        if std::mem::replace(&mut self.is_run, true) {
+            return Err(Fault::RunTwice.into());
+        }
+        if Clock::is_virtual_here() {
+            return Err(Fault::VirtualTime.into());
+        }
+        let patience = self.parts.period.mul_f64(self.parts.patience);
+        let mut tick = luna::periodic(&self.parts.name, self.parts.period).map_err(Stop::Luna)?;
+        loop {
+            tick.next().await;
+            self.health.cycles.add();
+            let have_ended = self.parts.actuators.take(
+                &self.state.layout,
+                &mut self.state.outputs,
+                &self.health,
+            );
+            if have_ended || self.neutral.is_engaged() {
+                return Ok(());
+            }
+            self.write();
+            // An emergency that came meanwhile has perhaps sent its packet before this one.
+            if self.neutral.is_engaged() {
+                return Ok(());
+            }
+            let deadline = luna::now() + patience;
+            let outcome = self.state.exchange(deadline).await.map_err(Fault::Wait)?;
+            if !self.judge(outcome)? && self.parts.actuators.are_none() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Sends the write packet, or the one that starts the card.
+    fn write(&mut self) {
+        let State {
+            layout,
+            exchange,
+            outputs,
+            packet,
+            writes,
+            has_started,
+            ..
+        } = &mut self.state;
+        let made = match has_started {
+            true => {
+                writes.last = writes.last.wrapping_add(1);
+                layout.write_request(writes.last, outputs, packet)
+            }
+            false => layout.start_request(writes.first, packet),
+        };
+        // It fits: that was tried before.
+        if made.is_ok() {
+            exchange.send(packet);
+        }
+    }
+
+    /// What the cycle has come to, for those who read; says whether anybody may.
+    fn judge(&mut self, outcome: Outcome) -> Result<bool, Stop> {
+        let health = &self.health;
+        let Outcome::Answered { asked, answered } = outcome else {
+            self.state.in_a_row = self.state.in_a_row.saturating_add(1);
+            health.missed.add();
+            health.longest_silence.raise_to(self.state.in_a_row.into());
+            self.error()?;
+            return Ok(self.state.readings.tell_stale(&self.parts.sensors));
+        };
+        self.state.in_a_row = 0;
+        let State {
+            layout,
+            exchange,
+            readings,
+            writes,
+            has_started,
+            ..
+        } = &mut self.state;
+        let Ok(answer) = layout.decode(exchange.answer()) else {
+            return Err(Fault::Foreign.into());
+        };
+        let echo = answer.echo_state(*writes);
+        if !*has_started {
+            if echo == EchoState::UpToDate && answer.is_driving() && !answer.has_bitten {
+                *has_started = true;
+            } else {
+                health.writes_behind.add();
+                self.error()?;
+                return Ok(true);
+            }
+        }
+        // First the reason, then what came of it.
+        if answer.has_bitten {
+            return Err(Fault::Bitten.into());
+        }
+        if echo == EchoState::Foreign || !answer.is_driving() {
+            return Err(Fault::Foreign.into());
+        }
+        readings.update(&answer, &self.parts.sensors, asked, answered)?;
+        let is_read = readings.tell(&self.parts.sensors);
+        if echo == EchoState::Behind {
+            health.writes_behind.add();
+            self.error()?;
+        } else {
+            self.parts.bucket.leak();
+        }
+        Ok(is_read)
+    }
+
+    fn error(&mut self) -> Result<(), Stop> {
+        match self.parts.bucket.fill() {
+            true => Err(Fault::TooManyErrors {
+                in_a_row: self.state.in_a_row,
+            }
+            .into()),
+            false => Ok(()),
+        }
+    }
+
+    /// The end of a link that cannot go on. First its channels are poisoned: nobody whom the emergency brings to run then finds a value that is left over.
+    fn fail(&self, fault: Fault) -> Error {
+        self.parts.sensors.poison();
+        self.parts.actuators.poison();
+        // It allocates; there is nothing left to be in time for.
+        luna::off_path(|| luna::emergency(Error::other(fault)))
+    }
+}
+
+impl State {
+    /// Asks the card and waits for its answer.
+    async fn exchange(&mut self, deadline: luna::Instant) -> Result<Outcome, luna::FileError> {
+        let number = self.exchange.next_number();
+        // It fits: that was tried before.
+        if self.layout.read_request(number, &mut self.packet).is_err() {
+            return Ok(Outcome::Missed);
+        }
+        self.exchange.ask(&self.packet, deadline).await
+    }
+}
+
+impl fmt::Debug for CardProcess {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CardProcess")
+            .field("name", &self.parts.name)
+            .field("health", &self.health)
+            .finish_non_exhaustive()
+    }
+}

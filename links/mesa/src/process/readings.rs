@@ -1,0 +1,110 @@
+//! What the card has said last, for those who read.
+
+use super::{Parts, Sensors};
+use crate::{Fault, Reading, Sample};
+use hostmot2::encoder::{Stamps, Tracker};
+use hostmot2::{Answer, Layout};
+use luna::{Instant, Sender};
+use std::time::Duration;
+
+#[derive(Debug)]
+pub(super) struct Readings {
+    stamps: Stamps,
+    trackers: Vec<Tracker>,
+    /// In the order of the sensors.
+    encoders: Vec<Option<Reading>>,
+    inputs: Vec<Option<bool>>,
+    port_width: u32,
+    /// Between which moments it was measured, once something was.
+    measured: Option<[Instant; 2]>,
+    stale: u32,
+}
+
+impl Readings {
+    pub(super) fn new(parts: &Parts, layout: &Layout, port_width: u32) -> Self {
+        let tracker = |fastest| match parts.checks_quadrature {
+            true => Tracker::new(fastest),
+            false => Tracker::new(fastest).ignoring_quadrature_errors(),
+        };
+        let encoders = &parts.sensors.encoders;
+        Self {
+            stamps: Stamps::new(layout.stamps_per_second()),
+            trackers: encoders.iter().map(|end| tracker(end.fastest)).collect(),
+            encoders: vec![None; encoders.len()],
+            inputs: vec![None; parts.sensors.inputs.len()],
+            port_width,
+            measured: None,
+            stale: 0,
+        }
+    }
+
+    /// Takes over what an answer says: all of it before anybody is told.
+    pub(super) fn update(
+        &mut self,
+        answer: &Answer<'_>,
+        sensors: &Sensors,
+        asked: Instant,
+        answered: Instant,
+    ) -> Result<(), Fault> {
+        // The most that can lie between this reading and the one before.
+        let elapsed = self
+            .measured
+            .map_or(Duration::ZERO, |[last, _]| answered - last);
+        self.stamps.update(answer.stamp, elapsed);
+        for (index, end) in sensors.encoders.iter().enumerate() {
+            let raw = answer.encoder(end.number).ok_or(Fault::Foreign)?;
+            let read = self.trackers[index].update(raw, &self.stamps, elapsed);
+            let read = read.map_err(|why| Fault::Encoder {
+                encoder: end.number,
+                why,
+            })?;
+            self.encoders[index] = Some(read);
+        }
+        for (index, end) in sensors.inputs.iter().enumerate() {
+            self.inputs[index] = Some(answer.pin(end.pin, self.port_width).ok_or(Fault::Foreign)?);
+        }
+        self.measured = Some([asked, answered]);
+        self.stale = 0;
+        Ok(())
+    }
+
+    /// Sends all that is known; nothing before something is. Says whether anybody may read it.
+    pub(super) fn tell(&self, sensors: &Sensors) -> bool {
+        let Some(measured) = self.measured else {
+            return true;
+        };
+        let mut is_read = false;
+        for (end, value) in sensors.encoders.iter().zip(&self.encoders) {
+            is_read |= self.send(&end.channel, *value, measured);
+        }
+        for (end, value) in sensors.inputs.iter().zip(&self.inputs) {
+            is_read |= self.send(&end.channel, *value, measured);
+        }
+        is_read
+    }
+
+    fn send<T: Copy>(
+        &self,
+        channel: &Sender<Sample<T>>,
+        value: Option<T>,
+        [asked, answered]: [Instant; 2],
+    ) -> bool {
+        let Some(value) = value else {
+            return true;
+        };
+        let sent = channel.try_send(Sample {
+            value,
+            stale: self.stale,
+            asked,
+            answered,
+        });
+        // That there is no room, or that some readers have ended, is no matter of the card.
+        !sent.is_err_and(|error| error.is_closed() || error.is_poisoned())
+    }
+
+    /// Sends what was said last, a cycle older.
+    pub(super) fn tell_stale(&mut self, sensors: &Sensors) -> bool {
+        self.stale = self.stale.saturating_add(1);
+        self.tell(sensors)
+    }
+}

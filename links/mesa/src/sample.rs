@@ -1,0 +1,34 @@
+//! A value with its age.
+
+use luna::Instant;
+
+/// A value of the card, and how old it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample<T> {
+    pub(crate) value: T,
+    pub(crate) stale: u32,
+    pub(crate) asked: Instant,
+    pub(crate) answered: Instant,
+}
+
+impl<T: Copy> Sample<T> {
+    /// The value, if the card has said it in this cycle.
+    pub fn fresh(&self) -> Option<T> {
+        (self.stale == 0).then_some(self.value)
+    }
+
+    /// The last value that the card has said, whenever that was. See [`stale_cycles`](Self::stale_cycles).
+    pub fn held(&self) -> T {
+        self.value
+    }
+
+    /// How many cycles ago the card has said it: 0 if it is fresh.
+    pub fn stale_cycles(&self) -> u32 {
+        self.stale
+    }
+
+    /// Between which moments it was measured: when it was asked for, and when the answer had come.
+    pub fn measured_between(&self) -> [Instant; 2] {
+        [self.asked, self.answered]
+    }
+}

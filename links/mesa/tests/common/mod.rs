@@ -1,0 +1,119 @@
+//! A card whose encoder turns at a known speed, and a system around its link.
+
+#![allow(dead_code, reason = "each test program uses some of it")]
+
+use luna::prelude::*;
+use luna_mesa::{Bucket, Card, Fault, Link, Reading, Sample};
+use luna_mesa_sim::{Card as SimCard, Server, Settings};
+use std::time::Duration;
+
+pub(crate) const PERIOD: Duration = Duration::from_millis(2);
+
+/// Counts a second of encoder 0: 100 a period.
+pub(crate) const SPEED: f64 = 50_000.0;
+/// What the link is told: then a silence of half a second is not too long.
+pub(crate) const FASTEST: f64 = 60_000.0;
+
+/// Where encoder 0 is at a time (ns).
+pub(crate) fn count_at(now: u64) -> i64 {
+    (now / 20_000) as i64
+}
+
+/// A card whose encoder 0 turns at [`SPEED`] for ever.
+pub(crate) fn turning() -> Server {
+    let settings = Settings {
+        world: Box::new(|now: u64, card: &mut SimCard| card.turn_encoder(0, count_at(now), now)),
+        seed: seed(),
+        ..Settings::default()
+    };
+    Server::start(settings).unwrap()
+}
+
+pub(crate) fn seed() -> u64 {
+    let seed = std::env::var("LUNA_SEED")
+        .ok()
+        .and_then(|seed| seed.parse().ok());
+    seed.unwrap_or(20_261_121)
+}
+
+/// A link that takes much, so that a machine that is busy with other things changes no outcome.
+pub(crate) fn patient(server: &Server) -> Link {
+    let mut link = Card::open(server.address()).unwrap().link("card", PERIOD);
+    link.watchdog(Duration::from_secs(5))
+        .tolerance(Bucket::new(1, 1, 5_000));
+    link
+}
+
+pub(crate) fn samples() -> (Sender<Sample<Reading>>, Receiver<Sample<Reading>>) {
+    luna::buffered(Buffer::fifo(256))
+}
+
+pub(crate) fn register<T: Copy + Send>() -> (Sender<T>, Receiver<T>) {
+    luna::buffered(Buffer::overwrite_oldest(1))
+}
+
+/// What must hold of all that a controller gets: fresh values are those of their time, others the last fresh one.
+#[derive(Debug, Default)]
+pub(crate) struct Truth {
+    /// Where the counter may have been at position 0.
+    zero: Option<[i64; 2]>,
+    last: Option<Sample<Reading>>,
+    pub(crate) fresh: u32,
+    pub(crate) stale: u32,
+    pub(crate) longest: u32,
+}
+
+impl Truth {
+    pub(crate) fn check(&mut self, sample: Sample<Reading>) {
+        match sample.fresh() {
+            Some(reading) => {
+                let [asked, answered] = sample.measured_between();
+                let zero = [asked, answered].map(|at| count_at(at.as_nanos()) - reading.position);
+                let [low, high] = self.zero.unwrap_or(zero);
+                let both = [low.max(zero[0]), high.min(zero[1])];
+                assert!(
+                    both[0] <= both[1],
+                    "a wrong position: {sample:?}, zero {zero:?}, before {low}..={high}"
+                );
+                self.zero = Some(both);
+                self.fresh += 1;
+            }
+            None => {
+                let last = self
+                    .last
+                    .expect("nothing is told before something is known");
+                assert_eq!(sample.held(), last.held());
+                assert_eq!(sample.measured_between(), last.measured_between());
+                assert_eq!(sample.stale_cycles(), last.stale_cycles() + 1);
+                self.stale += 1;
+                self.longest = self.longest.max(sample.stale_cycles());
+            }
+        }
+        self.last = Some(sample);
+    }
+}
+
+/// The fault that has ended a run.
+pub(crate) fn fault(outcome: luna::Result<luna::Report>) -> Fault {
+    let error = outcome.expect_err("the link has failed");
+    let luna::Error::Process { source, .. } = &error else {
+        panic!("not of a process: {error}");
+    };
+    let luna::Error::Other(other) = &**source else {
+        panic!("not a link's: {error}");
+    };
+    other
+        .get()
+        .downcast_ref::<Fault>()
+        .expect("a fault")
+        .clone()
+}
+
+/// Looks at the card until it is so, for ten seconds at most.
+pub(crate) fn wait_until(server: &Server, is_so: impl Fn(&SimCard) -> bool) {
+    let deadline = luna::now() + Duration::from_secs(10);
+    while !server.with_card(|card, _| is_so(card)) {
+        assert!(luna::now() < deadline, "it never came to be so");
+        std::thread::yield_now();
+    }
+}
