@@ -58,6 +58,9 @@ pub struct Report {
     pub deadlock: Option<Deadlock>,
     /// What the timer manager did, if the system has one.
     pub timers: Option<TimersReport>,
+    /// What became of the recording, if there was one.
+    #[cfg(feature = "logger")]
+    pub recording: Option<crate::logging::RecordingReport>,
 }
 
 /// How a system came to its end.
@@ -294,6 +297,10 @@ impl fmt::Display for Report {
         }
         if let Some(timers) = &self.timers {
             writeln!(f, "  {}", timers.to_string().replace('\n', "\n  "))?;
+        }
+        #[cfg(feature = "logger")]
+        if let Some(recording) = &self.recording {
+            writeln!(f, "  {}", recording.to_string().replace('\n', "\n  "))?;
         }
         if self.loops.is_empty() {
             return Ok(());

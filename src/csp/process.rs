@@ -3,6 +3,7 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
+use crate::logging::Log;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
@@ -305,6 +306,7 @@ pub(crate) struct Common {
     pub(crate) tree: Arc<Tree>,
     pub(crate) living: Arc<Living>,
     pub(crate) clock: Clock,
+    pub(crate) log: Log,
 }
 
 /// What the framework gives a body on its way.
@@ -388,6 +390,7 @@ impl<F> Supervised<F> {
         frame.common.scope.enter_thread();
         frame.common.tree.enter_thread();
         frame.common.emergency.enter_thread();
+        frame.common.log.enter_thread();
         ThreadUsage::prepare_thread();
         let alarm = Alarm(&frame.common.emergency);
         let body = make();

@@ -73,6 +73,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         emergency: guard,
         timers,
         shortfalls,
+        recording,
         ..
     } = launched;
     // Who has failed before time stood still; what they return while they are being ended says nothing.
@@ -111,6 +112,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample();
+    // Nobody of the system records any more, but who was left behind.
+    let recording = recording.finish();
 
     let mut members = plan.members();
     for left_behind in members.started.left_behind() {
@@ -169,6 +172,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         shortfalls,
         deadlock,
         timers,
+        #[cfg(feature = "logger")]
+        recording,
     };
     let cause = if report.end == End::Emergency {
         raised
