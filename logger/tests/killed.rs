@@ -128,8 +128,8 @@ fn a_full_disk_keeps_the_blocks_before_it() {
         .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
         .last();
     assert!(child.wait().unwrap().success());
-    let (read, has_ended) = numbers(&file.0);
-    assert!(!has_ended);
+    // A short last block may have found room.
+    let (read, _) = numbers(&file.0);
     let length = fs::metadata(&file.0).unwrap().len();
     assert_eq!(reported, Some(format!("{read} {length}")));
     assert!(read > 0 && length <= 200_001);

@@ -230,8 +230,8 @@ proptest! {
         let recorder = Recorder::start(&hub, Recording::to_sink(sink).every(Duration::from_millis(1))).unwrap();
         let _inside = hub.enter();
         let signal = Signal::<[f64; 16]>::register("wide").unwrap();
-        // Some megabytes: several blocks, however the rounds fall.
-        let produced = 20_000;
+        // Several blocks, however the rounds fall.
+        let produced = 3_000;
         for n in 0..produced {
             signal.record([n as f64; 16]);
             if n % 100 == 0 {
