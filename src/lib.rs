@@ -41,6 +41,7 @@ pub mod devices;
 mod error;
 #[cfg(unix)]
 pub mod external;
+mod logging;
 pub mod prelude;
 mod report;
 mod safety;
@@ -52,6 +53,12 @@ pub use csp::named::{Named, named};
 pub use csp::par::{ParAll, par_all, par_for};
 pub use csp::process::{IntoProcess, Process, run};
 pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
+#[cfg(feature = "logger")]
+pub use logging::{
+    FileSink, MessagesReport, Recording, RecordingReport, SignalReport, Sink, StartError,
+    WriterSink, install_facades,
+};
+pub use logging::{Level, RegisterError, Sample, Signal, SignalBuilder, message};
 pub use luna_channels::lock_sync as sync;
 pub use luna_channels::{AcceptOp, Call, CallError, CallOp, Client, Reply, Server, call_channel};
 pub use luna_channels::{

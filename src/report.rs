@@ -60,6 +60,9 @@ pub struct Report {
     pub timers: Option<TimersReport>,
     /// How safe it was, and how it went with the emergency functions.
     pub safety: SafetyReport,
+    /// What became of the recording, if there was one.
+    #[cfg(feature = "logger")]
+    pub recording: Option<crate::logging::RecordingReport>,
 }
 
 /// How a system came to its end.
@@ -302,6 +305,10 @@ impl fmt::Display for Report {
         }
         if let Some(timers) = &self.timers {
             writeln!(f, "  {}", timers.to_string().replace('\n', "\n  "))?;
+        }
+        #[cfg(feature = "logger")]
+        if let Some(recording) = &self.recording {
+            writeln!(f, "  {}", recording.to_string().replace('\n', "\n  "))?;
         }
         if self.loops.is_empty() {
             return Ok(());

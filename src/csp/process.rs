@@ -3,6 +3,7 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
+use crate::logging::Log;
 use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
@@ -307,6 +308,7 @@ pub(crate) struct Common {
     pub(crate) tree: Arc<Tree>,
     pub(crate) living: Arc<Living>,
     pub(crate) clock: Clock,
+    pub(crate) log: Log,
 }
 
 thread_local! {
@@ -329,6 +331,7 @@ impl Common {
         self.scope.enter_thread();
         self.tree.enter_thread();
         self.emergency.enter_thread();
+        self.log.enter_thread();
         ThreadUsage::prepare_thread();
         SPARE_COMMON.with(|spare| spare.keep(self));
         ENTERED.set(Some(self.clone()));

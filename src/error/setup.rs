@@ -28,6 +28,12 @@ pub enum SetupError {
         /// The priority that was asked for.
         level: u8,
     },
+    /// A signal cannot be registered.
+    #[cfg(feature = "logger")]
+    Signal(crate::logging::RegisterError),
+    /// The recording that was asked for cannot begin.
+    #[cfg(feature = "logger")]
+    Recording(crate::logging::StartError),
     /// Two of a kind have one name.
     DuplicateName {
         /// Executor, process, or loop.
@@ -203,6 +209,10 @@ impl fmt::Display for SetupError {
                 write!(f, "`{of}` asks for core {core}, which this machine has not; choose one of {available:?}")
             }
             SetupError::Attributes(error) => error.fmt(f),
+            #[cfg(feature = "logger")]
+            SetupError::Signal(error) => error.fmt(f),
+            #[cfg(feature = "logger")]
+            SetupError::Recording(error) => error.fmt(f),
             SetupError::Level { process, level } => {
                 write!(f, "process `{process}` asks for priority {level}; choose 0 (lowest) to 31")
             }

@@ -6,6 +6,7 @@ use super::plan::{Member, NamedThread, NotStarted, Phase, Plan, ProcessPlan, Run
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, clean_up, prepare};
 use crate::error::{Error, Result, SetupError};
+use crate::logging::{Log, Session};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
 use luna_executors::{Executor, Living, Simulation, SimulationHandle};
@@ -38,6 +39,7 @@ pub(super) struct Launched {
     pub(super) guardian: Option<GuardianWatch>,
     pub(super) timers: Option<ManagerThread>,
     pub(super) shortfalls: Vec<Shortfall>,
+    pub(super) recording: Session,
     _memory: Option<MemoryLock>,
     _latency: Option<DmaLatency>,
 }
@@ -118,6 +120,11 @@ fn launch_described(
     } else {
         None
     };
+    let log = Log::new(plan.name(), is_virtual);
+    // What is registered on this thread until the release belongs to the system.
+    let _log = log.enter();
+    #[allow(clippy::unit_arg, reason = "without the logger nothing can be asked for")]
+    let recording = log.start(std::mem::take(&mut settings.recording))?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
@@ -201,6 +208,7 @@ fn launch_described(
             tree: plan.tree().clone(),
             living: living.clone(),
             clock: clock.clone(),
+            log,
         }),
         mode,
         simulation: handle,
@@ -246,6 +254,7 @@ fn launch_described(
         guardian,
         timers,
         shortfalls,
+        recording,
         _memory: memory,
         _latency: latency,
     })

@@ -323,6 +323,69 @@ impl System {
         Ok(self)
     }
 
+    /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new file at `path`, from the start to the end; one that is there is replaced.
+    /// `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in [`Report::recording`](crate::Report::recording).
+    ///
+    /// An ordinary thread writes the file. The processes write to rings of their threads, which is wait-free; a ring that is full drops what is new, and counts it.
+    ///
+    /// Where the program does not ask for it, the environment may: `LUNA_RECORD=run.luna` records to that file.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// struct Pump { flow: Option<Signal<f32>> }
+    ///
+    /// impl Process for Pump {
+    ///     fn pre_run(&mut self) -> luna::Result<()> {
+    ///         self.flow = Some(Signal::with_unit("pump/flow", "l/s").register()?);
+    ///         Ok(())
+    ///     }
+    ///
+    ///     async fn run(&mut self) -> luna::Result<()> {
+    ///         if let Some(flow) = &self.flow {
+    ///             flow.record(2.5);
+    ///         }
+    ///         Ok(())
+    ///     }
+    /// }
+    ///
+    /// let file = std::env::temp_dir().join(format!("luna-pump-{}.luna", std::process::id()));
+    /// let mut system = System::new("pump");
+    /// system.record_to(&file);
+    /// let main = system.executor("main").build()?;
+    /// main.process("pump").spawn(Pump { flow: None })?;
+    /// let recording = system.run()?.recording.unwrap();
+    /// assert_eq!((recording.signals[0].recorded, recording.signals[0].lost), (1, 0));
+    /// # std::fs::remove_file(file).unwrap();
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    #[cfg(feature = "logger")]
+    pub fn record_to(&mut self, path: impl Into<std::path::PathBuf>) -> &mut Self {
+        self.record(crate::Recording::to_file(path))
+    }
+
+    /// As [`record_to`](Self::record_to), with the rooms, the rate and the sink of `recording`.
+    ///
+    /// ```
+    /// use luna::{Level, Recording, WriterSink, prelude::*};
+    ///
+    /// let mut system = System::new("pump");
+    /// let sink = WriterSink::new(std::io::sink());
+    /// system.record(Recording::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
+    /// let main = system.executor("main").build()?;
+    /// main.process("pump").spawn(async {
+    ///     luna::message(Level::Info, "pump", format_args!("primed after {} s", 3));
+    ///     Ok(())
+    /// })?;
+    /// assert_eq!(system.run()?.recording.unwrap().messages.recorded, 1);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    #[cfg(feature = "logger")]
+    pub fn record(&mut self, recording: crate::Recording) -> &mut Self {
+        self.plan.settings().recording = Some(recording);
+        self
+    }
+
     /// Opens devices: each once, by name, shared by those who use it, and closed when the last of them has finished. See [`devices`](crate::devices).
     ///
     /// ```

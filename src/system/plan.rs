@@ -10,6 +10,7 @@ use crate::csp::process::{
 };
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
+use crate::logging::Asked;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian, Ledger};
 use crate::time::Manager;
@@ -53,6 +54,8 @@ pub(crate) struct Settings {
     pub(crate) parents_death: bool,
     pub(crate) guardian: Option<Guardian>,
     pub(crate) clock: ClockPlan,
+    /// What is to be recorded.
+    pub(crate) recording: Asked,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
 }
@@ -713,6 +716,7 @@ impl Plan {
     ) -> Result<ProcessHandle> {
         let id = plan.id();
         let _clock = running.common.clock.enter();
+        let _log = running.common.log.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             prepare(&mut **resident).map_err(|error| error.in_process(name))?;

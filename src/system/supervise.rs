@@ -80,6 +80,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         guardian,
         timers,
         shortfalls,
+        recording,
         ..
     } = launched;
     // Who has failed before time stood still; what they return while they are being ended says nothing.
@@ -131,6 +132,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     if let Some(guardian) = guardian {
         guardian.end(safety.failed().next().is_none());
     }
+    // Nobody of the system records any more, but who was left behind.
+    let recording = recording.finish();
 
     let mut members = plan.members();
     for left_behind in members.started.left_behind() {
@@ -196,6 +199,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         deadlock,
         timers,
         safety,
+        #[cfg(feature = "logger")]
+        recording,
     };
     let cause = if report.end == End::Emergency {
         raised

@@ -1,7 +1,11 @@
 //! Time in nanoseconds, on the machine's clock or on that of a simulation.
 
+#[cfg(not(loom))]
+mod counter;
 mod source;
 
+#[cfg(not(loom))]
+pub use counter::Counter;
 pub use source::{Clock, ClockGuard, VirtualClock};
 
 use std::fmt;

@@ -1,0 +1,248 @@
+//! Records into blocks.
+
+use super::checksum::crc32;
+use super::record::{Event, Record, SignalInfo};
+use super::types::{Losing, Values};
+use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
+
+/// A block is handed on when it has so many bytes: less than a tenth of what a block may have, so that the last record always fits.
+const FULL: usize = 64 << 10;
+
+/// Makes blocks of records, without writing them anywhere.
+///
+/// Not for the real-time path. Its memory is that of one block: who uses it takes the block when it [is full](Self::is_full).
+///
+/// ```
+/// use luna_logger::format::{Encoder, Reader, Record};
+///
+/// let mut encoder = Encoder::new();
+/// let mut file = Encoder::head().to_vec();
+/// encoder.put(&Record::End { time: 7 });
+/// file.extend_from_slice(encoder.block());
+/// encoder.next();
+///
+/// let mut reader = Reader::new(&file[..])?;
+/// assert_eq!(reader.next()?, Some(Record::End { time: 7 }));
+/// # Ok::<(), luna_logger::format::ReadError>(())
+/// ```
+#[derive(Debug)]
+pub struct Encoder {
+    /// Room for the block's start, and the records.
+    block: Vec<u8>,
+    body: Vec<u8>,
+    sequence: u32,
+    /// The time of the last record of the block that has one.
+    last: u64,
+}
+
+impl Encoder {
+    /// An encoder whose first block has number 0.
+    pub fn new() -> Self {
+        let mut block = Vec::with_capacity(FULL + FULL / 2);
+        block.resize(BLOCK_START, 0);
+        Self {
+            block,
+            body: Vec::with_capacity(256),
+            sequence: 0,
+            last: 0,
+        }
+    }
+
+    /// What stands before the first block.
+    pub fn head() -> [u8; 16] {
+        head()
+    }
+
+    /// Whether the block holds nothing.
+    pub fn is_empty(&self) -> bool {
+        self.block.len() == BLOCK_START
+    }
+
+    /// Whether the block is to be taken before more is put into it.
+    pub fn is_full(&self) -> bool {
+        self.block.len() >= FULL
+    }
+
+    /// Adds a record. Texts are cut after 4096 bytes.
+    pub fn put(&mut self, record: &Record<'_>) {
+        self.body.clear();
+        let kind = self.fill(record);
+        self.block.push(kind);
+        number(&mut self.block, self.body.len() as u64);
+        self.block.extend_from_slice(&self.body);
+    }
+
+    /// The block as it is to be written, with its start. Empty if there is nothing in it.
+    pub fn block(&mut self) -> &[u8] {
+        if self.is_empty() {
+            return &[];
+        }
+        let (start, records) = self.block.split_at_mut(BLOCK_START);
+        let sequence = self.sequence.to_le_bytes();
+        let length = (records.len() as u32).to_le_bytes();
+        start[..4].copy_from_slice(&BLOCK_MAGIC);
+        start[4..8].copy_from_slice(&sequence);
+        start[8..12].copy_from_slice(&length);
+        let checksum = crc32(&[&sequence, &length, records]);
+        start[12..].copy_from_slice(&checksum.to_le_bytes());
+        &self.block
+    }
+
+    /// Begins the next block: the one before was written.
+    pub fn next(&mut self) {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.discard();
+    }
+
+    /// Begins the block anew: it could not be written, and its number is the next one's.
+    pub fn discard(&mut self) {
+        self.block.truncate(BLOCK_START);
+        self.last = 0;
+    }
+
+    fn fill(&mut self, record: &Record<'_>) -> u8 {
+        match *record {
+            Record::Session {
+                system,
+                clock,
+                written_by,
+            } => {
+                self.body.push(clock as u8);
+                self.text(system);
+                self.text(written_by);
+                kind::SESSION
+            }
+            Record::Thread { number: of, name } => {
+                self.number(of.into());
+                self.text(name);
+                kind::THREAD
+            }
+            Record::Signal(SignalInfo {
+                number: of,
+                element_type,
+                elements,
+                name,
+                unit,
+                description,
+            }) => {
+                self.number(of.into());
+                self.body.extend([element_type as u8, elements]);
+                self.text(name);
+                self.text(unit);
+                self.text(description);
+                kind::SIGNAL
+            }
+            Record::Sample {
+                signal,
+                time,
+                values,
+            } => {
+                self.sample(signal, time, values);
+                kind::SAMPLE
+            }
+            Record::Message {
+                thread,
+                time,
+                level,
+                process,
+                truncated,
+                target,
+                text,
+            } => {
+                self.number(thread.into());
+                self.time(time);
+                self.body.extend([level as u8, u8::from(truncated)]);
+                self.number(process.into());
+                self.text(target);
+                self.text(text);
+                kind::MESSAGE
+            }
+            Record::Event(Event {
+                thread,
+                time,
+                code,
+                subject,
+                arguments,
+            }) => {
+                self.number(thread.into());
+                self.time(time);
+                self.number(code.into());
+                self.number(subject.into());
+                self.number(arguments[0]);
+                self.number(arguments[1]);
+                kind::EVENT
+            }
+            Record::Name {
+                subject,
+                number: of,
+                parent,
+                name,
+            } => {
+                self.body.push(subject as u8);
+                self.number(of.into());
+                self.number(parent.into());
+                self.text(name);
+                kind::NAME
+            }
+            Record::Losses { of, lost } => {
+                let (what, of) = match of {
+                    Losing::Signal(number) => (1, number),
+                    Losing::Messages(thread) => (2, thread),
+                    Losing::Events(thread) => (3, thread),
+                };
+                self.body.push(what);
+                self.number(of.into());
+                self.number(lost);
+                kind::LOSSES
+            }
+            Record::Epoch { time, unix } => {
+                self.time(time);
+                self.body.extend(unix.to_le_bytes());
+                kind::EPOCH
+            }
+            Record::End { time } => {
+                self.time(time);
+                kind::END
+            }
+        }
+    }
+
+    #[inline]
+    fn sample(&mut self, signal: u32, time: u64, values: Values<'_>) {
+        self.number(signal.into());
+        self.time(time);
+        self.body.extend_from_slice(values.bytes());
+    }
+
+    fn number(&mut self, value: u64) {
+        number(&mut self.body, value);
+    }
+
+    /// The distance to the time before, which may be negative: its sign lies in the lowest bit, so that short distances either way are short.
+    fn time(&mut self, time: u64) {
+        let distance = time.wrapping_sub(self.last) as i64;
+        self.last = time;
+        number(&mut self.body, (distance << 1 ^ distance >> 63) as u64);
+    }
+
+    fn text(&mut self, text: &str) {
+        let text = &text[..text.floor_char_boundary(MOST_TEXT)];
+        self.number(text.len() as u64);
+        self.body.extend_from_slice(text.as_bytes());
+    }
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// LEB128: seven bits a byte, lowest first; the highest bit says that more follow.
+fn number(to: &mut Vec<u8>, mut value: u64) {
+    while value >= 0x80 {
+        to.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    to.push(value as u8);
+}

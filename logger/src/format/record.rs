@@ -1,0 +1,154 @@
+//! What a recording holds.
+
+use super::types::{ClockBase, Level, Losing, Type, Values};
+
+/// One record, which borrows from its block. Times are nanoseconds on the recording's clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Record<'a> {
+    /// What was recorded: the first record, and again where a recorder had to begin anew. Declarations that follow repeat what was declared before.
+    Session {
+        /// The system's name.
+        system: &'a str,
+        /// What times count from.
+        clock: ClockBase,
+        /// The version of the program that wrote it, as text.
+        written_by: &'a str,
+    },
+    /// A thread that records.
+    Thread {
+        /// Its number in this recording.
+        number: u32,
+        /// Its name.
+        name: &'a str,
+    },
+    /// A signal, before its first sample.
+    Signal(SignalInfo<'a>),
+    /// A sample of a signal.
+    Sample {
+        /// The signal's number.
+        signal: u32,
+        /// When.
+        time: u64,
+        /// What.
+        values: Values<'a>,
+    },
+    /// A message.
+    Message {
+        /// The number of the thread that wrote it.
+        thread: u32,
+        /// When.
+        time: u64,
+        /// How much it matters.
+        level: Level,
+        /// The process that wrote it, by number; 0 if none did.
+        process: u32,
+        /// Whether its end was cut off.
+        truncated: bool,
+        /// Where in the program it is from: a module path, mostly.
+        target: &'a str,
+        /// The text.
+        text: &'a str,
+    },
+    /// A CSP event.
+    Event(Event),
+    /// A name for the numbers in events and messages.
+    Name {
+        /// What is named.
+        subject: Subject,
+        /// Its number.
+        number: u32,
+        /// The number of what it belongs to (a sub-process to its process, a process to its executor's thread); 0 if nothing.
+        parent: u32,
+        /// Its name.
+        name: &'a str,
+    },
+    /// So many were lost, from the beginning of the recording until here.
+    Losses {
+        /// Of what.
+        of: Losing,
+        /// How many: never less than in the record before.
+        lost: u64,
+    },
+    /// What the time of day was at an instant, from time to time.
+    Epoch {
+        /// The instant on the recording's clock.
+        time: u64,
+        /// Nanoseconds since 1970 in UTC at that instant.
+        unix: i64,
+    },
+    /// The recording is whole: nothing follows.
+    End {
+        /// When it ended.
+        time: u64,
+    },
+}
+
+/// What a signal is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SignalInfo<'a> {
+    /// Its number in this recording, from 0.
+    pub number: u32,
+    /// The type of its elements.
+    pub element_type: Type,
+    /// How many elements a sample has: 1 for a scalar.
+    pub elements: u8,
+    /// Its name.
+    pub name: &'a str,
+    /// Its unit; empty if none was stated.
+    pub unit: &'a str,
+    /// What it is; empty if not stated.
+    pub description: &'a str,
+}
+
+/// A CSP event: something that a process, or the framework, has done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Event {
+    /// The number of the thread on which it happened.
+    pub thread: u32,
+    /// When.
+    pub time: u64,
+    /// What has happened: `docs/logger.md` has the list. A reader shows those that it does not know by number.
+    pub code: u16,
+    /// Who has done it: mostly the number of a process.
+    pub subject: u32,
+    /// What it is about, by code: a channel, a partner, a guard, a level, nanoseconds.
+    pub arguments: [u64; 2],
+}
+
+/// What a number in an event means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+#[non_exhaustive]
+pub enum Subject {
+    /// A process.
+    Process = 1,
+    /// An executor.
+    Executor = 2,
+    /// A channel.
+    Channel = 3,
+    /// A barrier.
+    Barrier = 4,
+    /// A lock.
+    Lock = 5,
+    /// A periodic loop.
+    Loop = 6,
+    /// A kind of event.
+    Code = 7,
+}
+
+impl Subject {
+    pub(crate) fn from_byte(byte: u8) -> Option<Subject> {
+        [
+            Subject::Process,
+            Subject::Executor,
+            Subject::Channel,
+            Subject::Barrier,
+            Subject::Lock,
+            Subject::Loop,
+            Subject::Code,
+        ]
+        .into_iter()
+        .find(|one| *one as u8 == byte)
+    }
+}

@@ -1,0 +1,375 @@
+//! What the threads, the signals and the recorder of one system share.
+
+use crate::format::{ClockBase, MOST_SIGNALS, Type};
+use crate::lane::{self, Inlet};
+use luna_platform::clock::{Counter, Instant};
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+/// The most bytes of a signal's name, unit and description.
+const MOST_NAME: usize = 255;
+const MOST_UNIT: usize = 63;
+const MOST_DESCRIPTION: usize = 1023;
+
+/// What the time stamps of a system come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum TimeBase {
+    /// The machine's clock, by the processor's counter where it can stand for it.
+    #[default]
+    Machine,
+    /// The clock of each thread: for systems on a virtual clock.
+    OfThread,
+}
+
+/// The names of a system's signals, the rings of its threads, and whether anything is recorded.
+///
+/// Threads [enter](Self::enter) it; what they register and record then belongs to it. Clones of its `Arc` are the same hub.
+pub struct Hub {
+    /// Whether anybody reads the rings.
+    recording: AtomicBool,
+    pub(crate) stamp: Stamp,
+    pub(crate) system: String,
+    base: TimeBase,
+    /// What has no better place to be counted: messages on threads that have no ring.
+    pub(crate) lost_messages: AtomicU64,
+    registry: Mutex<Registry>,
+}
+
+/// What time stamps are read from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Stamp {
+    /// In its ticks.
+    Counter(Counter),
+    /// The thread's clock, in nanoseconds.
+    Clock,
+}
+
+impl Stamp {
+    #[inline(always)]
+    pub(crate) fn now(self) -> u64 {
+        match self {
+            Stamp::Counter(counter) => counter.read(),
+            Stamp::Clock => Instant::now().as_nanos(),
+        }
+    }
+}
+
+/// How large the rings of a thread are, in words of 8 bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rooms {
+    pub(crate) samples: usize,
+    pub(crate) messages: usize,
+}
+
+/// What a signal is, for the recorder.
+#[derive(Debug, Clone)]
+pub(crate) struct Declared {
+    pub(crate) name: Arc<str>,
+    pub(crate) unit: Arc<str>,
+    pub(crate) description: Arc<str>,
+    pub(crate) element_type: Type,
+    pub(crate) elements: u8,
+    pub(crate) losses: Arc<Losses>,
+}
+
+/// How much of a signal was dropped before it came to a ring's other end, and by how many handles it is used.
+#[derive(Debug, Default)]
+pub(crate) struct Losses {
+    lost: AtomicU64,
+    users: AtomicU32,
+}
+
+impl Losses {
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn count(&self) {
+        self.lost.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn get(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn join(&self) {
+        self.users.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn leave(&self) {
+        self.users.fetch_sub(1, Ordering::Relaxed);
+    }
+
+    fn is_used(&self) -> bool {
+        self.users.load(Ordering::Relaxed) > 0
+    }
+}
+
+#[derive(Default)]
+struct Registry {
+    signals: Vec<Declared>,
+    numbers: HashMap<Arc<str>, u32>,
+    /// Rings that the recorder has not taken yet.
+    inlets: Vec<Inlet>,
+    threads: u32,
+    rooms: Option<Rooms>,
+}
+
+thread_local! {
+    static HUB: RefCell<Option<Arc<Hub>>> = const { RefCell::new(None) };
+}
+
+/// The hub that began to record last: for messages of threads that have entered none.
+static LATEST: Mutex<Weak<Hub>> = Mutex::new(Weak::new());
+
+impl Hub {
+    /// A hub of `system`, which records nothing until a [`Recorder`](crate::Recorder) is started on it.
+    pub fn new(system: &str, base: TimeBase) -> Arc<Hub> {
+        let counter = Counter::of_machine().filter(|_| base == TimeBase::Machine);
+        Arc::new(Hub {
+            recording: AtomicBool::new(false),
+            stamp: counter.map_or(Stamp::Clock, Stamp::Counter),
+            system: system.to_owned(),
+            base,
+            lost_messages: AtomicU64::new(0),
+            registry: Mutex::default(),
+        })
+    }
+
+    /// Makes it the calling thread's until the guard is dropped; then the one before is it again.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Signal};
+    ///
+    /// let hub = Hub::new("pump", Default::default());
+    /// assert!(Signal::<f64>::register("flow").is_err()); // for which system?
+    /// let _inside = hub.enter();
+    /// assert!(Signal::<f64>::register("flow").is_ok());
+    /// ```
+    pub fn enter(self: &Arc<Self>) -> Entered {
+        Entered {
+            before: HUB.with(|hub| hub.borrow_mut().replace(self.clone())),
+        }
+    }
+
+    /// Makes it the calling thread's for good and, if something is recorded, makes the thread's rings: to be called on each thread that runs processes,
+    /// before they run. Not for the real-time path: it allocates, once.
+    pub fn enter_thread(self: &Arc<Self>) {
+        let is_new = HUB.with(|hub| {
+            let mut hub = hub.borrow_mut();
+            let is_new = !hub.as_ref().is_some_and(|there| Arc::ptr_eq(there, self));
+            if is_new {
+                *hub = Some(self.clone());
+            }
+            is_new
+        });
+        if is_new && self.is_recording() {
+            lane::prepare(self);
+        }
+    }
+
+    /// Whether samples and messages are kept.
+    #[inline(always)]
+    pub fn is_recording(&self) -> bool {
+        self.recording.load(Ordering::Relaxed)
+    }
+
+    /// The hub that the calling thread has entered.
+    pub(crate) fn of_thread() -> Option<Arc<Hub>> {
+        HUB.try_with(|hub| hub.borrow().clone()).ok().flatten()
+    }
+
+    /// The hub that a message of this thread goes to: never to be asked on the path by a thread without rings.
+    pub(crate) fn for_messages() -> Option<Arc<Hub>> {
+        Self::of_thread()
+            .filter(|hub| hub.is_recording())
+            .or_else(|| latest().upgrade())
+            .filter(|hub| hub.is_recording())
+    }
+
+    /// False if it was called before: rings of a former recording would be read by nobody.
+    pub(crate) fn begin_recording(self: &Arc<Self>, rooms: Rooms) -> bool {
+        if self.registry().rooms.replace(rooms).is_some() {
+            return false;
+        }
+        self.recording.store(true, Ordering::Relaxed);
+        *latest() = Arc::downgrade(self);
+        true
+    }
+
+    pub(crate) fn end_recording(&self) {
+        self.recording.store(false, Ordering::Relaxed);
+    }
+
+    /// What times count from, as a recording says it.
+    pub(crate) fn clock_base(&self) -> ClockBase {
+        match self.base {
+            TimeBase::Machine => ClockBase::Monotonic,
+            TimeBase::OfThread => ClockBase::Virtual,
+        }
+    }
+
+    /// Announces the rings of a thread, which `make` makes for its number. False if nobody would read them.
+    pub(crate) fn add_lane(&self, make: impl FnOnce(u32, Rooms) -> Inlet) -> bool {
+        let mut registry = self.registry();
+        let Some(rooms) = registry.rooms.filter(|_| self.is_recording()) else {
+            return false;
+        };
+        let number = registry.threads;
+        registry.threads += 1;
+        let inlet = make(number, rooms);
+        registry.inlets.push(inlet);
+        true
+    }
+
+    /// Takes the rings that are new, and the signals behind those that are known already.
+    pub(crate) fn take_news(&self, inlets: &mut Vec<Inlet>, signals: &mut Vec<Declared>) {
+        let mut registry = self.registry();
+        inlets.append(&mut registry.inlets);
+        signals.extend_from_slice(&registry.signals[signals.len()..]);
+    }
+
+    /// Puts rings back that were taken too early.
+    pub(crate) fn give_back(&self, inlets: Vec<Inlet>) {
+        if !inlets.is_empty() {
+            self.registry().inlets.extend(inlets);
+        }
+    }
+
+    /// Gives a signal a number.
+    pub(crate) fn declare(&self, declared: Declared) -> Result<(u32, Arc<Losses>), RegisterError> {
+        let name = || declared.name.to_string();
+        for (what, text, most) in [
+            ("name", &declared.name, MOST_NAME),
+            ("unit", &declared.unit, MOST_UNIT),
+            ("description", &declared.description, MOST_DESCRIPTION),
+        ] {
+            if text.len() > most {
+                return Err(RegisterError::TooLong {
+                    signal: name(),
+                    what,
+                    most,
+                });
+            }
+        }
+        if declared.name.is_empty() {
+            return Err(RegisterError::NoName);
+        }
+        let mut registry = self.registry();
+        if let Some(&number) = registry.numbers.get(&declared.name) {
+            let there = &registry.signals[number as usize];
+            let is_same = there.element_type == declared.element_type
+                && there.elements == declared.elements
+                && there.unit == declared.unit;
+            // Those who had it are gone: a process that is started anew goes on with its signal.
+            if there.losses.is_used() || !is_same {
+                return Err(RegisterError::Duplicate { signal: name() });
+            }
+            there.losses.join();
+            return Ok((number, there.losses.clone()));
+        }
+        let number = registry.signals.len();
+        if number >= MOST_SIGNALS {
+            return Err(RegisterError::TooMany { signal: name() });
+        }
+        let losses = declared.losses.clone();
+        losses.join();
+        registry
+            .numbers
+            .insert(declared.name.clone(), number as u32);
+        registry.signals.push(declared);
+        Ok((number as u32, losses))
+    }
+
+    fn registry(&self) -> MutexGuard<'_, Registry> {
+        self.registry.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn latest() -> MutexGuard<'static, Weak<Hub>> {
+    LATEST.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl fmt::Debug for Hub {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Hub")
+            .field("system", &self.system)
+            .field("recording", &self.is_recording())
+            .finish_non_exhaustive()
+    }
+}
+
+/// Ends what [`Hub::enter`] began.
+#[must_use = "the thread leaves the hub when the guard is dropped"]
+#[derive(Debug)]
+pub struct Entered {
+    before: Option<Arc<Hub>>,
+}
+
+impl Drop for Entered {
+    fn drop(&mut self) {
+        let before = self.before.take();
+        // Nothing is to be restored on a thread that ends.
+        let _ = HUB.try_with(|hub| *hub.borrow_mut() = before);
+    }
+}
+
+/// Why a signal cannot be registered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RegisterError {
+    /// The thread works for no system.
+    NoSystem {
+        /// The signal's name.
+        signal: String,
+    },
+    /// Another signal has the name.
+    Duplicate {
+        /// The name.
+        signal: String,
+    },
+    /// Its name is empty.
+    NoName,
+    /// One of its texts is too long.
+    TooLong {
+        /// The signal's name.
+        signal: String,
+        /// Which of its texts.
+        what: &'static str,
+        /// How many bytes it may have.
+        most: usize,
+    },
+    /// There are as many signals as a recording may have.
+    TooMany {
+        /// The signal's name.
+        signal: String,
+    },
+}
+
+impl fmt::Display for RegisterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RegisterError::NoSystem { signal } => write!(
+                f,
+                "signal `{signal}` was registered outside of any system; register it in `pre_run` of a process"
+            ),
+            RegisterError::Duplicate { signal } => write!(
+                f,
+                "there is a signal `{signal}` already; give each signal a name of its own, such as the process' with it"
+            ),
+            RegisterError::NoName => f.write_str("a signal has an empty name; give it one"),
+            RegisterError::TooLong { signal, what, most } => write!(
+                f,
+                "the {what} of signal `{signal}` has more than {most} bytes; use a shorter one"
+            ),
+            RegisterError::TooMany { signal } => write!(
+                f,
+                "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for RegisterError {}

@@ -1,0 +1,234 @@
+//! A thread's rings: its end, which the real-time path writes to.
+//!
+//! ```text
+//!   record ── time stamp ── entry ──> ring of samples  ──> recorder
+//!   message ── text on the stack ──> ring of messages ──>
+//! ```
+//!
+//! An entry is a few words: a head that says what it is and how long, a time stamp, and the rest. It is pushed as a whole or not at all. Samples and messages
+//! have a ring each, so that a burst of the one does not cost the other.
+
+use crate::hub::{Hub, Losses, Rooms, Stamp};
+use crate::sample::Sample;
+use luna_platform::current;
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::cell::{Cell, RefCell, UnsafeCell};
+use std::ptr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The most words of an entry.
+pub(crate) const MOST_WORDS: usize = 64;
+
+/// The first word of an entry: what it is (8 bits), its words (8 bits), and a signal's number (the upper 32).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Head(pub(crate) u64);
+
+impl Head {
+    pub(crate) const SAMPLE: u8 = 1;
+    pub(crate) const MESSAGE: u8 = 2;
+
+    pub(crate) fn new(kind: u8, words: usize, signal: u32) -> Self {
+        debug_assert!(words <= MOST_WORDS);
+        Self(u64::from(kind) | (words as u64) << 8 | u64::from(signal) << 32)
+    }
+
+    pub(crate) fn kind(self) -> u8 {
+        self.0 as u8
+    }
+
+    pub(crate) fn words(self) -> usize {
+        usize::from((self.0 >> 8) as u8)
+    }
+
+    pub(crate) fn signal(self) -> u32 {
+        (self.0 >> 32) as u32
+    }
+}
+
+/// The writing end of a thread's rings.
+pub(crate) struct Lane {
+    hub: Arc<Hub>,
+    stamp: Stamp,
+    samples: Ring,
+    messages: Ring,
+    counts: Arc<Counts>,
+}
+
+/// A ring's writing end.
+///
+/// # Invariants
+///
+/// Only the thread that owns the lane comes here, and what is called meanwhile does not come here again.
+struct Ring(UnsafeCell<Producer<u64>>);
+
+impl Ring {
+    /// Whether there was room. Wait-free, O(words).
+    #[inline(always)]
+    fn push(&self, entry: &[u64]) -> bool {
+        // SAFETY: by the invariant nobody else has a reference now.
+        let producer = unsafe { &mut *self.0.get() };
+        producer.push_entire_slice(entry).is_ok()
+    }
+}
+
+/// What a thread counts.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    pub(crate) lost_messages: AtomicU64,
+}
+
+/// The reading end of a thread's rings, for the recorder.
+pub(crate) struct Inlet {
+    pub(crate) number: u32,
+    pub(crate) name: String,
+    pub(crate) samples: Consumer<u64>,
+    pub(crate) messages: Consumer<u64>,
+    pub(crate) counts: Arc<Counts>,
+}
+
+thread_local! {
+    /// The lane that this thread used last: null, or one of those that it owns.
+    static LANE: Cell<*const Lane> = const { Cell::new(ptr::null()) };
+    static OWNED: RefCell<Owned> = const { RefCell::new(Owned(Vec::new())) };
+}
+
+/// The lanes of a thread, one a hub.
+#[expect(clippy::vec_box, reason = "`LANE` points to one while others come")]
+struct Owned(Vec<Box<Lane>>);
+
+impl Drop for Owned {
+    fn drop(&mut self) {
+        LANE.set(ptr::null());
+    }
+}
+
+impl Lane {
+    /// What lies in memory before it is used: each page of it is touched.
+    fn ring(words: usize) -> (Producer<u64>, Consumer<u64>) {
+        let (mut producer, mut consumer) = RingBuffer::new(words.max(MOST_WORDS));
+        let whole = producer.buffer().capacity();
+        if let Ok(chunk) = producer.write_chunk(whole) {
+            chunk.commit_all();
+        }
+        if let Ok(chunk) = consumer.read_chunk(whole) {
+            chunk.commit_all();
+        }
+        (producer, consumer)
+    }
+
+    fn make(hub: &Arc<Hub>) -> Option<Box<Lane>> {
+        let mut made = None;
+        let is_heard = hub.add_lane(|number, Rooms { samples, messages }| {
+            let (samples, samples_out) = Self::ring(samples);
+            let (messages, messages_out) = Self::ring(messages);
+            let counts = Arc::new(Counts::default());
+            made = Some(Box::new(Lane {
+                hub: hub.clone(),
+                stamp: hub.stamp,
+                samples: Ring(UnsafeCell::new(samples)),
+                messages: Ring(UnsafeCell::new(messages)),
+                counts: counts.clone(),
+            }));
+            let name = std::thread::current()
+                .name()
+                .map_or_else(|| format!("thread {number}"), str::to_owned);
+            Inlet {
+                number,
+                name,
+                samples: samples_out,
+                messages: messages_out,
+                counts,
+            }
+        });
+        made.filter(|_| is_heard)
+    }
+
+    #[inline(always)]
+    fn is_of(&self, hub: &Arc<Hub>) -> bool {
+        Arc::ptr_eq(&self.hub, hub)
+    }
+
+    #[inline(always)]
+    fn sample(&self, head: Head, losses: &Losses, value: impl Sample) {
+        let stamp = self.stamp.now();
+        if !value.with_entry([head.0, stamp], |entry| self.samples.push(entry)) {
+            losses.count();
+        }
+    }
+}
+
+/// Makes the calling thread's rings for `hub`, if there are none. Not for the real-time path.
+pub(crate) fn prepare(hub: &Arc<Hub>) {
+    with_lane(hub, |_| ());
+}
+
+/// Records a sample. Wait-free, O(elements).
+#[inline(always)]
+pub(crate) fn sample(hub: &Arc<Hub>, head: Head, losses: &Losses, value: impl Sample) {
+    let lane = LANE.get();
+    if !lane.is_null() {
+        // SAFETY: it is one of this thread's, which are dropped only when nothing points to them.
+        let lane = unsafe { &*lane };
+        if lane.is_of(hub) {
+            lane.sample(head, losses, value);
+            return;
+        }
+    }
+    sample_elsewhere(hub, head, losses, value);
+}
+
+#[cold]
+#[inline(never)]
+fn sample_elsewhere(hub: &Arc<Hub>, head: Head, losses: &Losses, value: impl Sample) {
+    if with_lane(hub, |lane| lane.sample(head, losses, value)).is_none() {
+        losses.count();
+    }
+}
+
+/// The hub whose rings this thread used last, if it records.
+pub(crate) fn hub_of_lane() -> Option<Arc<Hub>> {
+    let lane = LANE.get();
+    if lane.is_null() {
+        return None;
+    }
+    // SAFETY: as in `sample`.
+    let hub = unsafe { &(*lane).hub };
+    hub.is_recording().then(|| hub.clone())
+}
+
+/// Passes a message on, whose entry `fill` makes of the time stamp. Wait-free but for `fill`.
+pub(crate) fn message<'a>(hub: &Arc<Hub>, fill: impl FnOnce(u64) -> &'a [u64]) {
+    let push = |lane: &Lane| {
+        let entry = fill(lane.stamp.now());
+        if !lane.messages.push(entry) {
+            lane.counts.lost_messages.fetch_add(1, Ordering::Relaxed);
+        }
+    };
+    if with_lane(hub, push).is_none() {
+        hub.lost_messages.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Calls `f` with this thread's lane of `hub`, which is made if need be, but not on the real-time path. None if there is none.
+fn with_lane<R>(hub: &Arc<Hub>, f: impl FnOnce(&Lane) -> R) -> Option<R> {
+    // The thread may be about to end.
+    OWNED
+        .try_with(|owned| {
+            let mut owned = owned.try_borrow_mut().ok()?;
+            if !owned.0.iter().any(|lane| lane.is_of(hub)) {
+                if current::on_path() {
+                    return None;
+                }
+                LANE.set(ptr::null());
+                // Those that nobody reads any more.
+                owned.0.retain(|lane| lane.hub.is_recording());
+                owned.0.push(Lane::make(hub)?);
+            }
+            let lane = owned.0.iter().find(|lane| lane.is_of(hub))?;
+            LANE.set(&raw const **lane);
+            Some(f(lane))
+        })
+        .ok()
+        .flatten()
+}

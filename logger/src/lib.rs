@@ -1,0 +1,58 @@
+//! The logger of LUNA: what a running machine does, seen without disturbing it.
+//!
+//! - A [`Signal`] is a number, a boolean or a small vector that a process records, each sample with its time. A [`message`] is text, also through the `log` and
+//!   `tracing` facades.
+//! - Each thread has rings of its own, made before the start, into which its processes write: wait-free, without allocation and without a system call. A ring
+//!   that is full drops what is new, and counts exactly how much.
+//! - A [`Recorder`] moves what the rings hold to a [`Sink`], such as a file, on an ordinary thread. Whatever the sink does (it waits, it fails), nothing on the
+//!   real-time path waits: samples are lost, and counted.
+//! - [`format`](mod@format) is what a file holds, and reads and writes it.
+//!
+//! Most programs use it through `luna-rt`, which makes the [`Hub`] and the recorder with the system. By itself:
+//!
+//! ```
+//! use luna_logger::format::{Reader, Record};
+//! use luna_logger::{Hub, Recorder, Recording, Signal};
+//!
+//! let file = std::env::temp_dir().join(format!("luna-logger-{}.luna", std::process::id()));
+//! let hub = Hub::new("bench", Default::default());
+//! let recorder = Recorder::start(&hub, Recording::to_file(&file)).unwrap();
+//! let _inside = hub.enter();
+//! let current = Signal::<f64>::with_unit("motor/current", "A").register()?;
+//! for n in 0..10 {
+//!     current.record(f64::from(n));
+//! }
+//! let report = recorder.finish();
+//! assert_eq!((report.signals[0].recorded, report.signals[0].lost), (10, 0));
+//!
+//! let mut reader = Reader::new(std::fs::File::open(&file).unwrap()).unwrap();
+//! let mut samples = 0;
+//! while let Some(record) = reader.next().unwrap() {
+//!     samples += u32::from(matches!(record, Record::Sample { .. }));
+//! }
+//! assert_eq!(samples, 10);
+//! # std::fs::remove_file(file).unwrap();
+//! # Ok::<(), luna_logger::RegisterError>(())
+//! ```
+
+mod facade;
+pub mod format;
+mod hub;
+mod lane;
+mod message;
+mod recorder;
+mod sample;
+mod signal;
+
+#[cfg(feature = "tracing")]
+pub use facade::TracingSubscriber;
+pub use facade::install;
+pub use format::Level;
+pub use hub::{Entered, Hub, RegisterError, TimeBase};
+pub use message::message;
+pub use recorder::{
+    FileSink, MessagesReport, Recorder, Recording, RecordingReport, SignalReport, Sink, StartError,
+    WriterSink,
+};
+pub use sample::{Element, Sample};
+pub use signal::{Signal, SignalBuilder};

@@ -1,0 +1,129 @@
+//! The recorder's thread.
+
+use super::output::Output;
+use super::queue::{Queue, merge};
+use super::report::RecordingReport;
+use super::sink::Sink;
+use super::timeline::Timeline;
+use crate::format::{Level, Losing};
+use crate::hub::Hub;
+use crate::lane::{Counts, Inlet};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// Where messages are counted that no thread of the recording lost.
+const NO_THREAD: u32 = u32::MAX;
+
+/// What moves entries from rings to blocks.
+pub(super) struct Drain {
+    hub: Arc<Hub>,
+    timeline: Timeline,
+    queues: Vec<Queue>,
+    threads: Vec<(u32, Arc<Counts>)>,
+    output: Output,
+    /// Messages that threads which have ended have lost.
+    lost_before: u64,
+    news: Vec<Inlet>,
+}
+
+impl Drain {
+    pub(super) fn new(hub: Arc<Hub>, to: String, sink: Box<dyn Sink>, show: Option<Level>) -> Self {
+        let timeline = Timeline::begin(hub.stamp);
+        let output = Output::new(hub.clone(), to, sink, show);
+        Self {
+            hub,
+            timeline,
+            queues: Vec::new(),
+            threads: Vec::new(),
+            output,
+            lost_before: 0,
+            news: Vec::new(),
+        }
+    }
+
+    /// Works in rounds; `wait` waits for the next, and says whether it is the last.
+    pub(super) fn run(mut self, wait: impl Fn() -> bool) -> RecordingReport {
+        // So that a recording says from the beginning what it is.
+        self.round(false);
+        loop {
+            let is_last = wait();
+            self.round(is_last);
+            if is_last {
+                break;
+            }
+        }
+        let lost = self.lost_before + self.lost_now();
+        self.output.end(lost)
+    }
+
+    fn round(&mut self, is_last: bool) {
+        self.timeline.advance();
+        let limit = if is_last {
+            u64::MAX
+        } else {
+            self.timeline.limit()
+        };
+        self.take_news();
+        let (output, timeline) = (&mut self.output, &self.timeline);
+        output.tell_time();
+        merge(&mut self.queues, limit, |queue| {
+            let Some(entry) = queue.first() else { return };
+            let time = timeline.nanos(entry[1]).max(queue.last);
+            output.entry(queue.thread, time, entry);
+            queue.last = time;
+        });
+        for (thread, counts) in &self.threads {
+            let lost = counts.lost_messages.load(Ordering::Relaxed);
+            output.tell_losses(Losing::Messages(*thread), lost);
+        }
+        let lost = self.hub.lost_messages.load(Ordering::Relaxed);
+        output.tell_losses(Losing::Messages(NO_THREAD), lost);
+        output.tell_losses_of_signals();
+        output.end_block();
+        self.forget_ended();
+    }
+
+    fn take_news(&mut self) {
+        self.output.take_signals(&mut self.news);
+        for inlet in self.news.drain(..) {
+            let Inlet {
+                number,
+                name,
+                samples,
+                messages,
+                counts,
+            } = inlet;
+            self.output.add_thread(number, name);
+            self.queues.push(Queue::new(number, samples));
+            self.queues.push(Queue::new(number, messages));
+            self.threads.push((number, counts));
+        }
+    }
+
+    /// Messages that were lost on their way here, by threads that live.
+    fn lost_now(&self) -> u64 {
+        let of_threads: u64 = self
+            .threads
+            .iter()
+            .map(|(_, counts)| counts.lost_messages.load(Ordering::Relaxed))
+            .sum();
+        of_threads + self.hub.lost_messages.load(Ordering::Relaxed)
+    }
+
+    /// Lets go of the rings of threads that have ended.
+    fn forget_ended(&mut self) {
+        if !self.queues.iter().any(Queue::is_over) {
+            return;
+        }
+        self.queues.retain(|queue| !queue.is_over());
+        let queues = &self.queues;
+        let lost_before = &mut self.lost_before;
+        self.threads.retain(|(number, counts)| {
+            let lives = queues.iter().any(|queue| queue.thread == *number);
+            if !lives {
+                *lost_before += counts.lost_messages.load(Ordering::Relaxed);
+            }
+            lives
+        });
+    }
+}

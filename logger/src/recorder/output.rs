@@ -1,0 +1,311 @@
+//! Entries into blocks, blocks into the sink, and the count of what became of each.
+
+use super::report::{MessagesReport, RecordingReport, SignalReport};
+use super::sink::Sink;
+use super::timeline::epoch;
+use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
+use crate::hub::{Declared, Hub};
+use crate::lane::{Head, Inlet, MOST_WORDS};
+use crate::message::{Lengths, MESSAGE_HEAD};
+use luna_platform::clock::Instant;
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How often the time of day is told.
+const EPOCHS: Duration = Duration::from_secs(10);
+
+/// What makes blocks.
+pub(super) struct Output {
+    hub: Arc<Hub>,
+    to: String,
+    sink: Box<dyn Sink>,
+    encoder: Encoder,
+    show: Option<Level>,
+    signals: Vec<Declared>,
+    counts: Vec<Count>,
+    /// The signals of which the block has samples.
+    in_block: Vec<u32>,
+    threads: Vec<(u32, String)>,
+    /// What stands in the recording already, since it began or had to begin anew.
+    told: Told,
+    messages: MessagesReport,
+    messages_in_block: MessagesReport,
+    last_time: u64,
+    bytes: u64,
+    error: Option<String>,
+}
+
+#[derive(Default)]
+struct Told {
+    session: bool,
+    signals: usize,
+    threads: usize,
+    losses: HashMap<Losing, u64>,
+    epoch: Option<Instant>,
+}
+
+/// The samples of a signal.
+#[derive(Default, Clone)]
+struct Count {
+    recorded: u64,
+    refused: u64,
+    in_block: u64,
+}
+
+impl Output {
+    pub(super) fn new(hub: Arc<Hub>, to: String, sink: Box<dyn Sink>, show: Option<Level>) -> Self {
+        Self {
+            hub,
+            to,
+            sink,
+            encoder: Encoder::new(),
+            show,
+            signals: Vec::new(),
+            counts: Vec::new(),
+            in_block: Vec::new(),
+            threads: Vec::new(),
+            told: Told::default(),
+            messages: MessagesReport::default(),
+            messages_in_block: MessagesReport::default(),
+            last_time: 0,
+            bytes: Encoder::head().len() as u64,
+            error: None,
+        }
+    }
+
+    /// Learns of signals that are new; threads that are go to `inlets`.
+    pub(super) fn take_signals(&mut self, inlets: &mut Vec<Inlet>) {
+        self.hub.take_news(inlets, &mut self.signals);
+        self.counts.resize(self.signals.len(), Count::default());
+    }
+
+    pub(super) fn add_thread(&mut self, number: u32, name: String) {
+        self.threads.push((number, name));
+    }
+
+    /// Writes an entry of `thread`.
+    pub(super) fn entry(&mut self, thread: u32, time: u64, entry: &[u64]) {
+        self.last_time = self.last_time.max(time);
+        let head = Head(entry[0]);
+        match head.kind() {
+            Head::SAMPLE => self.sample(head.signal(), time, &entry[2..]),
+            Head::MESSAGE => self.message(thread, time, entry),
+            // Nothing else is written to a ring.
+            _ => {}
+        }
+        if self.encoder.is_full() {
+            self.end_block();
+        }
+    }
+
+    fn sample(&mut self, signal: u32, time: u64, words: &[u64]) {
+        let index = signal as usize;
+        if index >= self.signals.len() {
+            // Registered since the round began. A ring that came with it waits for the next round.
+            let mut inlets = Vec::new();
+            self.take_signals(&mut inlets);
+            self.hub.give_back(inlets);
+        }
+        if index >= self.signals.len() {
+            return;
+        }
+        if !self.declare() {
+            self.counts[index].refused += 1;
+            return;
+        }
+        let declared = &self.signals[index];
+        let size = declared.element_type.size();
+        let mut bytes = [0; 8 * MOST_ELEMENTS];
+        for (place, word) in bytes.chunks_exact_mut(size).zip(words) {
+            place.copy_from_slice(&word.to_le_bytes()[..size]);
+        }
+        let length = size * usize::from(declared.elements);
+        self.encoder.put(&Record::Sample {
+            signal,
+            time,
+            values: Values::new(declared.element_type, &bytes[..length]),
+        });
+        let count = &mut self.counts[index];
+        if count.in_block == 0 {
+            self.in_block.push(signal);
+        }
+        count.in_block += 1;
+    }
+
+    fn message(&mut self, thread: u32, time: u64, entry: &[u64]) {
+        if !self.declare() {
+            self.messages.lost += 1;
+            return;
+        }
+        let lengths = Lengths::of(entry[2]);
+        let mut bytes = [0; 8 * MOST_WORDS];
+        for (eight, word) in bytes.chunks_exact_mut(8).zip(&entry[MESSAGE_HEAD..]) {
+            eight.copy_from_slice(&word.to_le_bytes());
+        }
+        let (target, rest) = bytes.split_at(lengths.target.into());
+        let text = rest.get(..lengths.text.into()).unwrap_or_default();
+        // Both are made of whole characters.
+        let (target, text) = (
+            std::str::from_utf8(target).unwrap_or_default(),
+            std::str::from_utf8(text).unwrap_or_default(),
+        );
+        let level = Level::from_byte(lengths.level).unwrap_or(Level::Error);
+        self.encoder.put(&Record::Message {
+            thread,
+            time,
+            level,
+            process: entry[3] as u32,
+            truncated: lengths.is_cut,
+            target,
+            text,
+        });
+        self.messages_in_block.recorded += 1;
+        self.messages_in_block.truncated += u64::from(lengths.is_cut);
+        if self.show.is_some_and(|most| level <= most) {
+            eprintln!("{:>12.6} {level:<5} {target}: {text}", time as f64 / 1e9);
+        }
+    }
+
+    /// Declares what is not declared yet. False if the sink has refused some of it: what would follow could not be read.
+    fn declare(&mut self) -> bool {
+        if !self.told.session {
+            self.told.session = true;
+            self.encoder.put(&Record::Session {
+                system: &self.hub.system,
+                clock: self.hub.clock_base(),
+                written_by: concat!("luna-logger ", env!("CARGO_PKG_VERSION")),
+            });
+        }
+        while let Some((number, name)) = self.threads.get(self.told.threads) {
+            self.told.threads += 1;
+            self.encoder.put(&Record::Thread {
+                number: *number,
+                name,
+            });
+            if self.encoder.is_full() && !self.end_block() {
+                return false;
+            }
+        }
+        while let Some(declared) = self.signals.get(self.told.signals) {
+            self.encoder.put(&Record::Signal(SignalInfo {
+                number: self.told.signals as u32,
+                element_type: declared.element_type,
+                elements: declared.elements,
+                name: &declared.name,
+                unit: &declared.unit,
+                description: &declared.description,
+            }));
+            self.told.signals += 1;
+            if self.encoder.is_full() && !self.end_block() {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Tells the time of day, if it is time; where time is virtual there is none.
+    pub(super) fn tell_time(&mut self) {
+        if !self.declare() {
+            return;
+        }
+        let now = Instant::now_real();
+        let is_due = self.told.epoch.is_none_or(|last| now - last >= EPOCHS);
+        if !is_due || self.hub.clock_base() != crate::format::ClockBase::Monotonic {
+            return;
+        }
+        self.told.epoch = Some(now);
+        if let Some((unix, time)) = epoch() {
+            self.encoder.put(&Record::Epoch { time, unix });
+        }
+    }
+
+    /// Tells that `lost` were lost until now, if it was not told.
+    pub(super) fn tell_losses(&mut self, of: Losing, lost: u64) {
+        let told = self.told.losses.get(&of).copied().unwrap_or(0);
+        if lost > told {
+            self.told.losses.insert(of, lost);
+            self.encoder.put(&Record::Losses { of, lost });
+        }
+    }
+
+    pub(super) fn tell_losses_of_signals(&mut self) {
+        for index in 0..self.signals.len() {
+            let lost = self.lost(index);
+            if lost > 0 {
+                self.tell_losses(Losing::Signal(index as u32), lost);
+            }
+            if self.encoder.is_full() {
+                self.end_block();
+            }
+        }
+    }
+
+    fn lost(&self, index: usize) -> u64 {
+        self.signals[index].losses.get() + self.counts[index].refused
+    }
+
+    /// Hands the block on, if there is anything in it. False if the sink has refused it.
+    pub(super) fn end_block(&mut self) -> bool {
+        if self.encoder.is_empty() {
+            return true;
+        }
+        let block = self.encoder.block();
+        let length = block.len() as u64;
+        let refused = self.sink.block(block).err();
+        let has_failed = refused.is_some();
+        if let Some(error) = refused {
+            // What it declared is to be declared again.
+            self.encoder.discard();
+            self.told = Told::default();
+            self.error.get_or_insert_with(|| error.to_string());
+        } else {
+            self.encoder.next();
+            self.bytes += length;
+        }
+        for signal in self.in_block.drain(..) {
+            let count = &mut self.counts[signal as usize];
+            let samples = std::mem::take(&mut count.in_block);
+            if has_failed {
+                count.refused += samples;
+            } else {
+                count.recorded += samples;
+            }
+        }
+        let messages = std::mem::take(&mut self.messages_in_block);
+        if has_failed {
+            self.messages.lost += messages.recorded;
+        } else {
+            self.messages.recorded += messages.recorded;
+            self.messages.truncated += messages.truncated;
+        }
+        !has_failed
+    }
+
+    /// Ends the recording, of which so many messages were lost before they came here.
+    pub(super) fn end(mut self, lost_messages: u64) -> RecordingReport {
+        if self.declare() {
+            self.tell_losses_of_signals();
+            self.encoder.put(&Record::End {
+                time: self.last_time,
+            });
+            self.end_block();
+        }
+        self.messages.lost += lost_messages;
+        let signals = (0..self.signals.len())
+            .map(|index| SignalReport {
+                name: self.signals[index].name.to_string(),
+                unit: self.signals[index].unit.to_string(),
+                recorded: self.counts[index].recorded,
+                lost: self.lost(index),
+            })
+            .collect();
+        RecordingReport {
+            to: self.to,
+            bytes: self.bytes,
+            signals,
+            messages: self.messages,
+            error: self.error,
+        }
+    }
+}

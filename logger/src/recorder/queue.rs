@@ -1,0 +1,144 @@
+//! The reading end of a ring.
+
+use crate::lane::Head;
+use rtrb::Consumer;
+
+/// How many words are taken from a ring at a time.
+const BATCH: usize = 4096;
+
+/// A ring's entries, first to last.
+pub(super) struct Queue {
+    pub(super) thread: u32,
+    /// The time of the entry before: a thread's time does not go back.
+    pub(super) last: u64,
+    ring: Consumer<u64>,
+    batch: Vec<u64>,
+    /// Where the first entry that was not taken begins in the batch.
+    at: usize,
+}
+
+impl Queue {
+    pub(super) fn new(thread: u32, ring: Consumer<u64>) -> Self {
+        Self {
+            thread,
+            last: 0,
+            ring,
+            batch: Vec::with_capacity(BATCH),
+            at: 0,
+        }
+    }
+
+    /// The time stamp of the first entry, if there is any.
+    pub(super) fn stamp(&mut self) -> Option<u64> {
+        if self.first().is_none() {
+            self.refill();
+        }
+        self.first().map(|entry| entry[1])
+    }
+
+    /// The first entry, if the batch has it as a whole.
+    pub(super) fn first(&self) -> Option<&[u64]> {
+        let rest = &self.batch[self.at..];
+        let words = Head(*rest.first()?).words();
+        rest.get(..words)
+    }
+
+    /// Goes on behind the first entry.
+    pub(super) fn advance(&mut self) {
+        self.at += self.first().map_or(0, <[u64]>::len);
+    }
+
+    fn refill(&mut self) {
+        self.batch.drain(..self.at);
+        self.at = 0;
+        let words = self.ring.slots().min(BATCH - self.batch.len());
+        // There are at least as many as it has just said.
+        if let Ok(chunk) = self.ring.read_chunk(words) {
+            let (first, second) = chunk.as_slices();
+            self.batch.extend_from_slice(first);
+            self.batch.extend_from_slice(second);
+            chunk.commit_all();
+        }
+    }
+
+    /// Whether its thread has ended, and nothing is left.
+    pub(super) fn is_over(&self) -> bool {
+        // In this order: what was written before the end is seen.
+        self.ring.is_abandoned() && self.ring.is_empty() && self.at == self.batch.len()
+    }
+}
+
+/// Calls `take` with the queue whose first entry is the oldest, again and again, until none has one of `limit` or before.
+pub(super) fn merge(queues: &mut [Queue], limit: u64, mut take: impl FnMut(&mut Queue)) {
+    loop {
+        let mut oldest = None;
+        // Until here the oldest queue stays the oldest.
+        let mut next = limit;
+        for (index, queue) in queues.iter_mut().enumerate() {
+            let Some(stamp) = queue.stamp().filter(|stamp| *stamp <= limit) else {
+                continue;
+            };
+            match oldest {
+                Some((_, before)) if stamp >= before => next = next.min(stamp),
+                _ => {
+                    next = oldest.map_or(next, |(_, before)| next.min(before));
+                    oldest = Some((index, stamp));
+                }
+            }
+        }
+        let Some((index, _)) = oldest else { return };
+        let queue = &mut queues[index];
+        while queue.first().is_some_and(|entry| entry[1] <= next) {
+            take(queue);
+            queue.advance();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use rtrb::{Producer, RingBuffer};
+
+    fn entry(stamp: u64, words: usize) -> Vec<u64> {
+        let mut entry = vec![Head::new(Head::SAMPLE, words, 7).0, stamp];
+        entry.resize(words, stamp);
+        entry
+    }
+
+    fn ring(thread: u32) -> (Producer<u64>, Queue) {
+        let (producer, consumer) = RingBuffer::new(1 << 16);
+        (producer, Queue::new(thread, consumer))
+    }
+
+    proptest! {
+        #[test]
+        fn entries_of_all_queues_come_by_time_and_none_is_missing(
+            steps in prop::collection::vec((0usize..4, 0u64..20, 2usize..60), 0..800),
+            limit in 0u64..4000,
+        ) {
+            let (mut producers, mut queues): (Vec<_>, Vec<_>) = (0..4).map(ring).unzip();
+            let mut stamps = [0; 4];
+            let mut expected = 0;
+            for (queue, step, words) in steps {
+                stamps[queue] += step;
+                producers[queue].push_entire_slice(&entry(stamps[queue], words)).unwrap();
+                expected += usize::from(stamps[queue] <= limit);
+            }
+            let mut last = 0;
+            let mut seen = 0;
+            merge(&mut queues, limit, |queue| {
+                let entry = queue.first().unwrap();
+                assert!(entry[1] >= last && entry[1] <= limit);
+                assert!(entry[2..].iter().all(|word| *word == entry[1]));
+                last = entry[1];
+                seen += 1;
+            });
+            prop_assert_eq!(seen, expected);
+            drop(producers);
+            let whole = queues.iter_mut().all(|queue| queue.stamp().is_none() == queue.is_over());
+            prop_assert!(whole);
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! What became of a recording.
+
+use std::fmt;
+
+/// What became of a recording. Every sample that was recorded while it was under way is in one of its counts: recorded or lost. Its `Display` is a line, and one
+/// for each signal that lost samples.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RecordingReport {
+    /// Where it went.
+    pub to: String,
+    /// How many bytes that are.
+    pub bytes: u64,
+    /// The signals, in the order of their registration.
+    pub signals: Vec<SignalReport>,
+    /// The messages.
+    pub messages: MessagesReport,
+    /// Why something could not be written, if so: the first reason.
+    pub error: Option<String>,
+}
+
+/// What became of a signal's samples.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SignalReport {
+    /// Its name.
+    pub name: String,
+    /// Its unit; empty if none was stated.
+    pub unit: String,
+    /// How many samples are in the recording.
+    pub recorded: u64,
+    /// How many are not: there was no room in the ring, or where the recording goes.
+    pub lost: u64,
+}
+
+/// What became of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct MessagesReport {
+    /// How many are in the recording.
+    pub recorded: u64,
+    /// How many are not.
+    pub lost: u64,
+    /// How many of those in the recording had no room for their whole text.
+    pub truncated: u64,
+}
+
+impl RecordingReport {
+    /// Of a recorder whose thread has panicked.
+    pub(super) fn broken(to: String) -> Self {
+        Self {
+            to,
+            bytes: 0,
+            signals: Vec::new(),
+            messages: MessagesReport::default(),
+            error: Some("the recorder's thread panicked".to_owned()),
+        }
+    }
+
+    /// How many samples of all signals were lost.
+    pub fn lost_samples(&self) -> u64 {
+        self.signals.iter().map(|signal| signal.lost).sum()
+    }
+}
+
+impl fmt::Display for RecordingReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let samples: u64 = self.signals.iter().map(|signal| signal.recorded).sum();
+        write!(
+            f,
+            "recorded {samples} samples of {} signals and {} messages to {} ({} bytes)",
+            self.signals.len(),
+            self.messages.recorded,
+            self.to,
+            self.bytes
+        )?;
+        if self.messages.lost > 0 {
+            write!(f, ", lost {} messages", self.messages.lost)?;
+        }
+        for signal in self.signals.iter().filter(|signal| signal.lost > 0) {
+            let SignalReport {
+                name,
+                recorded,
+                lost,
+                ..
+            } = signal;
+            let of = recorded + lost;
+            write!(f, "\nsignal `{name}`: lost {lost} of {of} samples")?;
+        }
+        if let Some(error) = &self.error {
+            write!(f, "\nnot all could be written: {error}")?;
+        }
+        Ok(())
+    }
+}

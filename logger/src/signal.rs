@@ -1,0 +1,140 @@
+//! Signals: numbers over time.
+
+use crate::hub::{Declared, Hub, Losses, RegisterError};
+use crate::lane::{self, Head};
+use crate::sample::Sample;
+use std::fmt;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+/// A number, a boolean or a small vector over time, which a process records.
+///
+/// Registered in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the real-time path. Clones are the same signal, for processes on
+/// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
+///
+/// ```
+/// use luna_logger::{Hub, Recorder, Recording, Signal, WriterSink};
+///
+/// let hub = Hub::new("arm", Default::default());
+/// let recorder = Recorder::start(&hub, Recording::to_sink(WriterSink::new(std::io::sink()))).unwrap();
+/// let _inside = hub.enter();
+/// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m").description("of the gripper").register()?;
+/// position.record([0.1, 0.2, 0.3]);
+/// assert!(Signal::<f64>::register("arm/position").is_err());
+/// assert_eq!(recorder.finish().signals[0].recorded, 1);
+/// # Ok::<(), luna_logger::RegisterError>(())
+/// ```
+pub struct Signal<T> {
+    head: Head,
+    hub: Arc<Hub>,
+    losses: Arc<Losses>,
+    carries: PhantomData<fn(T)>,
+}
+
+impl<T: Sample> Signal<T> {
+    /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a lock.
+    ///
+    /// # Errors
+    ///
+    /// The thread works for no system, or the name is taken, empty or of more than 255 bytes, or there are 65 536 signals.
+    pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
+        SignalBuilder::new(name, "").register()
+    }
+
+    /// A signal to be, measured in `unit`.
+    pub fn with_unit(name: &str, unit: &str) -> SignalBuilder<T> {
+        SignalBuilder::new(name, unit)
+    }
+
+    /// Records a sample, with the time of the call.
+    ///
+    /// Real-time path: yes. Wait-free, O(elements), no allocation and no system call; while nothing is recorded, one branch. A sample for which there is no room
+    /// is dropped and counted. So it is on a thread that was not prepared for it ([`Hub::enter_thread`]) while it is on the path; off the path such a thread makes itself
+    /// room at its first sample, which allocates.
+    #[inline]
+    pub fn record(&self, value: T) {
+        if self.hub.is_recording() {
+            lane::sample(&self.hub, self.head, &self.losses, value);
+        }
+    }
+}
+
+impl<T> Clone for Signal<T> {
+    fn clone(&self) -> Self {
+        self.losses.join();
+        Self {
+            head: self.head,
+            hub: self.hub.clone(),
+            losses: self.losses.clone(),
+            carries: PhantomData,
+        }
+    }
+}
+
+impl<T> Drop for Signal<T> {
+    fn drop(&mut self) {
+        self.losses.leave();
+    }
+}
+
+impl<T> fmt::Debug for Signal<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Signal")
+            .field("number", &self.head.signal())
+            .finish_non_exhaustive()
+    }
+}
+
+/// A signal to be: see [`Signal::with_unit`].
+#[must_use = "a signal is made by `register`"]
+#[derive(Debug, Clone)]
+pub struct SignalBuilder<T> {
+    name: Arc<str>,
+    unit: Arc<str>,
+    description: Arc<str>,
+    carries: PhantomData<fn(T)>,
+}
+
+impl<T: Sample> SignalBuilder<T> {
+    fn new(name: &str, unit: &str) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            description: "".into(),
+            carries: PhantomData,
+        }
+    }
+
+    /// What the signal is, in a few words.
+    pub fn description(mut self, text: &str) -> Self {
+        self.description = text.into();
+        self
+    }
+
+    /// Registers the signal with the system that the calling thread works for.
+    ///
+    /// # Errors
+    ///
+    /// As [`Signal::register`], and a unit of more than 63 bytes or a description of more than 1023.
+    pub fn register(self) -> Result<Signal<T>, RegisterError> {
+        let Some(hub) = Hub::of_thread() else {
+            return Err(RegisterError::NoSystem {
+                signal: self.name.to_string(),
+            });
+        };
+        let (number, losses) = hub.declare(Declared {
+            name: self.name,
+            unit: self.unit,
+            description: self.description,
+            element_type: T::TYPE,
+            elements: T::ELEMENTS as u8,
+            losses: Arc::default(),
+        })?;
+        Ok(Signal {
+            head: Head::new(Head::SAMPLE, 2 + T::ELEMENTS, number),
+            hub,
+            losses,
+            carries: PhantomData,
+        })
+    }
+}

@@ -1,0 +1,64 @@
+//! Recording allocates nothing on a thread that is prepared. Counted on this thread alone, so other threads may do as they like.
+
+use luna_logger::{Hub, Level, Recorder, Recording, Signal, WriterSink, message};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+struct Counting;
+
+thread_local! {
+    static COUNTED: Cell<u64> = const { Cell::new(0) };
+}
+
+fn count() {
+    COUNTED.set(COUNTED.get() + 1);
+}
+
+// SAFETY: all is passed on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: the caller's contract is the same.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count();
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
+    let hub = Hub::new("allocation", Default::default());
+    let recording = Recording::to_sink(WriterSink::new(std::io::sink()));
+    // So little room that most is lost.
+    let recorder =
+        Recorder::start(&hub, recording.room_for_samples(50).room_for_messages(600)).unwrap();
+    hub.enter_thread();
+    let one = Signal::<f64>::register("one").unwrap();
+    let many = Signal::<[u16; 16]>::register("many").unwrap();
+    let before = COUNTED.get();
+    for n in 0..10_000u16 {
+        one.record(n.into());
+        many.record([n; 16]);
+        message(
+            Level::Info,
+            "test",
+            format_args!("number {n} of {}", 10_000),
+        );
+        let copy = one.clone();
+        copy.record(0.5);
+    }
+    let after = COUNTED.get();
+    assert_eq!(after - before, 0);
+    let control = Box::new(1);
+    assert!(COUNTED.get() > after, "it counts: {control}");
+    let report = recorder.finish();
+    assert_eq!(report.signals[0].recorded + report.signals[0].lost, 20_000);
+    assert!(report.lost_samples() > 0 && report.messages.lost > 0);
+}

@@ -1,0 +1,136 @@
+//! A program that is killed, or whose disk is full, leaves a recording that can be read to its last complete block. The program is this one, started again.
+#![cfg(unix)]
+
+mod common;
+
+use luna_logger::{Hub, Recorder, Recording, RecordingReport, Signal};
+use nix::sys::resource::{Resource, setrlimit};
+use nix::sys::signal::{SigHandler, Signal as Number, signal};
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// Where the program that is started again records to.
+const FILE: &str = "LUNA_TEST_FILE";
+
+/// A file that is gone in the end.
+struct Temporary(PathBuf);
+
+impl Temporary {
+    fn new(name: &str) -> Self {
+        let id = std::process::id();
+        Self(std::env::temp_dir().join(format!("luna-logger-{name}-{id}.luna")))
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// Runs the test `name` of this program as a program of its own.
+fn start(name: &str, file: &Path) -> Child {
+    Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", name, "--ignored", "--nocapture"])
+        .env(FILE, file)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn file() -> PathBuf {
+    std::env::var_os(FILE)
+        .expect("it is started by another test")
+        .into()
+}
+
+/// Records numbers for ever, or until `enough` of them.
+fn record(file: &Path, enough: u64) -> RecordingReport {
+    let hub = Hub::new("killed", Default::default());
+    let recording = Recording::to_file(file).every(Duration::from_millis(1));
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    hub.enter_thread();
+    let numbers = Signal::<u64>::register("numbers").unwrap();
+    for n in 0..enough {
+        numbers.record(n);
+        if n % 1000 == 0 {
+            println!("\nrecorded {n}");
+            // Else most would be lost, and the file not grow.
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+    recorder.finish()
+}
+
+#[test]
+#[ignore = "another test starts it as a program of its own"]
+fn records_until_it_is_killed() {
+    record(&file(), u64::MAX);
+}
+
+#[test]
+#[ignore = "another test starts it as a program of its own"]
+fn records_to_a_disk_that_becomes_full() {
+    // A write beyond the limit is cut off there, and the next one fails, as on a full disk. The limit is in the middle of a block.
+    setrlimit(Resource::RLIMIT_FSIZE, 200_001, 200_001).unwrap();
+    // SAFETY: ignoring a signal runs nothing.
+    unsafe { signal(Number::SIGXFSZ, SigHandler::SigIgn) }.unwrap();
+    let report = record(&file(), 100_000);
+    assert!(report.error.is_some());
+    assert_eq!(report.signals[0].recorded + report.signals[0].lost, 100_000);
+    println!("\nreported {} {}", report.signals[0].recorded, report.bytes);
+}
+
+/// How many samples of the one signal there are, which must be in order, and whether the file is whole.
+fn numbers(file: &Path) -> (u64, bool) {
+    let bytes = fs::read(file).unwrap();
+    if bytes.is_empty() {
+        return (0, false);
+    }
+    let (content, error) = common::read(&bytes);
+    if let Some(error) = &error {
+        assert!(error.is_truncated(), "{error}");
+    }
+    let empty = Vec::new();
+    let samples = content.samples.get(&0).unwrap_or(&empty);
+    assert!(samples.is_sorted_by(|(_, one), (_, next)| one[0].as_f64() < next[0].as_f64()));
+    (samples.len() as u64, content.has_ended)
+}
+
+#[test]
+fn what_was_moved_on_before_a_kill_can_be_read() {
+    let file = Temporary::new("killed");
+    let mut child = start("records_until_it_is_killed", &file.0);
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    // Until something is in the file for sure: the line tells what was recorded before the last rounds.
+    let found = lines
+        .map(Result::unwrap)
+        .find(|line| line == "recorded 200000");
+    assert!(found.is_some());
+    child.kill().unwrap(); // SIGKILL
+    child.wait().unwrap();
+    let (read, has_ended) = numbers(&file.0);
+    assert!(!has_ended);
+    assert!(read >= 100_000, "{read}");
+}
+
+#[test]
+fn a_full_disk_keeps_the_blocks_before_it() {
+    let file = Temporary::new("full");
+    let mut child = start("records_to_a_disk_that_becomes_full", &file.0);
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let reported = lines
+        .map(Result::unwrap)
+        // To the end: it may not write to a pipe that is closed.
+        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
+        .last();
+    assert!(child.wait().unwrap().success());
+    // A short last block may have found room.
+    let (read, _) = numbers(&file.0);
+    let length = fs::metadata(&file.0).unwrap().len();
+    assert_eq!(reported, Some(format!("{read} {length}")));
+    assert!(read > 0 && length <= 200_001);
+}
