@@ -1,5 +1,6 @@
 //! What a system did, told when it has ended.
 
+use crate::record::RecordReport;
 use crate::safety::BudgetReport;
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
@@ -54,6 +55,8 @@ pub struct Report {
     pub shortfalls: Vec<Shortfall>,
     /// The deadlock that the system came to, if it did. A thread outside of it may have ended that later.
     pub deadlock: Option<Deadlock>,
+    /// What was recorded or replayed, if that was asked for.
+    pub record: Option<RecordReport>,
 }
 
 /// How a system came to its end.

@@ -52,6 +52,7 @@ mod source;
 mod stamp;
 mod stream;
 mod taken;
+mod taped;
 mod waiter;
 
 #[cfg(all(test, loom))]

@@ -1,7 +1,7 @@
 //! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
 
 use crate::inspect::Identity;
-use luna_platform::current::{Heir, ProcessId, User};
+use luna_platform::current::{self, Heir, ProcessId, User};
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
 
@@ -44,6 +44,10 @@ pub struct Lists {
     pub(crate) held: WaitList,
     /// Those who wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
+    /// Of recorded processes: who last came as a sender and as a receiver, 0 for nobody; and whether the order in which they get through has to be
+    /// recorded, since there are several on a side, or since a buffer overwrites.
+    pub(crate) strands: [u32; 2],
+    pub(crate) is_ordered: bool,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -55,6 +59,30 @@ impl Lists {
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
         self.is_plain && self.is_rendezvous
+    }
+
+    /// Notes who comes, as a sender or as a receiver, if that is recorded.
+    #[inline]
+    pub(crate) fn note_strand(&mut self, is_sender: bool) {
+        if current::is_taped() {
+            self.note_taped(is_sender);
+        }
+    }
+
+    #[cold]
+    fn note_taped(&mut self, is_sender: bool) {
+        let strand = current::tape(|tape| tape.strand()).unwrap_or_default();
+        let last = std::mem::replace(&mut self.strands[usize::from(is_sender)], strand);
+        self.is_ordered |= last != 0 && last != strand;
+    }
+
+    /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`](luna_platform::tape::Tape::stamp).
+    #[inline]
+    pub(crate) fn stamp(&self) -> u64 {
+        match current::is_taped() {
+            true => current::tape(|tape| tape.stamp(self.is_ordered)).unwrap_or_default(),
+            false => 0,
+        }
     }
 
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
@@ -124,6 +152,8 @@ impl Place {
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,
                 server: None,
+                strands: [0; 2],
+                is_ordered: false,
             }),
             identity,
         }

@@ -7,6 +7,7 @@ use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare};
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
+use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Function, Ledger};
 use luna_executors::{
@@ -35,6 +36,7 @@ pub(crate) struct Settings {
     pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,
     pub(crate) clock: ClockPlan,
+    pub(crate) tapes: TapePlan,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
 }
@@ -169,7 +171,7 @@ impl Running {
             ..
         } = plan;
         let common = &self.common;
-        let frame = Frame::new(common.clone());
+        let frame = Frame::new(common.clone(), &name);
         let verdict = frame.verdict.clone();
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);

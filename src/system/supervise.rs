@@ -9,6 +9,7 @@ use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
+use crate::record::RecordError;
 use crate::report::{End, Report, ThreadReport};
 use crate::time::Witness;
 use luna_executors::{Executor, ProcessState, Standstill};
@@ -112,6 +113,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     for line in Warnings::rest(&members) {
         eprintln!("{line}");
     }
+    let recorded = running.common.tapes.finish();
     let processes = members.started.reports();
     let known = Known {
         started: &members.started,
@@ -153,6 +155,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         loops: scope.take_reports(&known),
         shortfalls,
         deadlock,
+        record: recorded.as_ref().ok().copied().flatten(),
     };
     let cause = if report.end == End::Emergency {
         raised
@@ -160,7 +163,15 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         overrun
     };
     let livelock = livelock(&members.started, standstill, clock.now());
-    let error = error_of_run(&members.started, cause, livelock, &report);
+    let error = match (
+        error_of_run(&members.started, cause, livelock, &report),
+        recorded,
+    ) {
+        // What processes return in a replay that has gone astray says nothing.
+        (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
+        (None, Err(error)) => Some(error.into()),
+        (error, _) => error,
+    };
     members.report = Some(report.clone());
     match error {
         Some(error) => Err(error),
