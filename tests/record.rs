@@ -1,9 +1,7 @@
 //! Runs with real parallelism, recorded and replayed: what each process gives outside is the same.
 
-mod common;
-
 use luna::prelude::*;
-use luna::record::{self, RecordError, Recording};
+use luna::record::{self, Recording};
 use luna::sync::Mutex;
 use luna::{Buffer, End};
 use std::collections::BTreeMap;
@@ -40,7 +38,12 @@ struct World {
 impl World {
     fn give(&self, who: &'static str, value: u64) {
         record::output(who, &value);
-        self.outputs.lock().unwrap().entry(who).or_default().push(value);
+        self.outputs
+            .lock()
+            .unwrap()
+            .entry(who)
+            .or_default()
+            .push(value);
     }
 
     /// A number that nobody foresees.
@@ -86,7 +89,10 @@ fn network(world: &World) -> luna::Result<System> {
     };
     left.process("one").spawn(sender(1, many.clone()))?;
     right.process("two").spawn(sender(2, many.clone()))?;
-    system.thread("alone").process("three").spawn(sender(3, many))?;
+    system
+        .thread("alone")
+        .process("three")
+        .spawn(sender(3, many))?;
     let out = world.clone();
     right.process("collector").spawn(async move {
         while let Ok(value) = each.recv().await {
@@ -112,7 +118,7 @@ fn network(world: &World) -> luna::Result<System> {
             let cycle = tick.next().await;
             out.give("poller", cycle.number);
             out.give("poller", cycle.lateness.as_nanos() as u64);
-            while let Ok(value) = watched.try_recv() {
+            if let Ok(value) = watched.try_recv() {
                 out.give("poller", value);
             }
             out.give("poller", luna::now().as_nanos());
@@ -222,10 +228,17 @@ fn a_replay_gives_the_same_outputs() {
             assert_eq!(report.end, End::Completed);
             assert_eq!(report.record.unwrap().events, events);
             assert_eq!(world.taken(), outputs);
-            assert_eq!(world.inputs.load(Ordering::Relaxed), asked, "the outside was touched");
+            assert_eq!(
+                world.inputs.load(Ordering::Relaxed),
+                asked,
+                "the outside was touched"
+            );
         }
         runs.push(outputs);
     }
     runs.dedup();
-    assert!(runs.len() > 1, "no two runs differ, so that nothing was shown");
+    assert!(
+        runs.len() > 1,
+        "no two runs differ, so that nothing was shown"
+    );
 }

@@ -48,6 +48,8 @@ pub struct Lists {
     /// recorded, since there are several on a side, or since a buffer overwrites.
     pub(crate) strands: [u32; 2],
     pub(crate) is_ordered: bool,
+    /// The greatest stamp that was given here.
+    last_stamp: u64,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -78,11 +80,25 @@ impl Lists {
 
     /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`](luna_platform::tape::Tape::stamp).
     #[inline]
-    pub(crate) fn stamp(&self) -> u64 {
+    pub(crate) fn stamp(&mut self) -> u64 {
         match current::is_taped() {
-            true => current::tape(|tape| tape.stamp(self.is_ordered)).unwrap_or_default(),
+            true => self.stamp_if(self.is_ordered),
             false => 0,
         }
+    }
+
+    /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
+    #[cold]
+    pub(crate) fn stamp_if(&mut self, several: bool) -> u64 {
+        current::tape(|tape| {
+            let stamp = tape.stamp(several);
+            if stamp != 0 && stamp < self.last_stamp {
+                tape.differs("an operation gets through after one that came after it");
+            }
+            self.last_stamp = self.last_stamp.max(stamp);
+            stamp
+        })
+        .unwrap_or_default()
     }
 
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
@@ -154,6 +170,7 @@ impl Place {
                 server: None,
                 strands: [0; 2],
                 is_ordered: false,
+                last_stamp: 0,
             }),
             identity,
         }

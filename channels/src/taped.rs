@@ -1,5 +1,6 @@
 //! What operations tell the [tape](luna_platform::tape) of their process, if it is recorded or replayed.
 
+use crate::place::Place;
 use luna_platform::current;
 use luna_platform::tape::{Event, Tape, Turn, What};
 use std::task::{Context, Poll};
@@ -62,7 +63,10 @@ pub(crate) fn call<R>(
             what: What::Failed,
             number,
             ..
-        })) => Err(number),
+        })) => {
+            current::tape(|tape| tape.leave(Event::failed(number)));
+            Err(number)
+        }
         Some(turn) => {
             let came_to = look();
             let failure = failure_of(&came_to);
@@ -116,13 +120,12 @@ pub(crate) fn waits_to_lock(cx: &mut Context<'_>, locking: &mut Locking) -> bool
 
 /// Tells what a lock has come to. Its stamp is taken now: the mutex is held, so those of its holders are in the order of their holding it.
 #[cold]
-pub(crate) fn has_waited_to_lock(timed_out: bool) {
-    current::tape(|tape| {
-        tape.leave(match timed_out {
-            true => Event::new(What::TimedOut, 0, 0),
-            false => Event::done(tape.stamp(true)),
-        });
-    });
+pub(crate) fn has_waited_to_lock(place: &Place, timed_out: bool) {
+    let event = match timed_out {
+        true => Event::new(What::TimedOut, 0, 0),
+        false => Event::done(place.lock().stamp_if(true)),
+    };
+    current::tape(|tape| tape.leave(event));
 }
 
 /// Whether a lock with a deadline that begins is to give up, since the recorded one did.

@@ -39,8 +39,6 @@ mod recorder;
 mod recording;
 mod replayer;
 mod ring;
-#[cfg(test)]
-mod tests;
 mod value;
 
 pub use error::{Divergence, RecordError};
@@ -201,6 +199,10 @@ impl Tapes {
             Tapes::Record(recorder) => Some(Box::new(Track::Record(recorder.track(name)))),
             Tapes::Replay(replayer) => Some(Box::new(Track::Replay(replayer.track(name)))),
         }
+    }
+
+    pub(crate) fn is_replay(&self) -> bool {
+        matches!(self, Tapes::Replay(_))
     }
 
     /// To be called when all processes have ended.

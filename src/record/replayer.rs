@@ -34,6 +34,8 @@ pub(crate) struct Replayer {
     names: Mutex<HashMap<String, u32>>,
     first: Mutex<Option<RecordError>>,
     differs: AtomicBool,
+    /// All that was recorded has happened: what is left is dropped, and what comes of that was not recorded.
+    is_over: AtomicBool,
     replayed: AtomicU64,
 }
 
@@ -55,6 +57,7 @@ impl Replayer {
             names: Mutex::default(),
             first: Mutex::default(),
             differs: AtomicBool::new(false),
+            is_over: AtomicBool::new(false),
             replayed: AtomicU64::new(0),
         })
     }
@@ -188,7 +191,7 @@ impl Strand {
         polled
     }
 
-    /// Sleeps until the first of the calls can happen that follow the present operation and take something.
+    /// Sleeps until the calls can happen that follow the present operation and take something.
     fn wait_for_calls(&mut self, cx: &mut Context<'_>) -> Poll<()> {
         let mut stamp = 0;
         for (event, number) in self.events.iter().zip(self.operations + 1..) {
@@ -198,8 +201,8 @@ impl Strand {
             if let Kind::Outcome { stamp: taken, .. } = event.kind
                 && taken != 0
             {
+                // Of several in a row the last: nobody else runs between them here, so what they take has to be there before the first.
                 stamp = taken;
-                break;
             }
         }
         match stamp {
@@ -226,6 +229,7 @@ impl Track {
     pub(crate) fn is_over(&self, cx: &mut Context<'_>) -> bool {
         let is_over = self.end.borrow_mut().as_mut().poll(cx).is_ready();
         if is_over {
+            self.replayer.is_over.store(true, Ordering::Relaxed);
             self.check_rest();
         }
         is_over
@@ -233,7 +237,7 @@ impl Track {
 
     /// The process has returned.
     pub(crate) fn end(&self) {
-        if self.replayer.differs() {
+        if self.is_off() {
             return;
         }
         let mut strands = self.strands.borrow_mut();
@@ -292,7 +296,9 @@ impl Track {
     }
 
     fn is_off(&self) -> bool {
-        self.past_end.get() || self.replayer.differs()
+        self.past_end.get()
+            || self.replayer.differs()
+            || self.replayer.is_over.load(Ordering::Relaxed)
     }
 
     fn with_strand<R>(&self, f: impl FnOnce(&mut Strand) -> R) -> R {
@@ -332,6 +338,7 @@ impl Track {
         if event.operation < operation {
             return match event.kind {
                 Kind::Cut(_) => Poll::Pending,
+                Kind::Ended => Poll::Ready(Err("it goes on")),
                 _ => Poll::Ready(Err("another operation")),
             };
         }
@@ -361,7 +368,8 @@ impl Track {
                 })
             }
             Kind::Bytes { .. } => Poll::Ready(Ok(Turn::Look)),
-            Kind::Ended => Poll::Ready(Err("it goes on")),
+            // It is the last one.
+            Kind::Ended => Poll::Ready(Ok(Turn::Look)),
             // A partner may have had it all the same: so it is offered, when all else has happened.
             Kind::Cut(true) => strand.wait_for(LATE, cx).map(|()| Ok(Turn::Look)),
             Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
@@ -451,7 +459,7 @@ impl Tape for Track {
                 Turn::Look
             }
             None => {
-                self.nothing_for("an operation at once");
+                self.nothing_for(None, "an operation at once");
                 Turn::Look
             }
         };
@@ -472,7 +480,7 @@ impl Tape for Track {
         let operation = self.with_strand(|strand| strand.operations);
         match turn {
             Turn::Given(given) => {
-                // A call has taken its event already.
+                // A call has taken its event already, so that there is none of its number.
                 self.take_event(false);
                 let is_same = given.what == event.what
                     && (given.number == event.number || given.what == What::Time);
@@ -533,7 +541,10 @@ impl Tape for Track {
     }
 
     fn stamp(&self, _: bool) -> u64 {
-        0
+        self.with_strand(|strand| match strand.stage {
+            Stage::Running(Turn::Given(event)) => event.stamp,
+            _ => 0,
+        })
     }
 
     fn own_stamp(&self) -> u64 {
@@ -561,7 +572,7 @@ impl Tape for Track {
                 let found = format!("the output {bytes:?}");
                 self.differ(event.operation, Some(output), told(&event), found);
             }
-            None => self.nothing_for("an output"),
+            None => self.nothing_for(Some(output), "an output"),
         }
     }
 
@@ -602,7 +613,7 @@ impl Tape for Track {
                 None
             }
             None => {
-                self.nothing_for(what);
+                self.nothing_for(None, what);
                 None
             }
         }
@@ -642,11 +653,11 @@ impl Strand {
 
 impl Track {
     /// There is no event for what is done now.
-    fn nothing_for(&self, found: &str) {
+    fn nothing_for(&self, output: Option<u64>, found: &str) {
         let (operation, expected) =
             self.with_strand(|strand| (strand.operations, strand.events.front().map(told)));
         match expected {
-            Some(expected) => self.differ(operation, None, expected, found.into()),
+            Some(expected) => self.differ(operation, output, expected, found.into()),
             None => self.beyond(operation, found),
         }
     }

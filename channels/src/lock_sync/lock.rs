@@ -147,11 +147,12 @@ impl<'a, T> Future for LockOp<'a, T> {
             }
             // SAFETY: the entry is this future's, and was listed there.
             Phase::Listed => unsafe { this.mutex.core().poll_listed(this.entry(), cx) },
+            Phase::Keeps if taped::is_held(cx) => return Poll::Pending,
             Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("a lock was polled after it was over"),
         };
-        if polled.is_ready() && current::is_taped() {
-            taped::has_waited_to_lock(false);
+        if polled.is_ready() && this.phase != Phase::Keeps && current::is_taped() {
+            taped::has_waited_to_lock(&this.mutex.core().place, false);
             if taped::is_held(cx) {
                 this.end();
                 this.phase = Phase::Keeps;
@@ -228,7 +229,7 @@ impl<'a, T> Future for LockTimeout<'a, T> {
             Poll::Ready(()) => {
                 let outcome = lock.as_mut().give_up();
                 if current::is_taped() {
-                    taped::has_waited_to_lock(outcome.is_err());
+                    taped::has_waited_to_lock(&lock.mutex.core().place, outcome.is_err());
                 }
                 Poll::Ready(outcome)
             }
