@@ -3,7 +3,7 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
-use crate::record::{Tapes, Track};
+use crate::record::{Kept, Tapes, Track};
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
@@ -281,7 +281,7 @@ pub(crate) struct Common {
 pub(crate) struct Frame {
     pub(crate) verdict: Arc<Verdict>,
     common: Arc<Common>,
-    track: Option<Box<Track>>,
+    track: Option<Kept>,
 }
 
 impl Frame {
@@ -384,7 +384,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
         let alarm = Alarm(&frame.common.emergency);
         let polled = match &frame.track {
             None => poll_until_failure(body, cx),
-            Some(track) => poll_taped(body, track, cx),
+            Some(kept) => poll_taped(body, kept.track(), cx),
         };
         std::mem::forget(alarm);
         match polled {
@@ -410,6 +410,9 @@ impl<F> Drop for Supervised<F> {
         let alarm = Alarm(&self.frame.common.emergency);
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
+        if let Some(kept) = &self.frame.track {
+            kept.track().cut();
+        }
         std::mem::forget(alarm);
     }
 }

@@ -89,10 +89,11 @@ fn word(bytes: &[u8]) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.get(..4)?.try_into().ok()?))
 }
 
+/// A block: its kind and bytes.
+pub(super) type Block<'a> = (BlockKind, &'a [u8]);
+
 /// The blocks of a file, as far as they are whole, and what is wrong after them.
-pub(super) fn blocks(
-    file: &[u8],
-) -> Result<(Vec<(BlockKind, &[u8])>, Option<RecordError>), RecordError> {
+pub(super) fn blocks(file: &[u8]) -> Result<(Vec<Block<'_>>, Option<RecordError>), RecordError> {
     if !file.starts_with(MAGIC) {
         return Err(RecordError::NoRecording);
     }

@@ -50,6 +50,7 @@ pub use value::Value;
 use crate::error::Result;
 use luna_platform::clock::Instant;
 use luna_platform::current;
+use luna_platform::reclaim::Shared;
 use luna_platform::tape::{About, Event, Tape, Turn, What};
 use recorder::Recorder;
 use replayer::Replayer;
@@ -193,11 +194,11 @@ pub(crate) enum Tapes {
 
 impl Tapes {
     /// What records or replays a process of this name.
-    pub(crate) fn track(&self, name: &str) -> Option<Box<Track>> {
+    pub(crate) fn track(&self, name: &str) -> Option<Kept> {
         match self {
             Tapes::None => None,
-            Tapes::Record(recorder) => Some(Box::new(Track::Record(recorder.track(name)))),
-            Tapes::Replay(replayer) => Some(Box::new(Track::Replay(replayer.track(name)))),
+            Tapes::Record(recorder) => Some(Kept::new(Track::Record(recorder.track(name)))),
+            Tapes::Replay(replayer) => Some(Kept::new(Track::Replay(replayer.track(name)))),
         }
     }
 
@@ -216,12 +217,41 @@ impl Tapes {
 }
 
 /// What records or replays a process.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one in a box of its own for each process"
+)]
 pub(crate) enum Track {
     Record(recorder::Track),
     Replay(replayer::Track),
 }
 
+/// A track whose memory is freed off the real-time path, wherever its process ends.
+pub(crate) struct Kept(Shared<Alone>);
+
+struct Alone(Track);
+
+// SAFETY: its only handle is never cloned, and goes from thread to thread with its process' body; so one thread at a time reaches it.
+unsafe impl Sync for Alone {}
+
+impl Kept {
+    fn new(track: Track) -> Self {
+        Kept(Shared::new(Alone(track)))
+    }
+
+    pub(crate) fn track(&self) -> &Track {
+        &self.0.0
+    }
+}
+
 impl Track {
+    /// The body is gone: whether it had ended or not.
+    pub(crate) fn cut(&self) {
+        if let Track::Record(track) = self {
+            track.cut();
+        }
+    }
+
     pub(crate) fn tape(&self) -> &dyn Tape {
         match self {
             Track::Record(track) => track,

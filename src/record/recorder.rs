@@ -272,6 +272,14 @@ impl Track {
         self.last(ENDED);
     }
 
+    /// Its body is gone: if it has not returned, it was ended.
+    pub(crate) fn cut(&self) {
+        self.last(match self.strands[0].runs.get() {
+            true => CUT_WITHIN,
+            false => CUT,
+        });
+    }
+
     fn last(&self, code: u8) {
         if self.has_ended.replace(true) {
             return;
@@ -280,15 +288,6 @@ impl Track {
         strand.is_call.set(false);
         self.ring.put(Self::head(strand, code).get(), &[]);
         self.ring.close();
-    }
-}
-
-impl Drop for Track {
-    fn drop(&mut self) {
-        self.last(match self.strands[0].runs.get() {
-            true => CUT_WITHIN,
-            false => CUT,
-        });
     }
 }
 
