@@ -428,6 +428,7 @@ impl Drop for Alarm<'_> {
 
 /// Polls a body that is recorded or replayed.
 #[cold]
+#[inline(never)]
 fn poll_taped<F: Future<Output = Result<()>>>(
     body: Pin<&mut F>,
     track: &Track,

@@ -92,6 +92,7 @@ impl Future for After {
 impl After {
     /// Polls in a process with a tape: a replayed one does not wait for the time.
     #[cold]
+    #[inline(never)]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         if !self.is_entered {
             match current::tape(|tape| tape.enter(cx)) {
