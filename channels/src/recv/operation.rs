@@ -245,7 +245,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 return Poll::Pending;
             }
         }
+        let was_listed = self.phase == Phase::Taped;
         let polled = self.poll_in_general(cx);
+        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+        }
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }

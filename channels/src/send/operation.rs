@@ -255,7 +255,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 return Poll::Pending;
             }
         }
+        let was_listed = self.phase == Phase::Taped;
         let polled = self.poll_in_general(cx);
+        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+        }
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }
