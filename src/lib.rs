@@ -40,6 +40,7 @@ mod error;
 #[cfg(unix)]
 pub mod external;
 pub mod prelude;
+pub mod record;
 mod report;
 mod safety;
 mod system;

@@ -1,5 +1,6 @@
 //! What a system did, told when it has ended.
 
+use crate::record::RecordReport;
 use crate::safety::BudgetReport;
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
@@ -58,6 +59,8 @@ pub struct Report {
     pub deadlock: Option<Deadlock>,
     /// What the timer manager did, if the system has one.
     pub timers: Option<TimersReport>,
+    /// What was recorded or replayed, if that was asked for.
+    pub record: Option<RecordReport>,
 }
 
 /// How a system came to its end.

@@ -53,6 +53,7 @@ mod spots;
 mod stamp;
 mod stream;
 mod taken;
+mod taped;
 mod waiter;
 
 #[cfg(all(test, loom))]

@@ -181,6 +181,7 @@ fn launch_described(
             tree: plan.tree().clone(),
             living: living.clone(),
             clock: clock.clone(),
+            tapes: std::mem::take(&mut settings.tapes).start(plan.name())?,
         }),
         mode,
         simulation: handle,

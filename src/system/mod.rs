@@ -21,6 +21,7 @@ pub use compose::Observer;
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
+use crate::record::{ROOM, Recording, TapePlan};
 use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
 use clock::ClockPlan;
@@ -28,6 +29,7 @@ use luna_executors::{ClockDriver, ProcessHandle};
 use luna_platform::current::ProcessId;
 use plan::Plan;
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
@@ -234,6 +236,33 @@ impl System {
             self.plan.settings().clock = ClockPlan::Real;
         }
         driver
+    }
+
+    /// Records what nobody can foresee of the run, into a file: see [`record`](crate::record). Made when the system starts.
+    ///
+    /// Each process has room for 64 KiB of events that are yet to be written ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
+    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): nobody waits for the file. Recorded processes take the general
+    /// way for each communication, some tens of nanoseconds longer than the short one of one executor. The run's error is
+    /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
+    pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
+        self.record_room(path, ROOM)
+    }
+
+    /// As [`record`](Self::record), with room for so many bytes of each process; at least 256.
+    pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
+        self.plan.settings().tapes = TapePlan::Record(path.into(), bytes);
+        self
+    }
+
+    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same processes, described in the same way, do the same again, and what they
+    /// give outside is compared. The run's error is [`Error::Record`](crate::Error::Record) with the first difference, if there is one.
+    ///
+    /// Time moves from event to event, so it says nothing: delays, loops and timeouts end when they ended in the recording. What was under way when the recorded system
+    /// was ended goes on as far as it had come, and is ended then.
+    pub fn replay(&mut self, recording: &Recording) -> &mut Self {
+        self.virtual_clock();
+        self.plan.settings().tapes = TapePlan::replay(recording);
+        self
     }
 
     /// Allows so many polls at one instant of a virtual clock, at least one; 1 000 000 000 if not stated. Since time does not move while any process can run, one that yields for

@@ -10,6 +10,7 @@ use crate::csp::process::{
 };
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
+use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Function, Ledger};
 use crate::time::Manager;
@@ -45,6 +46,7 @@ pub(crate) struct Settings {
     pub(crate) remembered: Option<usize>,
     pub(crate) functions: Vec<Function>,
     pub(crate) clock: ClockPlan,
+    pub(crate) tapes: TapePlan,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
 }
@@ -274,7 +276,7 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let frame = Frame::new(common.clone());
+        let frame = Frame::new(common.clone(), spec.name());
         let verdict = frame.verdict.clone();
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
@@ -307,7 +309,7 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let frame = Frame::new(common.clone());
+        let frame = Frame::new(common.clone(), spec.name());
         let verdict = frame.verdict.clone();
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);

@@ -169,6 +169,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             let Some(value) = Waiter::take_or_make(sender) else {
                 return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
             };
+            Waiter::put_order(sender, self.lists.stamp());
             if !extended {
                 let ready = Waiter::settle(sender, Outcome::Done);
                 return Some(Received::Done(value, ready, Holding::NOBODY));
@@ -218,6 +219,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
         self.lists.sender = LastUser::of(current::user());
+        self.lists.note_strand(true);
         if self.lists.ending != Ending::Open {
             return Sent::Ended(self.lists.ending);
         }
@@ -237,6 +239,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 match Offered::take(offered) {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
+                        Waiter::put_order(receiver, self.lists.stamp());
                         Sent::Done(Waiter::settle(receiver, Outcome::Done), None)
                     }
                     None => Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned)),
@@ -254,6 +257,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         let Some(value) = (unsafe { Offered::take(offered) }) else {
             return Sent::Broken(Ready::NOBODY);
         };
+        self.lists.stamp();
         let overwritten = self.with_store(|store| {
             let overwritten = match buffer.when_full {
                 WhenFull::DropOldest if is_full => store.pop_front(),
@@ -289,11 +293,14 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
             };
             receiver.as_ref().put_value(value);
+            let stamp = self.lists.stamp();
+            Waiter::put_order(receiver, stamp);
             if !(*Waiter::link(receiver)).extended {
                 return Sent::Done(Waiter::settle(receiver, Outcome::Done), None);
             }
             let node = offered.cast::<Waiter<T>>();
             Waiter::begin(node, false, None, S::MAKE);
+            Waiter::put_order(node, stamp);
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
@@ -309,6 +316,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
+        self.lists.note_strand(false);
         if self.lists.ending == Ending::Poisoned {
             return Received::Ended(Ending::Poisoned);
         }
@@ -317,6 +325,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             let value = store.pop_front()?;
             Some((value, store.len() < capacity))
         }) {
+            self.lists.stamp();
             // A sender that waited for room moves up.
             let moved_up = if has_room {
                 self.take_waiting_sender(false)

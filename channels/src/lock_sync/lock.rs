@@ -4,6 +4,7 @@ use super::entry::{Entry, heir};
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
+use crate::taped::{self, Locking};
 use luna_platform::clock::Instant;
 use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
@@ -22,6 +23,8 @@ enum Phase {
     GaveWay,
     /// The entry is in the mutex's list, or was settled.
     Listed,
+    /// It holds the mutex, and is not to go on yet, by its process' tape.
+    Keeps,
     Over,
 }
 
@@ -35,6 +38,7 @@ pub struct LockOp<'a, T> {
     mutex: &'a Mutex<T>,
     entry: UnsafeCell<Entry>,
     phase: Phase,
+    taped: Locking,
     /// The thread itself locks, so it may inherit.
     of_thread: bool,
     _pinned: PhantomPinned,
@@ -51,6 +55,7 @@ impl<'a, T> LockOp<'a, T> {
             mutex,
             entry: UnsafeCell::new(Entry::new()),
             phase: Phase::New,
+            taped: Locking::New,
             of_thread,
             _pinned: PhantomPinned,
         }
@@ -95,7 +100,8 @@ impl<'a, T> LockOp<'a, T> {
     /// Takes it back, if it waits; `true` if it holds the mutex.
     fn withdraw(&mut self) -> bool {
         // SAFETY: in `Listed` it is this future's, and was listed there.
-        self.phase == Phase::Listed && unsafe { self.mutex.core().withdraw(self.entry()) }
+        self.phase == Phase::Keeps
+            || self.phase == Phase::Listed && unsafe { self.mutex.core().withdraw(self.entry()) }
     }
 
     /// At a deadline.
@@ -123,6 +129,9 @@ impl<'a, T> Future for LockOp<'a, T> {
             current::stay_in_branch();
             return Poll::Ready(Err(LockError::Poisoned));
         }
+        if current::is_taped() && taped::waits_to_lock(cx, &mut this.taped) {
+            return Poll::Pending;
+        }
         let polled = match this.phase {
             // Lets others run before it holds anything that they could wait for.
             Phase::New if crate::gives_way(cx) => {
@@ -138,8 +147,18 @@ impl<'a, T> Future for LockOp<'a, T> {
             }
             // SAFETY: the entry is this future's, and was listed there.
             Phase::Listed => unsafe { this.mutex.core().poll_listed(this.entry(), cx) },
+            Phase::Keeps if taped::is_held(cx) => return Poll::Pending,
+            Phase::Keeps => Poll::Ready(()),
             Phase::Over => panic!("a lock was polled after it was over"),
         };
+        if polled.is_ready() && this.phase != Phase::Keeps && current::is_taped() {
+            taped::has_waited_to_lock(&this.mutex.core().place, false);
+            if taped::is_held(cx) {
+                this.end();
+                this.phase = Phase::Keeps;
+                return Poll::Pending;
+            }
+        }
         polled.map(|()| this.locked())
     }
 }
@@ -192,6 +211,10 @@ impl<'a, T> Future for LockTimeout<'a, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        let is_new = lock.phase == Phase::New && lock.taped == Locking::New;
+        if taped::has_no_time_to_lock(cx, is_new) {
+            return Poll::Ready(lock.give_up());
+        }
         if let Poll::Ready(locked) = lock.as_mut().poll(cx) {
             return Poll::Ready(locked.map_err(LockTimeoutError::from));
         }
@@ -199,8 +222,17 @@ impl<'a, T> Future for LockTimeout<'a, T> {
         if lock.phase == Phase::GaveWay {
             return Poll::Pending;
         }
+        if taped::is_replayed() {
+            return Poll::Pending;
+        }
         match sleep.poll(cx) {
-            Poll::Ready(()) => Poll::Ready(lock.give_up()),
+            Poll::Ready(()) => {
+                let outcome = lock.as_mut().give_up();
+                if current::is_taped() {
+                    taped::has_waited_to_lock(&lock.mutex.core().place, outcome.is_err());
+                }
+                Poll::Ready(outcome)
+            }
             Poll::Pending => Poll::Pending,
         }
     }

@@ -6,9 +6,11 @@ use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::spots::Side;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
+use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -23,6 +25,8 @@ pub(super) enum Phase {
     New,
     /// The node is in the list, or has been settled.
     Listed,
+    /// As `Listed`, and its process has a tape.
+    Taped,
     /// Settled in an alternative, without having been listed.
     Settled(Outcome),
     /// Received; the node holds the value while the process lets others run.
@@ -121,7 +125,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     pub(super) fn ticket(&self) -> u32 {
         match self.phase {
             // SAFETY: a settled node is known to its future alone, and was begun.
-            Phase::Listed => unsafe { (*Waiter::link(self.node())).ticket },
+            Phase::Listed | Phase::Taped => unsafe { (*Waiter::link(self.node())).ticket },
             _ => self.ticket,
         }
     }
@@ -158,7 +162,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         match this.phase {
             Phase::New | Phase::Over | Phase::Settled(_) => Err(RecvTimeoutError::Timeout),
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
-            Phase::Listed => {
+            Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the receivers' side.
                 match unsafe { this.receiver.channel().withdraw(this.node(), false) } {
                     Outcome::Waiting => {
@@ -195,16 +199,83 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// The stamp of what it has come to.
+    ///
+    /// # Safety
+    ///
+    /// It was listed in the general way, and is settled.
+    pub(super) unsafe fn order(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(
         &mut self,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
+        self.poll_in_general(cx)
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        if self.phase == Phase::New {
+            match current::tape(|tape| taped::enter(tape, cx)) {
+                Some(Poll::Pending) => return Poll::Pending,
+                Some(Poll::Ready(Err(failure))) => {
+                    current::tape(|tape| tape.leave(Event::failed(failure)));
+                    self.phase = Phase::Over;
+                    return Poll::Ready(Err(match failure {
+                        taped::failure::POISONED => RecvError::Poisoned,
+                        _ => RecvError::Closed,
+                    }));
+                }
+                _ => {}
+            }
+        }
+        if self.phase == Phase::Taped && self.outcome() == Outcome::Done {
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+            if taped::is_held(cx) {
+                return Poll::Pending;
+            }
+        }
+        let was_listed = self.phase == Phase::Taped;
+        let polled = self.poll_in_general(cx);
+        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+        }
+        if self.phase == Phase::Listed {
+            self.phase = Phase::Taped;
+        }
+        if let Poll::Ready(Err(error)) = &polled {
+            let failure = match error {
+                RecvError::Poisoned => taped::failure::POISONED,
+                _ => taped::failure::CLOSED,
+            };
+            current::tape(|tape| tape.leave(Event::failed(failure)));
+        }
+        polled
+    }
+
+    fn poll_in_general(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let this = self;
         match this.phase {
             Phase::New => {}
-            Phase::Listed => return this.poll_listed(cx),
+            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
+            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
             Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
             Phase::Settled(_) | Phase::Over => panic!("a receive was polled after it was over"),
         }
@@ -258,7 +329,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
                 let value = taken.keep();
-                if crate::gives_way(cx) {
+                if taped::completes_later(cx) {
                     this.keep(value, ticket);
                     this.phase = Phase::GaveWay;
                     return Poll::Pending;
@@ -350,9 +421,16 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
     #[inline(never)]
     fn drop_unfinished(&mut self) {
         let holds_value = match self.phase {
-            Phase::New | Phase::Over => false,
+            Phase::New => {
+                taped::abandoned();
+                false
+            }
+            Phase::Over => false,
             Phase::GaveWay => true,
-            Phase::Listed | Phase::Settled(_) => {
+            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
+                if self.phase == Phase::Taped {
+                    taped::abandoned();
+                }
                 let mut outcome = self.outcome();
                 if outcome == Outcome::Waiting {
                     // SAFETY: the node was listed on the receivers' side.

@@ -7,7 +7,9 @@ use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
 use crate::extended::Extending;
 use crate::stamp::Stamp;
 use crate::stream::Incoming;
+use crate::taped;
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::marker::PhantomData;
@@ -106,9 +108,24 @@ impl<T> Receiver<T> {
     /// assert!(receiver.try_recv().unwrap_err().is_closed());
     /// ```
     pub fn try_recv(&self) -> Result<T, TryRecvError> {
-        let mut section = self.channel().lock();
-        let received = section.recv_now(false);
-        drop(section);
+        let look = || {
+            let mut section = self.channel().lock();
+            section.recv_now(false)
+        };
+        let failure = |received: &Received<T>| match received {
+            Received::Empty => Some(taped::failure::NOTHING),
+            Received::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Received::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        let received = match current::is_taped() {
+            true => taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+                taped::failure::NOTHING => Received::Empty,
+                taped::failure::POISONED => Received::Ended(Ending::Poisoned),
+                _ => Received::Ended(Ending::Closed),
+            }),
+            false => look(),
+        };
         match received {
             Received::Done(value, ready, _) => {
                 let taken = Taken::new(self.channel(), value, 0);
@@ -219,7 +236,13 @@ impl<T> Receiver<T> {
 
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
     pub fn poison(&self) {
-        self.channel().poison();
+        if current::is_taped() {
+            // Who still gets through before it is what a replay has to keep to.
+            let poison = || self.channel().poison();
+            let _ = taped::call(true, poison, |()| None);
+        } else {
+            self.channel().poison();
+        }
     }
 
     /// Waits until the channel is poisoned, and takes nothing from it: for one who does other things before it receives. If the senders go, it

@@ -2,6 +2,9 @@
 
 use super::operation::{Phase, RecvOp};
 use crate::error::RecvTimeoutError;
+use crate::taped;
+use luna_platform::current;
+use luna_platform::tape::{Event, Turn, What};
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
@@ -27,6 +30,22 @@ impl<T> Future for RecvTimeout<'_, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        // A replayed one gives up when the recorded one did, whatever the time is: it is let in here, and not by what it waits for.
+        if recv.phase == Phase::New
+            && let Some(entered) = current::tape(|tape| tape.enter(cx))
+        {
+            match entered {
+                Poll::Pending => return Poll::Pending,
+                Poll::Ready(Turn::Given(Event {
+                    what: What::TimedOut,
+                    ..
+                })) => {
+                    current::tape(|tape| tape.leave(Event::new(What::TimedOut, 0, 0)));
+                    return Poll::Ready(recv.give_up());
+                }
+                Poll::Ready(_) => {}
+            }
+        }
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
@@ -34,7 +53,22 @@ impl<T> Future for RecvTimeout<'_, T> {
         if recv.phase == Phase::GaveWay {
             return Poll::Pending;
         }
+        if taped::is_replayed() {
+            return Poll::Pending;
+        }
         match sleep.poll(cx) {
+            Poll::Ready(()) if current::is_taped() => {
+                let outcome = recv.as_mut().give_up();
+                let event = match &outcome {
+                    Err(RecvTimeoutError::Timeout) => Event::new(What::TimedOut, 0, 0),
+                    Err(RecvTimeoutError::Poisoned) => Event::failed(taped::failure::POISONED),
+                    Err(_) => Event::failed(taped::failure::CLOSED),
+                    // SAFETY: nobody but a partner of a listed one can have completed it.
+                    Ok(_) => Event::done(unsafe { recv.order() }),
+                };
+                current::tape(|tape| tape.leave(event));
+                Poll::Ready(outcome)
+            }
             Poll::Ready(()) => Poll::Ready(recv.give_up()),
             Poll::Pending => Poll::Pending,
         }

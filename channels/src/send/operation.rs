@@ -6,9 +6,11 @@ use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
 use crate::spots::Side;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
+use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -23,6 +25,8 @@ pub(super) enum Phase {
     New,
     /// The node is in the list, or has been settled.
     Listed,
+    /// As `Listed`, and its process has a tape.
+    Taped,
     /// Settled in an alternative, without having been listed.
     Settled(Outcome),
     /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
@@ -153,7 +157,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     pub(crate) fn abandon(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        if this.phase == Phase::Listed {
+        if matches!(this.phase, Phase::Listed | Phase::Taped) {
             // SAFETY: the node was listed on the senders' side.
             let outcome = unsafe { this.sender.channel().withdraw(this.node(), true) };
             if outcome == Outcome::Waiting {
@@ -171,7 +175,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 this.failed(Outcome::Closed).value,
             )),
             Phase::GaveWay | Phase::Over | Phase::Overwrote | Phase::Settled(_) => Ok(()),
-            Phase::Listed => {
+            Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the senders' side.
                 match unsafe { this.sender.channel().withdraw(this.node(), true) } {
                     Outcome::Waiting => Err(SendTimeoutError::Timeout(
@@ -235,14 +239,91 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
     }
 
+    /// The stamp of what it has come to.
+    ///
+    /// # Safety
+    ///
+    /// It was listed in the general way, and is settled.
+    pub(super) unsafe fn order(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
+        self.poll_in_general(cx)
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        if self.phase == Phase::New {
+            let turn = current::tape(|tape| taped::enter(tape, cx));
+            match turn {
+                Some(Poll::Pending) => return Poll::Pending,
+                Some(Poll::Ready(Err(failure))) => {
+                    current::tape(|tape| tape.leave(Event::failed(failure)));
+                    return Poll::Ready(Err(self.failed(match failure {
+                        taped::failure::POISONED => Outcome::Poisoned,
+                        _ => Outcome::Closed,
+                    })));
+                }
+                _ => {}
+            }
+        }
+        if self.phase == Phase::Taped && self.outcome() == Outcome::Done {
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+            if taped::is_held(cx) {
+                return Poll::Pending;
+            }
+        }
+        let was_listed = self.phase == Phase::Taped;
+        let polled = self.poll_in_general(cx);
+        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            let stamp = unsafe { self.order() };
+            current::tape(|tape| tape.leave(Event::done(stamp)));
+        }
+        if self.phase == Phase::Listed {
+            self.phase = Phase::Taped;
+        }
+        if let Poll::Ready(Err(error)) = &polled {
+            let is_given = current::tape(|tape| {
+                let is_closed = !error.poisoned && tape.is_replay();
+                tape.leave(if is_closed {
+                    Event::done(0)
+                } else {
+                    Event::failed(match error.poisoned {
+                        true => taped::failure::POISONED,
+                        false => taped::failure::CLOSED,
+                    })
+                });
+                is_closed
+            });
+            if is_given == Some(true) {
+                // It was sent before the receivers went, who never saw it.
+                return Poll::Ready(Ok(()));
+            }
+        }
+        polled
+    }
+
+    fn poll_in_general(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let this = self;
         match this.phase {
             Phase::New => {}
-            Phase::Listed => return this.poll_listed(cx),
+            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
             Phase::GaveWay => {
+                if taped::is_held(cx) {
+                    return Poll::Pending;
+                }
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
             }
@@ -281,7 +362,11 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 section.release();
                 ready.wake();
                 drop(dropped);
-                this.sent(cx)
+                if taped::completes_later(cx) {
+                    this.phase = Phase::GaveWay;
+                    return Poll::Pending;
+                }
+                Poll::Ready(Ok(()))
             }
             Sent::Full => {
                 let looks = spin::may_look();
@@ -371,10 +456,13 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
     fn drop_unfinished(&mut self) {
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
-            Phase::New => {}
+            Phase::New => taped::abandoned(),
             // SAFETY: in this phase the node holds a value.
             Phase::Overwrote => return drop(unsafe { self.offered().waiter.take_value() }),
-            Phase::Listed | Phase::Settled(_) => {
+            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
+                if self.phase == Phase::Taped {
+                    taped::abandoned();
+                }
                 let mut outcome = self.outcome();
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     // SAFETY: the node was listed on the senders' side.

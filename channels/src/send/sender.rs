@@ -6,7 +6,9 @@ use crate::ended::Ended;
 use crate::error::{SendError, SendTimeoutError, TrySendError};
 use crate::source::{FromSlot, Made, Offered};
 use crate::stamp::Stamp;
+use crate::taped;
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::marker::PhantomData;
@@ -130,10 +132,27 @@ impl<T> Sender<T> {
         let offered = NonNull::from(&mut offered);
         // SAFETY: the node is this call's alone, and holds its value unless that was sent.
         let value = || unsafe { offered.as_ref().waiter.take_value() };
-        let mut section = self.channel().lock();
-        // SAFETY: as above.
-        let sent = unsafe { section.send_now(offered, None) };
-        section.release();
+        let look = || {
+            let mut section = self.channel().lock();
+            // SAFETY: as above.
+            let sent = unsafe { section.send_now(offered, None) };
+            section.release();
+            sent
+        };
+        let failure = |sent: &Sent<T>| match sent {
+            Sent::Full => Some(taped::failure::NOTHING),
+            Sent::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Sent::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        let sent = match current::is_taped() {
+            true => taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+                taped::failure::NOTHING => Sent::Full,
+                taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
+                _ => Sent::Ended(Ending::Closed),
+            }),
+            false => look(),
+        };
         match sent {
             Sent::Done(ready, dropped) => {
                 ready.wake();
@@ -243,7 +262,13 @@ impl<T> Sender<T> {
     /// assert!(receiver.blocking_recv().unwrap_err().is_poisoned());
     /// ```
     pub fn poison(&self) {
-        self.channel().poison();
+        if current::is_taped() {
+            // Who still gets through before it is what a replay has to keep to.
+            let poison = || self.channel().poison();
+            let _ = taped::call(true, poison, |()| None);
+        } else {
+            self.channel().poison();
+        }
     }
 
     /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned. It offers nothing, and of no receiver is it
