@@ -283,7 +283,7 @@ fn other_files_are_no_recordings() {
     );
     recorded(&file);
     let mut later = std::fs::read(&file.0).unwrap();
-    later[8] = 2;
+    later[8] = 99;
     let mut hasher = crc32fast::Hasher::new();
     hasher.update(&0_u64.to_le_bytes());
     hasher.update(&later[..10]);
@@ -292,7 +292,7 @@ fn other_files_are_no_recordings() {
     write(&file, &later);
     assert_eq!(
         Recording::open(&file.0).unwrap_err(),
-        RecordError::Version(2)
+        RecordError::Version(99)
     );
     let nowhere = PathBuf::from("/nowhere/at/all");
     let run = network(&Outputs::default(), Change::Nothing)

@@ -2,7 +2,8 @@
 
 use crate::inspect::Identity;
 use crate::spots::{Nodes, Side, Spots};
-use luna_platform::current::{self, Heir, ProcessId, User};
+use crate::taped::Taped;
+use luna_platform::current::{Heir, ProcessId, User};
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
 use std::ops::Deref;
@@ -27,6 +28,8 @@ pub struct Lists {
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
+    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](Lists::find_whether_plain).
+    pub(crate) is_unusual: bool,
     /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
     pub(crate) is_plain: bool,
     /// Whether it would be plain if one alternative were not registered, and has no buffer.
@@ -48,12 +51,8 @@ pub struct Lists {
     pub(crate) held: WaitList,
     /// Those who wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
-    /// Of recorded processes: who last came as a sender and as a receiver, 0 for nobody; and whether the order in which they get through has to be
-    /// recorded, since there are several on a side, or since a buffer overwrites.
-    pub(crate) strands: [u32; 2],
-    pub(crate) is_ordered: bool,
-    /// The greatest stamp that was given here.
-    last_stamp: u64,
+    /// What is known of recorded processes that come here.
+    pub(crate) taped: Taped,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -73,58 +72,21 @@ impl Lists {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
     }
 
-    /// Notes who comes, as a sender or as a receiver, if that is recorded.
-    #[inline]
-    pub(crate) fn note_strand(&mut self, is_sender: bool) {
-        if current::is_taped() {
-            self.note_taped(is_sender);
-        }
-    }
-
-    #[cold]
-    fn note_taped(&mut self, is_sender: bool) {
-        let strand = current::tape(|tape| tape.strand()).unwrap_or_default();
-        let last = std::mem::replace(&mut self.strands[usize::from(is_sender)], strand);
-        self.is_ordered |= last != 0 && last != strand;
-    }
-
-    /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`](luna_platform::tape::Tape::stamp).
-    #[inline]
-    pub(crate) fn stamp(&mut self) -> u64 {
-        // Nobody who is recorded has come here: who comes is noted before.
-        if self.strands == [0; 2] {
-            return 0;
-        }
-        self.stamp_if(self.is_ordered)
-    }
-
-    /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
-    #[cold]
-    pub(crate) fn stamp_if(&mut self, several: bool) -> u64 {
-        current::tape(|tape| {
-            let stamp = tape.stamp(several);
-            if stamp != 0 && stamp < self.last_stamp {
-                tape.differs("an operation gets through after one that came after it");
-            }
-            self.last_stamp = self.last_stamp.max(stamp);
-            stamp
-        })
-        .unwrap_or_default()
-    }
-
     /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
     /// does.
     pub(crate) fn find_whether_plain(&mut self) {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
-            && self.server.is_none();
+            && self.server.is_none()
+            && !self.taped.is_used();
         let registered = self.registered.first();
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
         self.is_plain = is_plain && registered.is_none();
         self.is_plain_but_registered = is_plain && self.is_rendezvous && is_one;
+        self.is_unusual = self.ending != Ending::Open || self.taped.is_used();
     }
 }
 
@@ -193,6 +155,7 @@ impl Place {
                 registered: WaitList::new(),
                 watching: WaitList::new(),
                 ending: Ending::Open,
+                is_unusual: false,
                 is_plain: false,
                 is_plain_but_registered: false,
                 may_be_plain: false,
@@ -202,9 +165,7 @@ impl Place {
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,
                 server: None,
-                strands: [0; 2],
-                is_ordered: false,
-                last_stamp: 0,
+                taped: Taped::default(),
             }),
             identity,
         }

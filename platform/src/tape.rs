@@ -8,7 +8,14 @@
 //! An operation that is awaited [enters](Tape::enter) once, [leaves](Tape::leave) once when it is decided, and goes on when it is not [held](Tape::hold) any more. One that is
 //! not awaited makes a [call](Tape::call), and leaves. Nothing of this happens in a process that is neither recorded nor replayed.
 
+use crate::clock::Instant;
+use crate::current;
+use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
+
+/// The stamp that who is not recorded gives its partner.
+pub const OUTSIDER: u64 = u64::MAX;
 
 /// What an operation has come to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +26,7 @@ pub enum What {
     Failed,
     /// Its time ran out.
     TimedOut,
-    /// The guard of this number was chosen.
+    /// The guard of this number was chosen, or it came to the outcome of this number, or this is what was seen.
     Chosen,
     /// The clock was read.
     Time,
@@ -34,6 +41,8 @@ pub enum About {
     Output,
     /// What a periodic loop was told.
     Cycle,
+    /// What an operation that waits took from outside.
+    Read,
 }
 
 /// What an operation has come to, with a number that belongs to it, and the stamp, if it has one: 0 is none.
@@ -96,6 +105,9 @@ pub trait Tape {
     /// The operation that was let in is dropped undecided.
     fn abandon(&self);
 
+    /// Whether all have done what bears the stamp of the operation that was let in, but for this one.
+    fn settle(&self, cx: &mut Context<'_>) -> Poll<()>;
+
     /// Whether the strand may go on after an operation.
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()>;
 
@@ -117,6 +129,50 @@ pub trait Tape {
     /// A number of the strand, which no other one has; not 0.
     fn strand(&self) -> u32;
 
+    /// The number of the process in its recording.
+    fn process(&self) -> u32;
+
+    /// The process does something that is not recorded, so that a replay might differ and nobody would know.
+    fn outside(&self, construct: &'static str);
+
     /// The operation did not come to what it was given.
     fn differs(&self, what: &'static str);
+}
+
+/// Who puts a process' tape in around each of its polls.
+pub trait Taper: Send + Sync {
+    /// Calls `poll`, which polls the process' body, with the process' tape; `Ready`, too, if the body is to be dropped where it waits.
+    fn poll(
+        &self,
+        cx: &mut Context<'_>,
+        poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
+    ) -> Poll<()>;
+
+    /// The body is gone.
+    fn end(&self);
+}
+
+impl fmt::Debug for dyn Taper {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Taper").finish_non_exhaustive()
+    }
+}
+
+/// The time, in a process with a tape: what it was.
+#[cold]
+pub fn now() -> Instant {
+    /// So that time goes on also where the recording does not.
+    static BEYOND: AtomicU64 = AtomicU64::new(0);
+    let leave = |now: u64| {
+        current::tape(|tape| tape.leave(Event::new(What::Time, now, 0)));
+        Instant::from_nanos(now)
+    };
+    match current::tape(|tape| tape.call(false)) {
+        Some(Turn::Given(event)) => leave(event.number),
+        Some(Turn::Look) => {
+            let beyond = BEYOND.fetch_add(1_000_000, Ordering::Relaxed);
+            Instant::from_nanos(Instant::now().as_nanos().saturating_add(beyond))
+        }
+        _ => leave(Instant::now().as_nanos()),
+    }
 }

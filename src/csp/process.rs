@@ -3,12 +3,11 @@
 use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
-use crate::record::{Kept, Tapes, Track};
+use crate::record::Tapes;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
 use luna_platform::clock::Clock;
-use luna_platform::current;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -314,14 +313,12 @@ pub(crate) struct Common {
 pub(crate) struct Frame {
     pub(crate) verdict: Arc<Verdict>,
     common: Arc<Common>,
-    track: Option<Kept>,
 }
 
 impl Frame {
-    pub(crate) fn new(common: Arc<Common>, name: &str) -> Self {
+    pub(crate) fn new(common: Arc<Common>) -> Self {
         Self {
             verdict: Verdict::new(),
-            track: common.tapes.track(name),
             common,
         }
     }
@@ -415,10 +412,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             (Pin::new_unchecked(&mut *this.body), &this.frame)
         };
         let alarm = Alarm(&frame.common.emergency);
-        let polled = match &frame.track {
-            None => poll_until_failure(body, cx),
-            Some(kept) => poll_taped(body, kept.track(), cx),
-        };
+        let polled = poll_until_failure(body, cx);
         std::mem::forget(alarm);
         match polled {
             Poll::Pending => Poll::Pending,
@@ -443,9 +437,6 @@ impl<F> Drop for Supervised<F> {
         let alarm = Alarm(&self.frame.common.emergency);
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
-        if let Some(kept) = &self.frame.track {
-            kept.track().cut();
-        }
         std::mem::forget(alarm);
     }
 }
@@ -457,26 +448,6 @@ impl Drop for Alarm<'_> {
     fn drop(&mut self) {
         self.0.trigger();
     }
-}
-
-/// Polls a body that is recorded or replayed.
-#[cold]
-#[inline(never)]
-fn poll_taped<F: Future<Output = Result<()>>>(
-    body: Pin<&mut F>,
-    track: &Track,
-    cx: &mut Context<'_>,
-) -> Poll<Result<F::Output, Failure>> {
-    if !track.begins(cx) {
-        return Poll::Pending;
-    }
-    let polled = current::with_tape(track.tape(), || poll_until_failure(body, cx));
-    if polled.is_ready() {
-        track.end();
-    } else if track.is_over(cx) {
-        return Poll::Ready(Ok(Ok(())));
-    }
-    polled
 }
 
 #[inline(always)]

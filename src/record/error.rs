@@ -34,6 +34,13 @@ pub enum RecordError {
         /// What is here in its place.
         found: String,
     },
+    /// A recorded process did what a recording does not hold, so that a replay could differ and nobody would know.
+    Outside {
+        /// The process.
+        process: String,
+        /// What it did.
+        construct: String,
+    },
     /// The replay has come to something else than the recording.
     Diverged(Divergence),
 }
@@ -42,6 +49,8 @@ pub enum RecordError {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Divergence {
+    /// How many events had come again before.
+    pub event: u64,
     /// The process.
     pub process: String,
     /// Which of its operations, counted from 1; those of a branch of a parallel construct are counted on their own.
@@ -57,6 +66,7 @@ pub struct Divergence {
 impl fmt::Display for Divergence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Divergence {
+            event,
             process,
             operation,
             expected,
@@ -65,7 +75,7 @@ impl fmt::Display for Divergence {
         } = self;
         write!(
             f,
-            "the replay differs from the recording: process `{process}`, operation {operation}"
+            "the replay differs from the recording after {event} events: process `{process}`, operation {operation}"
         )?;
         if let Some(output) = self.output {
             write!(f, ", output {output}")?;
@@ -95,6 +105,10 @@ impl fmt::Display for RecordError {
             RecordError::OtherProgram { recorded, found } => write!(
                 f,
                 "the recording is of another program: it has {recorded}, and here is {found}"
+            ),
+            RecordError::Outside { process, construct } => write!(
+                f,
+                "process `{process}` did what is not recorded: {construct}; docs/record-and-replay.md says what to do instead"
             ),
             RecordError::Diverged(divergence) => divergence.fmt(f),
         }

@@ -103,6 +103,7 @@ pub(super) fn code_about(about: About) -> u8 {
         About::Input => 5,
         About::Output => 6,
         About::Cycle => 7,
+        About::Read => 11,
     }
 }
 
@@ -208,8 +209,13 @@ impl<'a> Reader<'a> {
                 self.last_time = unzigzag(self.last_time, difference);
                 outcome(What::Time, self.last_time, 0)
             }
-            code @ 5..=7 => {
-                let about = [About::Input, About::Output, About::Cycle][usize::from(code) - 5];
+            code @ (5..=7 | 11) => {
+                let about = match code {
+                    5 => About::Input,
+                    6 => About::Output,
+                    7 => About::Cycle,
+                    _ => About::Read,
+                };
                 let name = u32::try_from(self.number()?).ok()?;
                 let length = usize::try_from(self.number()?).ok()?;
                 let (bytes, rest) = self.bytes.split_at_checked(length)?;

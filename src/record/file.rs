@@ -3,7 +3,7 @@
 use super::error::RecordError;
 use std::io::Write;
 
-pub(super) const VERSION: u16 = 1;
+pub(super) const VERSION: u16 = 2;
 const MAGIC: &[u8; 8] = b"LUNAREC\n";
 /// Magic, version, their checksum.
 const HEAD: usize = 14;
@@ -17,7 +17,7 @@ const LONGEST: usize = 1 << 24;
 pub(super) enum BlockKind {
     /// The system's name.
     System = 1,
-    /// A process: its number, which it is of its name, and the name.
+    /// A process: its number, that of its parent, which it is of its name there, and the name.
     Process = 2,
     /// Bytes of a process' events: its number, and the bytes.
     Events = 3,
@@ -25,12 +25,16 @@ pub(super) enum BlockKind {
     Lost = 4,
     /// The recording is whole.
     End = 5,
+    /// What a process did that is not recorded: its number, and a text.
+    Outside = 6,
+    /// What the program is to be told.
+    Note = 7,
 }
 
 impl BlockKind {
     fn of(byte: u8) -> Option<Self> {
-        use BlockKind::{End, Events, Lost, Process, System};
-        [System, Process, Events, Lost, End]
+        use BlockKind::{End, Events, Lost, Note, Outside, Process, System};
+        [System, Process, Events, Lost, End, Outside, Note]
             .into_iter()
             .find(|&kind| kind as u8 == byte)
     }

@@ -48,16 +48,16 @@ pub use recording::Recording;
 pub use value::Value;
 
 use crate::error::Result;
-use luna_platform::clock::Instant;
+use luna_executors::ProcessSpec;
 use luna_platform::current;
-use luna_platform::reclaim::Shared;
-use luna_platform::tape::{About, Event, Tape, Turn, What};
+use luna_platform::tape::{About, Event, Taper, Turn};
 use recorder::Recorder;
 use replayer::Replayer;
+use std::future::Future;
 use std::path::PathBuf;
+use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::Context;
+use std::task::{Context, Poll};
 use value::{LONGEST, name_of};
 
 /// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
@@ -102,38 +102,12 @@ pub fn output<T: Value>(name: &str, value: &T) {
     }
 }
 
-/// The time, in a process with a tape.
-#[cold]
-pub(crate) fn now() -> Instant {
-    /// So that time goes on also where the recording does not.
-    static BEYOND: AtomicU64 = AtomicU64::new(0);
-    let turn = current::tape(|tape| tape.call(false));
-    match turn {
-        Some(Turn::Given(event)) => {
-            current::tape(|tape| tape.leave(Event::new(What::Time, event.number, 0)));
-            Instant::from_nanos(event.number)
-        }
-        Some(Turn::Look) => {
-            let beyond = BEYOND.fetch_add(1_000_000, Ordering::Relaxed);
-            Instant::from_nanos(Instant::now().as_nanos().saturating_add(beyond))
-        }
-        _ => {
-            let now = Instant::now();
-            current::tape(|tape| tape.leave(Event::new(What::Time, now.as_nanos(), 0)));
-            now
-        }
-    }
-}
-
 /// A cycle of a periodic loop: what it is told.
 const CYCLE: u32 = 0;
 
 /// Lets a loop's wait in. `true`: it is replayed, and does not wait for the time.
 pub(crate) async fn enters_cycle() -> bool {
-    std::future::poll_fn(|cx| {
-        current::tape(|tape| tape.enter(cx)).unwrap_or(std::task::Poll::Ready(Turn::Record))
-    })
-    .await;
+    enters().await;
     current::tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
@@ -159,9 +133,84 @@ pub(crate) async fn hold() {
     .await;
 }
 
+/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what it gave; in a replay gives that, and does not call it.
+///
+/// What it gives has a byte form, so that it can be recorded; of a plain `blocking` nothing is known, and a recorded system that uses it is told so. Cancel-safe as
+/// `blocking`: dropped, the call still runs to its end, and nobody learns what it gave.
+///
+/// ```
+/// # luna::run(async {
+/// let bytes = luna::record::blocking("disk", || std::fs::metadata("/").map_or(0, |about| about.len())).await;
+/// # let _ = bytes;
+/// # Ok(())
+/// # })?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub async fn blocking<T: Value + Send + 'static>(
+    name: &str,
+    call: impl FnOnce() -> T + Send + 'static,
+) -> T {
+    let given = match current::tape(|tape| tape.is_replay()) {
+        Some(true) => None,
+        _ => Some(Untaped(luna_executors::blocking(call)).await),
+    };
+    input(name, || match given {
+        Some(given) => given,
+        None => unreachable!("a replay does not ask"),
+    })
+}
+
+/// What a process does within an operation that is recorded as a whole.
+pub(crate) struct Untaped<F>(pub(crate) F);
+
+impl<F: Future> Future for Untaped<F> {
+    type Output = F::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+        // SAFETY: the future is pinned with the whole.
+        let inner = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
+        current::without_tape(|| inner.poll(cx))
+    }
+}
+
+/// Lets an operation in that waits for something outside: says whether that is to be done.
+pub(crate) async fn enters() -> Turn {
+    std::future::poll_fn(|cx| {
+        current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+    })
+    .await
+}
+
+/// Tells what an operation that was let in has come to.
+pub(crate) fn leave(event: Event) {
+    current::tape(|tape| tape.leave(event));
+}
+
+/// Records what an operation that was let in has read.
+pub(crate) fn note_read(bytes: &[u8]) {
+    current::tape(|tape| tape.put(About::Read, 0, bytes));
+}
+
+/// Gives what the recorded operation had read.
+pub(crate) fn read(into: &mut [u8]) -> Option<usize> {
+    current::tape(|tape| tape.get(About::Read, 0, into))?
+}
+
+/// Records what is written outside, or compares it.
+pub(crate) fn note_written(bytes: &[u8]) {
+    current::tape(|tape| tape.put(About::Output, 0, bytes));
+}
+
 /// Whether a system is to be recorded or replayed.
 #[derive(Default)]
-pub(crate) enum TapePlan {
+pub(crate) struct TapePlan {
+    pub(crate) mode: Mode,
+    /// What the recording is to keep.
+    pub(crate) note: String,
+}
+
+#[derive(Default)]
+pub(crate) enum Mode {
     #[default]
     None,
     Record(PathBuf, usize),
@@ -169,15 +218,17 @@ pub(crate) enum TapePlan {
 }
 
 impl TapePlan {
-    pub(crate) fn replay(recording: &Recording) -> Self {
-        TapePlan::Replay(Replayer::new(recording))
+    pub(crate) fn replay(&mut self, recording: &Recording) {
+        self.mode = Mode::Replay(Replayer::new(recording));
     }
 
     pub(crate) fn start(self, system: &str) -> Result<Tapes> {
-        Ok(match self {
-            TapePlan::None => Tapes::None,
-            TapePlan::Record(path, room) => Tapes::Record(Recorder::start(&path, room, system)?),
-            TapePlan::Replay(replayer) => {
+        Ok(match self.mode {
+            Mode::None => Tapes::None,
+            Mode::Record(path, room) => {
+                Tapes::Record(Recorder::start(&path, room, system, &self.note)?)
+            }
+            Mode::Replay(replayer) => {
                 replayer.check_system(system)?;
                 Tapes::Replay(replayer)
             }
@@ -193,17 +244,35 @@ pub(crate) enum Tapes {
 }
 
 impl Tapes {
-    /// What records or replays a process of this name.
-    pub(crate) fn track(&self, name: &str) -> Option<Kept> {
+    /// Gives the process a tape, if it is to have one.
+    pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
         match self {
-            Tapes::None => None,
-            Tapes::Record(recorder) => Some(Kept::new(Track::Record(recorder.track(name)))),
-            Tapes::Replay(replayer) => Some(Kept::new(Track::Replay(replayer.track(name)))),
+            Tapes::None => spec,
+            _ => self.tape_anyhow(spec),
         }
+    }
+
+    #[cold]
+    fn tape_anyhow(&self, spec: ProcessSpec) -> ProcessSpec {
+        let parent = current::tape(|tape| tape.process()).unwrap_or_default();
+        let track = match self {
+            Tapes::None => return spec,
+            Tapes::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
+            Tapes::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
+        };
+        spec.taped(Arc::new(Kept(track)))
     }
 
     pub(crate) fn is_replay(&self) -> bool {
         matches!(self, Tapes::Replay(_))
+    }
+
+    /// What was done in a recorded run that is not recorded.
+    pub(crate) fn outside(&self) -> Option<RecordError> {
+        match self {
+            Tapes::Record(recorder) => recorder.outside(),
+            _ => None,
+        }
     }
 
     /// To be called when all processes have ended.
@@ -219,67 +288,53 @@ impl Tapes {
 /// What records or replays a process.
 #[expect(
     clippy::large_enum_variant,
-    reason = "there is one in a box of its own for each process"
+    reason = "there is one in an allocation of its own for each process"
 )]
-pub(crate) enum Track {
+enum Track {
     Record(recorder::Track),
     Replay(replayer::Track),
 }
 
-/// A track whose memory is freed off the real-time path, wherever its process ends.
-pub(crate) struct Kept(Shared<Alone>);
+/// The track of a process. What is shared of it is no more than its memory: it is used in the process' polls, and as its body goes.
+struct Kept(Track);
 
-struct Alone(Track);
+// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nobody else uses its track.
+unsafe impl Send for Kept {}
+// SAFETY: as above.
+unsafe impl Sync for Kept {}
 
-// SAFETY: its only handle is never cloned, and goes from thread to thread with its process' body; so one thread at a time reaches it.
-unsafe impl Sync for Alone {}
-
-impl Kept {
-    fn new(track: Track) -> Self {
-        Kept(Shared::new(Alone(track)))
+impl Taper for Kept {
+    fn poll(
+        &self,
+        cx: &mut Context<'_>,
+        poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
+    ) -> Poll<()> {
+        match &self.0 {
+            Track::Record(track) => {
+                let polled = current::with_tape(track, || poll(cx));
+                if polled.is_ready() {
+                    track.end();
+                }
+                polled
+            }
+            Track::Replay(track) => {
+                if !track.begins(cx) {
+                    return Poll::Pending;
+                }
+                let polled = current::with_tape(track, || poll(cx));
+                if polled.is_ready() {
+                    track.end();
+                } else if track.is_over(cx) {
+                    return Poll::Ready(());
+                }
+                polled
+            }
+        }
     }
 
-    pub(crate) fn track(&self) -> &Track {
-        &self.0.0
-    }
-}
-
-impl Track {
-    /// The body is gone: whether it had ended or not.
-    pub(crate) fn cut(&self) {
-        if let Track::Record(track) = self {
+    fn end(&self) {
+        if let Track::Record(track) = &self.0 {
             track.cut();
-        }
-    }
-
-    pub(crate) fn tape(&self) -> &dyn Tape {
-        match self {
-            Track::Record(track) => track,
-            Track::Replay(track) => track,
-        }
-    }
-
-    /// Whether the body may be polled.
-    pub(crate) fn begins(&self, cx: &mut Context<'_>) -> bool {
-        match self {
-            Track::Record(_) => true,
-            Track::Replay(track) => track.begins(cx),
-        }
-    }
-
-    /// Whether the body, which waits, is to be dropped: nothing more comes.
-    pub(crate) fn is_over(&self, cx: &mut Context<'_>) -> bool {
-        match self {
-            Track::Record(_) => false,
-            Track::Replay(track) => track.is_over(cx),
-        }
-    }
-
-    /// The process has returned.
-    pub(crate) fn end(&self) {
-        match self {
-            Track::Record(track) => track.end(),
-            Track::Replay(track) => track.end(),
         }
     }
 }

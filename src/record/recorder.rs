@@ -35,6 +35,8 @@ pub struct RecordReport {
     /// How many events of the recording were lost, since a process made more than its room holds until the thread that writes came. From the first
     /// lost one on the recording says nothing of that process.
     pub lost: u64,
+    /// How many processes did what is not recorded: a replay may differ there and nobody would know, so none begins. The run's error names the first.
+    pub outside: u64,
     /// How many bytes the file has.
     pub bytes: u64,
 }
@@ -51,19 +53,38 @@ pub(crate) struct Recorder {
 
 #[derive(Default)]
 struct Known {
-    rings: Vec<(String, u32, Arc<Ring>)>,
-    /// How many processes of each name there were.
-    names: HashMap<String, u32>,
+    rings: Vec<Listed>,
+    /// How many processes of each name there were, by who spawned them.
+    names: HashMap<(u32, String), u32>,
+}
+
+/// A process, with its ring.
+#[derive(Clone)]
+struct Listed {
+    /// Who spawned it: its number from 1, or 0.
+    parent: u32,
+    name: Arc<str>,
+    /// Which it is of its name and parent.
+    occurrence: u32,
+    ring: Arc<Ring>,
 }
 
 impl Recorder {
-    pub(crate) fn start(path: &Path, room: usize, system: &str) -> Result<Arc<Self>, RecordError> {
+    pub(crate) fn start(
+        path: &Path,
+        room: usize,
+        system: &str,
+        note: &str,
+    ) -> Result<Arc<Self>, RecordError> {
         let failed = |error: std::io::Error| file_error(path, &error);
         let file = File::create(path).map_err(failed)?;
         let mut writer =
             Writer::new(BufWriter::new(Counting { file, bytes: 0 })).map_err(failed)?;
         writer
             .block(BlockKind::System, &[system.as_bytes()])
+            .map_err(failed)?;
+        writer
+            .block(BlockKind::Note, &[note.as_bytes()])
             .map_err(failed)?;
         let recorder = Arc::new(Self {
             stamps: AtomicU64::new(1),
@@ -83,15 +104,18 @@ impl Recorder {
     }
 
     /// What is to record a process of this name. Allocates.
-    pub(crate) fn track(self: &Arc<Self>, name: &str) -> Track {
+    pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
         let ring = Arc::new(Ring::new(self.room));
         let mut known = lock(&self.known);
-        let count = known.names.entry(name.to_owned()).or_default();
+        let count = known.names.entry((parent, name.to_string())).or_default();
         let occurrence = *count;
         *count += 1;
-        known
-            .rings
-            .push((name.to_owned(), occurrence, ring.clone()));
+        known.rings.push(Listed {
+            parent,
+            name: name.clone(),
+            occurrence,
+            ring: ring.clone(),
+        });
         Track {
             recorder: self.clone(),
             ring,
@@ -100,10 +124,7 @@ impl Recorder {
             takes: Cell::new(false),
             last_time: Cell::new(0),
             has_ended: Cell::new(false),
-            number: {
-                let number = known.rings.len() as u32;
-                number.wrapping_mul(0x9e37_79b1)
-            },
+            number: known.rings.len() as u32,
         }
     }
 
@@ -115,13 +136,15 @@ impl Recorder {
             // Before the look: what is put in after it has been set is nobody's whose end is waited for.
             let stops = recorder.stops.load(Ordering::Acquire);
             let rings: Vec<_> = lock(&recorder.known).rings.clone();
-            for (number, (name, occurrence, _)) in rings.iter().enumerate().skip(announced) {
+            for (number, listed) in rings.iter().enumerate().skip(announced) {
                 let number = (number as u32).to_le_bytes();
-                let occurrence = occurrence.to_le_bytes();
-                writer.block(BlockKind::Process, &[&number, &occurrence, name.as_bytes()])?;
+                let parent = listed.parent.to_le_bytes();
+                let occurrence = listed.occurrence.to_le_bytes();
+                let name = listed.name.as_bytes();
+                writer.block(BlockKind::Process, &[&number, &parent, &occurrence, name])?;
             }
             announced = rings.len();
-            for (number, (_, _, ring)) in rings.iter().enumerate() {
+            for (number, Listed { ring, .. }) in rings.iter().enumerate() {
                 loop {
                     bytes.clear();
                     ring.take(&mut bytes, MOST_AT_ONCE);
@@ -136,7 +159,11 @@ impl Recorder {
                 }
             }
             if stops {
-                for (number, (_, _, ring)) in rings.iter().enumerate() {
+                for (number, Listed { ring, .. }) in rings.iter().enumerate() {
+                    if let Some(construct) = ring.outside() {
+                        let number = (number as u32).to_le_bytes();
+                        writer.block(BlockKind::Outside, &[&number, construct.as_bytes()])?;
+                    }
                     let lost = ring.counts().1;
                     if lost > 0 || !ring.is_closed() {
                         let number = (number as u32).to_le_bytes();
@@ -152,6 +179,17 @@ impl Recorder {
             std::thread::park_timeout(PAUSE);
         }
         Ok(0)
+    }
+
+    /// The first who did what is not recorded.
+    pub(crate) fn outside(&self) -> Option<RecordError> {
+        let known = lock(&self.known);
+        known.rings.iter().find_map(|listed| {
+            Some(RecordError::Outside {
+                process: listed.name.to_string(),
+                construct: listed.ring.outside()?.to_owned(),
+            })
+        })
     }
 
     /// Writes what is left. To be called when all processes have ended that ever will.
@@ -171,9 +209,11 @@ impl Recorder {
         let mut report = RecordReport {
             events: 0,
             lost: 0,
+            outside: 0,
             bytes,
         };
-        for (_, _, ring) in &known.rings {
+        for Listed { ring, .. } in &known.rings {
+            report.outside += u64::from(ring.outside().is_some());
             let (events, lost) = ring.counts();
             report.events += events;
             report.lost += lost;
@@ -267,9 +307,10 @@ impl Track {
         Head::new(code, strand.is_call.get(), strand.path.get(), later)
     }
 
-    /// The process has returned.
+    /// The process has returned, or the framework has ended it in the middle of an operation.
     pub(crate) fn end(&self) {
-        self.last(ENDED);
+        let is_within = self.strands.iter().any(|strand| strand.runs.get());
+        self.last(if is_within { CUT_WITHIN } else { ENDED });
     }
 
     /// Its body is gone: if it has not returned, it was ended.
@@ -385,7 +426,19 @@ impl Tape for Track {
     }
 
     fn strand(&self) -> u32 {
-        (self.number ^ current::branch_path()).max(1)
+        (self.number.wrapping_mul(0x9e37_79b1) ^ current::branch_path()).max(1)
+    }
+
+    fn process(&self) -> u32 {
+        self.number
+    }
+
+    fn outside(&self, construct: &'static str) {
+        self.ring.note_outside(construct);
+    }
+
+    fn settle(&self, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
     }
 
     fn differs(&self, _: &'static str) {}

@@ -11,16 +11,21 @@ use std::path::Path;
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(super) system: String,
+    pub(super) note: String,
     pub(super) processes: Vec<Recorded>,
     /// All that was recorded is there.
     pub(super) is_whole: bool,
+    /// What a process did that is not recorded.
+    outside: Option<RecordError>,
 }
 
 /// The events of one process.
 #[derive(Debug, Clone)]
 pub(super) struct Recorded {
+    /// Who spawned it: its number from 1, or 0.
+    pub(super) parent: u32,
     pub(super) name: String,
-    /// Which of its name it is.
+    /// Which of its name and parent it is.
     pub(super) occurrence: u32,
     pub(super) events: Vec<Event>,
 }
@@ -30,7 +35,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// [`RecordError`]: a file that cannot be read, is no recording, or is damaged or truncated.
+    /// [`RecordError`]: a file that cannot be read, is no recording, or is damaged or truncated; one of a run that did what is not recorded.
     pub fn open(path: impl AsRef<Path>) -> Result<Recording, RecordError> {
         match Self::salvage(path)? {
             (recording, None) => Ok(recording),
@@ -55,8 +60,10 @@ impl Recording {
         let (blocks, mut wrong) = blocks(file)?;
         let mut recording = Recording {
             system: String::new(),
+            note: String::new(),
             processes: Vec::new(),
             is_whole: wrong.is_none(),
+            outside: None,
         };
         let mut streams: HashMap<u32, (usize, Vec<u8>)> = HashMap::new();
         for (kind, bytes) in blocks {
@@ -66,6 +73,9 @@ impl Recording {
                 recording.is_whole = false;
                 break;
             }
+        }
+        if wrong.is_none() {
+            wrong.clone_from(&recording.outside);
         }
         for (at, bytes) in streams.into_values() {
             let mut reader = Reader::new(&bytes);
@@ -88,14 +98,24 @@ impl Recording {
             self.system = text(bytes)?;
             return Some(());
         }
+        if kind == BlockKind::Note {
+            self.note = text(bytes)?;
+            return Some(());
+        }
         if kind == BlockKind::End {
             return Some(());
         }
         let (number, rest) = word(bytes)?;
         match kind {
             BlockKind::Process => {
+                let (parent, rest) = word(rest)?;
                 let (occurrence, name) = word(rest)?;
+                // Numbers are those of their order, and who spawns was there before.
+                if number as usize != self.processes.len() || parent > number {
+                    return None;
+                }
                 let recorded = Recorded {
+                    parent,
                     name: text(name)?,
                     occurrence,
                     events: Vec::new(),
@@ -113,13 +133,27 @@ impl Recording {
                 self.is_whole = false;
                 Some(())
             }
-            BlockKind::System | BlockKind::End => Some(()),
+            BlockKind::Outside => {
+                streams.get(&number)?;
+                let process = self.processes.get(number as usize)?.name.clone();
+                self.outside.get_or_insert(RecordError::Outside {
+                    process,
+                    construct: text(rest)?,
+                });
+                Some(())
+            }
+            BlockKind::System | BlockKind::Note | BlockKind::End => Some(()),
         }
     }
 
     /// The name of the system that was recorded.
     pub fn system(&self) -> &str {
         &self.system
+    }
+
+    /// What [`System::record_note`](crate::System::record_note) said.
+    pub fn note(&self) -> &str {
+        &self.note
     }
 
     /// The names of the processes that were recorded, in the order of their begin.

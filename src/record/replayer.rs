@@ -19,9 +19,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
 
 /// After all stamps: who has not ended by then waits for something that was not recorded.
-const END: u64 = 1 << 62;
+const END: u64 = 1 << 61;
 /// After all stamps, and before the end: what was under way when its process was cut.
-const LATE: u64 = 1 << 61;
+const LATE: u64 = 1 << 60;
 
 type Queues = BTreeMap<u32, VecDeque<Noted>>;
 
@@ -29,9 +29,10 @@ type Queues = BTreeMap<u32, VecDeque<Noted>>;
 pub(crate) struct Replayer {
     system: String,
     is_whole: bool,
-    processes: Mutex<HashMap<(String, u32), Queues>>,
-    /// How many processes of each name there were.
-    names: Mutex<HashMap<String, u32>>,
+    /// By parent, name, and which it is of these: its number from 1, and its events.
+    processes: Mutex<HashMap<(u32, String, u32), (u32, Queues)>>,
+    /// How many processes of each name there were, by who spawned them.
+    names: Mutex<HashMap<(u32, String), u32>>,
     first: Mutex<Option<RecordError>>,
     differs: AtomicBool,
     /// All that was recorded has happened: what is left is dropped, and what comes of that was not recorded.
@@ -42,13 +43,14 @@ pub(crate) struct Replayer {
 impl Replayer {
     pub(crate) fn new(recording: &Recording) -> Arc<Self> {
         let mut processes = HashMap::new();
-        for process in &recording.processes {
+        for (number, process) in (1..).zip(&recording.processes) {
             let mut queues = Queues::new();
             for event in &process.events {
                 let queue = queues.entry(event.path).or_default();
                 queue.push_back(event.clone());
             }
-            processes.insert((process.name.clone(), process.occurrence), queues);
+            let key = (process.parent, process.name.clone(), process.occurrence);
+            processes.insert(key, (number, queues));
         }
         Arc::new(Self {
             system: recording.system.clone(),
@@ -74,25 +76,29 @@ impl Replayer {
     }
 
     /// What is to replay a process of this name.
-    pub(crate) fn track(self: &Arc<Self>, name: &str) -> Track {
+    pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &str) -> Track {
         let occurrence = {
             let mut names = lock(&self.names);
-            let count = names.entry(name.to_owned()).or_default();
+            let count = names.entry((parent, name.to_owned())).or_default();
             *count += 1;
             *count - 1
         };
-        let queues = lock(&self.processes).remove(&(name.to_owned(), occurrence));
-        if queues.is_none() && self.is_whole {
+        let key = (parent, name.to_owned(), occurrence);
+        let known = lock(&self.processes).remove(&key);
+        if known.is_none() && self.is_whole {
             self.note(RecordError::OtherProgram {
                 recorded: "no such process".to_owned(),
                 found: format!("process `{name}`"),
             });
         }
-        let strands = queues.unwrap_or_default().into_iter();
+        // One that is not known has a number that no other one has.
+        let (number, queues) = known.unwrap_or((u32::MAX, Queues::new()));
+        let strands = queues.into_iter();
         let strands = strands.map(|(path, events)| (path, Strand::new(events)));
         Track {
             replayer: self.clone(),
             name: name.to_owned(),
+            number,
             strands: RefCell::new(strands.collect()),
             end: RefCell::new(Box::pin(Sleep::until(at(END)))),
             begun: Cell::new(false),
@@ -117,13 +123,14 @@ impl Replayer {
         }
         let left = lock(&self.processes).keys().next().cloned();
         match left {
-            Some((name, _)) if self.is_whole => Err(RecordError::OtherProgram {
+            Some((_, name, _)) if self.is_whole => Err(RecordError::OtherProgram {
                 recorded: format!("process `{name}`"),
                 found: "no such process".to_owned(),
             }),
             _ => Ok(RecordReport {
                 events: self.replayed.load(Ordering::Relaxed),
                 lost: 0,
+                outside: 0,
                 bytes: 0,
             }),
         }
@@ -134,14 +141,22 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// When what bears this stamp happens.
 fn at(stamp: u64) -> Instant {
-    VirtualClock::ORIGIN + std::time::Duration::from_nanos(stamp.min(END))
+    VirtualClock::ORIGIN + std::time::Duration::from_nanos(stamp.min(END) * 2)
+}
+
+/// When what bears this stamp happens if it does not wait: its partner, which may, is there by then.
+fn after(stamp: u64) -> Instant {
+    at(stamp) + std::time::Duration::from_nanos(1)
 }
 
 /// What replays one process.
 pub(crate) struct Track {
     replayer: Arc<Replayer>,
     name: String,
+    /// In the recording, from 1.
+    number: u32,
     strands: RefCell<HashMap<u32, Strand>>,
     end: RefCell<Pin<Box<Sleep>>>,
     begun: Cell<bool>,
@@ -162,8 +177,8 @@ struct Strand {
     events: VecDeque<Noted>,
     operations: u64,
     stage: Stage,
-    /// What it sleeps in, and for which stamp.
-    sleep: Option<(u64, Pin<Box<Sleep>>)>,
+    /// What it sleeps in.
+    sleep: Option<Pin<Box<Sleep>>>,
 }
 
 impl Strand {
@@ -176,12 +191,16 @@ impl Strand {
         }
     }
 
-    /// Sleeps until all before this stamp has happened.
-    fn wait_for(&mut self, stamp: u64, cx: &mut Context<'_>) -> Poll<()> {
-        if self.sleep.as_ref().is_none_or(|(other, _)| *other != stamp) {
-            self.sleep = Some((stamp, Box::pin(Sleep::until(at(stamp)))));
+    /// Sleeps until all before this instant has happened.
+    fn wait_for(&mut self, until: Instant, cx: &mut Context<'_>) -> Poll<()> {
+        if self
+            .sleep
+            .as_ref()
+            .is_none_or(|sleep| sleep.deadline() != until)
+        {
+            self.sleep = Some(Box::pin(Sleep::until(until)));
         }
-        let Some((_, sleep)) = &mut self.sleep else {
+        let Some(sleep) = &mut self.sleep else {
             return Poll::Ready(());
         };
         let polled = sleep.as_mut().poll(cx);
@@ -207,7 +226,7 @@ impl Strand {
         }
         match stamp {
             0 => Poll::Ready(()),
-            stamp => self.wait_for(stamp, cx),
+            stamp => self.wait_for(after(stamp), cx),
         }
     }
 }
@@ -279,6 +298,7 @@ impl Track {
 
     fn differ(&self, operation: u64, output: Option<u64>, expected: String, found: String) {
         self.replayer.note(RecordError::Diverged(Divergence {
+            event: self.replayer.replayed.load(Ordering::Relaxed),
             process: self.name.clone(),
             operation,
             output,
@@ -355,7 +375,7 @@ impl Track {
                 stamp,
             } => {
                 let polled = match what {
-                    What::Done | What::Chosen if stamp != 0 => strand.wait_for(stamp, cx),
+                    What::Done | What::Chosen if stamp != 0 => strand.wait_for(at(stamp), cx),
                     What::Failed | What::TimedOut => strand.wait_for_calls_after_this(cx),
                     _ => Poll::Ready(()),
                 };
@@ -371,7 +391,7 @@ impl Track {
             // It is the last one.
             Kind::Ended => Poll::Ready(Ok(Turn::Look)),
             // A partner may have had it all the same: so it is offered, when all else has happened.
-            Kind::Cut(true) => strand.wait_for(LATE, cx).map(|()| Ok(Turn::Look)),
+            Kind::Cut(true) => strand.wait_for(at(LATE), cx).map(|()| Ok(Turn::Look)),
             Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
         }
     }
@@ -392,6 +412,7 @@ fn told(event: &Noted) -> String {
             About::Input => "an input".to_owned(),
             About::Output => format!("the output {bytes:?}"),
             About::Cycle => "a cycle of a loop".to_owned(),
+            About::Read => "bytes from outside".to_owned(),
         },
         Kind::Ended => "that the process returns".to_owned(),
         Kind::Cut(_) => "that the process is ended".to_owned(),
@@ -580,15 +601,15 @@ impl Tape for Track {
         if self.is_off() {
             return None;
         }
-        let is_call = about != About::Cycle;
+        let is_call = matches!(about, About::Input | About::Output);
         self.with_strand(|strand| match is_call {
             true => strand.operations += 1,
             false => strand.stage = Stage::Idle,
         });
-        let what = if is_call {
-            "an input"
-        } else {
-            "a cycle of a loop"
+        let what = match about {
+            About::Cycle => "a cycle of a loop",
+            About::Read => "bytes from outside",
+            _ => "an input",
         };
         match self.take_event(is_call) {
             Some(Noted {
@@ -621,6 +642,28 @@ impl Tape for Track {
 
     fn strand(&self) -> u32 {
         1
+    }
+
+    fn process(&self) -> u32 {
+        self.number
+    }
+
+    fn outside(&self, construct: &'static str) {
+        if !self.is_off() {
+            self.replayer.note(RecordError::Outside {
+                process: self.name.clone(),
+                construct: construct.to_owned(),
+            });
+        }
+    }
+
+    fn settle(&self, cx: &mut Context<'_>) -> Poll<()> {
+        self.with_strand(|strand| match strand.stage {
+            Stage::Running(Turn::Given(Event { stamp, .. })) if stamp != 0 => {
+                strand.wait_for(after(stamp), cx)
+            }
+            _ => Poll::Ready(()),
+        })
     }
 
     fn differs(&self, what: &'static str) {

@@ -1,5 +1,6 @@
 //! The ring between a process and the thread that writes: one producer, one consumer, and nobody waits.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 
 /// A ring of bytes. What does not fit is lost, and with it all that comes after, since nobody could tell what it belongs to.
@@ -11,6 +12,7 @@ pub(super) struct Ring {
     events: AtomicU64,
     lost: AtomicU64,
     is_final: AtomicBool,
+    outside: OnceLock<&'static str>,
 }
 
 impl Ring {
@@ -23,6 +25,7 @@ impl Ring {
             events: AtomicU64::new(0),
             lost: AtomicU64::new(0),
             is_final: AtomicBool::new(false),
+            outside: OnceLock::new(),
         }
     }
 
@@ -62,6 +65,17 @@ impl Ring {
     /// Whether nothing more comes.
     pub(super) fn is_closed(&self) -> bool {
         self.is_final.load(Ordering::Acquire)
+    }
+
+    /// Notes what was done that is not recorded. By the one producer; the first is kept.
+    pub(super) fn note_outside(&self, construct: &'static str) {
+        // Nobody else sets it, so nobody waits.
+        let _ = self.outside.set(construct);
+    }
+
+    /// What was done that is not recorded.
+    pub(super) fn outside(&self) -> Option<&'static str> {
+        self.outside.get().copied()
     }
 
     /// Takes up to `most` bytes out. By the one consumer.

@@ -21,7 +21,7 @@ pub use compose::Observer;
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
-use crate::record::{ROOM, Recording, TapePlan};
+use crate::record::{Mode, ROOM, Recording};
 use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
 use clock::ClockPlan;
@@ -250,7 +250,13 @@ impl System {
 
     /// As [`record`](Self::record), with room for so many bytes of each process; at least 256.
     pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
-        self.plan.settings().tapes = TapePlan::Record(path.into(), bytes);
+        self.plan.settings().tapes.mode = Mode::Record(path.into(), bytes);
+        self
+    }
+
+    /// Lets the recording keep a text: what the program has to be told to describe the same system again. [`Recording::note`] gives it.
+    pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
+        self.plan.settings().tapes.note = note.into();
         self
     }
 
@@ -261,7 +267,7 @@ impl System {
     /// was ended goes on as far as it had come, and is ended then.
     pub fn replay(&mut self, recording: &Recording) -> &mut Self {
         self.virtual_clock();
-        self.plan.settings().tapes = TapePlan::replay(recording);
+        self.plan.settings().tapes.replay(recording);
         self
     }
 

@@ -276,7 +276,8 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let frame = Frame::new(common.clone(), spec.name());
+        spec = common.tapes.tape(spec);
+        let frame = Frame::new(common.clone());
         let verdict = frame.verdict.clone();
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
@@ -309,7 +310,7 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let frame = Frame::new(common.clone(), spec.name());
+        let frame = Frame::new(common.clone());
         let verdict = frame.verdict.clone();
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
@@ -317,7 +318,7 @@ impl Running {
         let name = spec.name().clone();
         let started = starter.on_thread(
             (*attributes).mode(self.mode),
-            spec.listed(),
+            common.tapes.tape(spec.listed()),
             self.simulation.as_ref(),
             frame,
         );

@@ -193,6 +193,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         // What processes return in a replay that has gone astray says nothing.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
         (None, Err(error)) => Some(error.into()),
+        (None, Ok(_)) => running.common.tapes.outside().map(Error::from),
         (error, _) => error,
     };
     members.report = Some(report.clone());

@@ -12,7 +12,7 @@ use luna_platform::current;
 #[inline]
 pub fn now() -> Instant {
     if current::is_taped() {
-        return crate::record::now();
+        return luna_platform::tape::now();
     }
     Instant::now()
 }

@@ -21,6 +21,8 @@ type Identity = (*const (), *const RawWakerVTable);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
+    /// As `New`, and the process' tape has not let it in.
+    Entering,
     /// The guards are listed, and the selection was opened.
     Listed,
     /// The guards are withdrawn, and the branch is about to be dropped.
@@ -189,7 +191,7 @@ impl<S: Seeds> Select<S> {
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();
-            let first = this.state == State::New;
+            let first = matches!(this.state, State::New | State::Entering);
             guards.as_mut().collect(first, 0, &mut collected);
             let Collected(open) = collected;
             if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
@@ -231,7 +233,7 @@ impl Polled<'_> {
     /// Which guard has happened and is over. `skip` is the number of `skip`, if it stands.
     fn poll(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
         match *self.state {
-            State::New => {
+            State::New | State::Entering => {
                 if current::branch_failed() {
                     if let Some(number) = self.fail() {
                         return Poll::Ready(number);
@@ -271,14 +273,16 @@ impl Polled<'_> {
         {
             return Poll::Pending;
         }
-        if *self.state == State::New {
+        let is_new = matches!(*self.state, State::New | State::Entering);
+        if is_new {
+            *self.state = State::Entering;
             match current::tape(|tape| tape.enter(cx)) {
                 Some(Poll::Pending) => return Poll::Pending,
                 Some(Poll::Ready(Turn::Look)) => {
                     current::tape(|tape| tape.differs("an alternative chooses"));
                     return Poll::Pending;
                 }
-                _ => {}
+                _ => *self.state = State::New,
             }
         }
         if matches!(*self.state, State::New | State::Listed)
@@ -297,6 +301,9 @@ impl Polled<'_> {
                 Some(Some(_)) => skip = None,
             }
         }
+        if is_new {
+            self.open.iter().for_each(|(_, guard)| guard.note_taped());
+        }
         let was_listed = *self.state == State::Listed;
         let was_chosen = matches!(*self.state, State::Chosen(_) | State::GaveWay(_));
         let polled = self.poll(skip, cx);
@@ -310,7 +317,7 @@ impl Polled<'_> {
         let is_held = current::tape(|tape| {
             let stamp = match order {
                 0 if !was_listed => tape.own_stamp(),
-                stamp => stamp,
+                order => taped::known(tape, order),
             };
             tape.leave(Event::new(What::Chosen, u64::from(chosen), stamp));
             !was_chosen && tape.hold(cx).is_pending()
@@ -463,10 +470,13 @@ impl Polled<'_> {
 impl<S: Seeds> Drop for Select<S> {
     #[inline]
     fn drop(&mut self) {
-        if matches!(self.state, State::New | State::Listed) {
+        if self.state == State::Entering {
             taped::abandoned();
         }
         if self.state == State::Listed {
+            if current::is_taped() {
+                taped::abandoned();
+            }
             // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
             // came to, and deals with it as any operation that is dropped.
             drop(self.selection.close());

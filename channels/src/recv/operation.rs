@@ -23,6 +23,8 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet.
     New,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
     /// The node is in the list, or has been settled.
     Listed,
     /// As `Listed`, and its process has a tape.
@@ -160,7 +162,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New | Phase::Over | Phase::Settled(_) => Err(RecvTimeoutError::Timeout),
+            Phase::New | Phase::Entering | Phase::Over | Phase::Settled(_) => {
+                Err(RecvTimeoutError::Timeout)
+            }
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
             Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the receivers' side.
@@ -199,6 +203,16 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// Whether it has not done anything yet.
+    pub(super) fn is_new(&self) -> bool {
+        matches!(self.phase, Phase::New | Phase::Entering)
+    }
+
+    /// Whether it waits for a partner, or has met one that came later.
+    pub(super) fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Taped)
+    }
+
     /// The stamp of what it has come to.
     ///
     /// # Safety
@@ -221,48 +235,63 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         self.poll_in_general(cx)
     }
 
+    /// Lets a new one of a process with a tape in, and gives how it failed if it has not to do more than that.
+    pub(super) fn enter(&mut self, cx: &mut Context<'_>) -> Poll<Option<RecvError>> {
+        self.phase = Phase::Entering;
+        let entered = std::task::ready!(taped::enter(cx));
+        Poll::Ready(match entered {
+            Ok(_) => {
+                self.phase = Phase::New;
+                self.receiver.channel().note_taped(false);
+                None
+            }
+            Err(failure) => {
+                self.phase = Phase::Over;
+                Some(match failure {
+                    taped::failure::POISONED => RecvError::Poisoned,
+                    _ => RecvError::Closed,
+                })
+            }
+        })
+    }
+
     /// Polls as the process' tape says, and tells it what comes of it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        if self.phase == Phase::New {
-            match current::tape(|tape| taped::enter(tape, cx)) {
-                Some(Poll::Pending) => return Poll::Pending,
-                Some(Poll::Ready(Err(failure))) => {
-                    current::tape(|tape| tape.leave(Event::failed(failure)));
-                    self.phase = Phase::Over;
-                    return Poll::Ready(Err(match failure {
-                        taped::failure::POISONED => RecvError::Poisoned,
-                        _ => RecvError::Closed,
-                    }));
+        let before = self.phase;
+        match before {
+            Phase::New | Phase::Entering => {
+                if let Some(error) = std::task::ready!(self.enter(cx)) {
+                    return Poll::Ready(Err(error));
                 }
-                _ => {}
             }
-        }
-        if self.phase == Phase::Taped && self.outcome() == Outcome::Done {
-            // SAFETY: it was listed in the general way, and is settled.
-            let stamp = unsafe { self.order() };
-            current::tape(|tape| tape.leave(Event::done(stamp)));
-            if taped::is_held(cx) {
-                return Poll::Pending;
+            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            Phase::Taped if self.outcome() == Outcome::Done => {
+                // SAFETY: it was listed in the general way, and is settled.
+                taped::has_waited(unsafe { self.order() });
+                if taped::is_held(cx) {
+                    return Poll::Pending;
+                }
             }
+            _ => {}
         }
-        let was_listed = self.phase == Phase::Taped;
         let polled = self.poll_in_general(cx);
-        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+        let is_done = matches!(polled, Poll::Ready(Ok(_)));
+        if before == Phase::Taped && is_done {
             // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
             // SAFETY: it was listed in the general way, and is settled.
-            let stamp = unsafe { self.order() };
-            current::tape(|tape| tape.leave(Event::done(stamp)));
+            taped::has_waited(unsafe { self.order() });
+        } else if is_done || self.phase == Phase::GaveWay {
+            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
         }
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }
         if let Poll::Ready(Err(error)) = &polled {
-            let failure = match error {
+            taped::leave(Event::failed(match error {
                 RecvError::Poisoned => taped::failure::POISONED,
                 _ => taped::failure::CLOSED,
-            };
-            current::tape(|tape| tape.leave(Event::failed(failure)));
+            }));
         }
         polled
     }
@@ -273,9 +302,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let this = self;
         match this.phase {
-            Phase::New => {}
+            Phase::New | Phase::Entering => {}
             Phase::Listed | Phase::Taped => return this.poll_listed(cx),
-            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
             Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
             Phase::Settled(_) | Phase::Over => panic!("a receive was polled after it was over"),
         }
@@ -329,7 +357,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
                 let value = taken.keep();
-                if taped::completes_later(cx) {
+                if crate::completes_later(cx) {
                     this.keep(value, ticket);
                     this.phase = Phase::GaveWay;
                     return Poll::Pending;
@@ -421,11 +449,11 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
     #[inline(never)]
     fn drop_unfinished(&mut self) {
         let holds_value = match self.phase {
-            Phase::New => {
+            Phase::New | Phase::Over => false,
+            Phase::Entering => {
                 taped::abandoned();
                 false
             }
-            Phase::Over => false,
             Phase::GaveWay => true,
             Phase::Listed | Phase::Taped | Phase::Settled(_) => {
                 if self.phase == Phase::Taped {

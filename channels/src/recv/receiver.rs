@@ -108,23 +108,9 @@ impl<T> Receiver<T> {
     /// assert!(receiver.try_recv().unwrap_err().is_closed());
     /// ```
     pub fn try_recv(&self) -> Result<T, TryRecvError> {
-        let look = || {
-            let mut section = self.channel().lock();
-            section.recv_now(false)
-        };
-        let failure = |received: &Received<T>| match received {
-            Received::Empty => Some(taped::failure::NOTHING),
-            Received::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
-            Received::Ended(_) => Some(taped::failure::CLOSED),
-            _ => None,
-        };
         let received = match current::is_taped() {
-            true => taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
-                taped::failure::NOTHING => Received::Empty,
-                taped::failure::POISONED => Received::Ended(Ending::Poisoned),
-                _ => Received::Ended(Ending::Closed),
-            }),
-            false => look(),
+            true => self.receive_taped(),
+            false => self.channel().lock().recv_now(false),
         };
         match received {
             Received::Done(value, ready, _) => {
@@ -141,6 +127,27 @@ impl<T> Receiver<T> {
                 Err(TryRecvError::Poisoned)
             }
         }
+    }
+
+    /// Receives at once, as the process' tape says.
+    #[cold]
+    #[inline(never)]
+    fn receive_taped(&self) -> Received<T> {
+        let look = || {
+            self.channel().note_taped(false);
+            self.channel().lock().recv_now(false)
+        };
+        let failure = |received: &Received<T>| match received {
+            Received::Empty => Some(taped::failure::NOTHING),
+            Received::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Received::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            taped::failure::NOTHING => Received::Empty,
+            taped::failure::POISONED => Received::Ended(Ending::Poisoned),
+            _ => Received::Ended(Ending::Closed),
+        })
     }
 
     /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was taken.

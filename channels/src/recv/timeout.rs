@@ -4,7 +4,7 @@ use super::operation::{Phase, RecvOp};
 use crate::error::RecvTimeoutError;
 use crate::taped;
 use luna_platform::current;
-use luna_platform::tape::{Event, Turn, What};
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
@@ -30,21 +30,8 @@ impl<T> Future for RecvTimeout<'_, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
-        // A replayed one gives up when the recorded one did, whatever the time is: it is let in here, and not by what it waits for.
-        if recv.phase == Phase::New
-            && let Some(entered) = current::tape(|tape| tape.enter(cx))
-        {
-            match entered {
-                Poll::Pending => return Poll::Pending,
-                Poll::Ready(Turn::Given(Event {
-                    what: What::TimedOut,
-                    ..
-                })) => {
-                    current::tape(|tape| tape.leave(Event::new(What::TimedOut, 0, 0)));
-                    return Poll::Ready(recv.give_up());
-                }
-                Poll::Ready(_) => {}
-            }
+        if current::is_taped() {
+            return poll_taped(recv, sleep, cx);
         }
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
@@ -53,24 +40,40 @@ impl<T> Future for RecvTimeout<'_, T> {
         if recv.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        if taped::is_replayed() {
-            return Poll::Pending;
-        }
         match sleep.poll(cx) {
-            Poll::Ready(()) if current::is_taped() => {
-                let outcome = recv.as_mut().give_up();
-                let event = match &outcome {
-                    Err(RecvTimeoutError::Timeout) => Event::new(What::TimedOut, 0, 0),
-                    Err(RecvTimeoutError::Poisoned) => Event::failed(taped::failure::POISONED),
-                    Err(_) => Event::failed(taped::failure::CLOSED),
-                    // SAFETY: nobody but a partner of a listed one can have completed it.
-                    Ok(_) => Event::done(unsafe { recv.order() }),
-                };
-                current::tape(|tape| tape.leave(event));
-                Poll::Ready(outcome)
-            }
             Poll::Ready(()) => Poll::Ready(recv.give_up()),
             Poll::Pending => Poll::Pending,
         }
     }
+}
+
+/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+#[cold]
+fn poll_taped<T>(
+    mut recv: Pin<&mut RecvOp<'_, T>>,
+    sleep: Pin<&mut Sleep>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<T, RecvTimeoutError>> {
+    if recv.is_new() && std::task::ready!(taped::enter_timed(cx)).is_err() {
+        return Poll::Ready(recv.give_up());
+    }
+    let polled = recv.as_mut().poll(cx);
+    if polled.is_ready() {
+        return polled.map_err(RecvTimeoutError::from);
+    }
+    // One that is let in later, or has communicated and lets others run, is not late.
+    if !recv.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+        return Poll::Pending;
+    }
+    let outcome = recv.as_mut().give_up();
+    match &outcome {
+        Err(RecvTimeoutError::Timeout) => taped::has_timed_out(),
+        Err(RecvTimeoutError::Poisoned) => {
+            taped::leave(Event::failed(taped::failure::POISONED));
+        }
+        Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
+        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        Ok(_) => taped::has_waited(unsafe { recv.order() }),
+    }
+    Poll::Ready(outcome)
 }

@@ -23,6 +23,8 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet; the node holds the value.
     New,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
     /// The node is in the list, or has been settled.
     Listed,
     /// As `Listed`, and its process has a tape.
@@ -171,7 +173,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New => Err(SendTimeoutError::Timeout(
+            Phase::New | Phase::Entering => Err(SendTimeoutError::Timeout(
                 this.failed(Outcome::Closed).value,
             )),
             Phase::GaveWay | Phase::Over | Phase::Overwrote | Phase::Settled(_) => Ok(()),
@@ -214,10 +216,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
 
     /// It is done, and others may be let run first.
     #[inline]
-    fn sent(&mut self, cx: &Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+    fn sent(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         // Before the user's code (a waker) can panic: the value is gone.
         self.phase = Phase::Over;
-        if crate::gives_way(cx) {
+        if crate::completes_later(cx) {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -237,6 +239,16 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             Outcome::Held => self.poll_listed(cx),
             outcome => Poll::Ready(self.settled(outcome)),
         }
+    }
+
+    /// Whether it has not done anything yet.
+    pub(super) fn is_new(&self) -> bool {
+        matches!(self.phase, Phase::New | Phase::Entering)
+    }
+
+    /// Whether it waits for a partner, or has met one that came later.
+    pub(super) fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Taped)
     }
 
     /// The stamp of what it has come to.
@@ -261,56 +273,52 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     /// Polls as the process' tape says, and tells it what comes of it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
-        if self.phase == Phase::New {
-            let turn = current::tape(|tape| taped::enter(tape, cx));
-            match turn {
-                Some(Poll::Pending) => return Poll::Pending,
-                Some(Poll::Ready(Err(failure))) => {
-                    current::tape(|tape| tape.leave(Event::failed(failure)));
+        let before = self.phase;
+        match before {
+            Phase::New | Phase::Entering => {
+                self.phase = Phase::Entering;
+                let entered = std::task::ready!(taped::enter(cx));
+                self.phase = Phase::New;
+                if let Err(failure) = entered {
                     return Poll::Ready(Err(self.failed(match failure {
                         taped::failure::POISONED => Outcome::Poisoned,
                         _ => Outcome::Closed,
                     })));
                 }
-                _ => {}
+                self.sender.channel().note_taped(true);
             }
-        }
-        if self.phase == Phase::Taped && self.outcome() == Outcome::Done {
-            // SAFETY: it was listed in the general way, and is settled.
-            let stamp = unsafe { self.order() };
-            current::tape(|tape| tape.leave(Event::done(stamp)));
-            if taped::is_held(cx) {
-                return Poll::Pending;
+            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            Phase::Taped if self.outcome() == Outcome::Done => {
+                // SAFETY: it was listed in the general way, and is settled.
+                taped::has_waited(unsafe { self.order() });
+                if taped::is_held(cx) {
+                    return Poll::Pending;
+                }
             }
+            _ => {}
         }
-        let was_listed = self.phase == Phase::Taped;
         let polled = self.poll_in_general(cx);
-        if was_listed && matches!(polled, Poll::Ready(Ok(_))) {
+        let is_done = matches!(polled, Poll::Ready(Ok(_)));
+        if before == Phase::Taped && is_done {
             // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
             // SAFETY: it was listed in the general way, and is settled.
-            let stamp = unsafe { self.order() };
-            current::tape(|tape| tape.leave(Event::done(stamp)));
+            taped::has_waited(unsafe { self.order() });
+        } else if is_done || self.phase == Phase::GaveWay {
+            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
         }
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }
         if let Poll::Ready(Err(error)) = &polled {
-            let is_given = current::tape(|tape| {
-                let is_closed = !error.poisoned && tape.is_replay();
-                tape.leave(if is_closed {
-                    Event::done(0)
-                } else {
-                    Event::failed(match error.poisoned {
-                        true => taped::failure::POISONED,
-                        false => taped::failure::CLOSED,
-                    })
-                });
-                is_closed
-            });
-            if is_given == Some(true) {
-                // It was sent before the receivers went, who never saw it.
+            if !error.poisoned && current::is_replayed() {
+                // Recorded is a success: it was sent before the receivers went, who never saw it.
+                taped::leave(Event::done(0));
                 return Poll::Ready(Ok(()));
             }
+            taped::leave(Event::failed(match error.poisoned {
+                true => taped::failure::POISONED,
+                false => taped::failure::CLOSED,
+            }));
         }
         polled
     }
@@ -318,12 +326,9 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     fn poll_in_general(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let this = self;
         match this.phase {
-            Phase::New => {}
+            Phase::New | Phase::Entering => {}
             Phase::Listed | Phase::Taped => return this.poll_listed(cx),
             Phase::GaveWay => {
-                if taped::is_held(cx) {
-                    return Poll::Pending;
-                }
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
             }
@@ -362,11 +367,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 section.release();
                 ready.wake();
                 drop(dropped);
-                if taped::completes_later(cx) {
-                    this.phase = Phase::GaveWay;
-                    return Poll::Pending;
-                }
-                Poll::Ready(Ok(()))
+                this.sent(cx)
             }
             Sent::Full => {
                 let looks = spin::may_look();
@@ -456,7 +457,8 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
     fn drop_unfinished(&mut self) {
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
-            Phase::New => taped::abandoned(),
+            Phase::New => {}
+            Phase::Entering => taped::abandoned(),
             // SAFETY: in this phase the node holds a value.
             Phase::Overwrote => return drop(unsafe { self.offered().waiter.take_value() }),
             Phase::Listed | Phase::Taped | Phase::Settled(_) => {

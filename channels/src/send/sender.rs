@@ -4,7 +4,7 @@ use super::{SendOp, SendTimeout};
 use crate::core::{Channel, Ending, Sent};
 use crate::ended::Ended;
 use crate::error::{SendError, SendTimeoutError, TrySendError};
-use crate::source::{FromSlot, Made, Offered};
+use crate::source::{FromSlot, InNode, Made, Offered};
 use crate::stamp::Stamp;
 use crate::taped;
 use luna_platform::clock::Instant;
@@ -132,26 +132,14 @@ impl<T> Sender<T> {
         let offered = NonNull::from(&mut offered);
         // SAFETY: the node is this call's alone, and holds its value unless that was sent.
         let value = || unsafe { offered.as_ref().waiter.take_value() };
-        let look = || {
+        let sent = if current::is_taped() {
+            self.send_taped(offered)
+        } else {
             let mut section = self.channel().lock();
             // SAFETY: as above.
             let sent = unsafe { section.send_now(offered, None) };
             section.release();
             sent
-        };
-        let failure = |sent: &Sent<T>| match sent {
-            Sent::Full => Some(taped::failure::NOTHING),
-            Sent::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
-            Sent::Ended(_) => Some(taped::failure::CLOSED),
-            _ => None,
-        };
-        let sent = match current::is_taped() {
-            true => taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
-                taped::failure::NOTHING => Sent::Full,
-                taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
-                _ => Sent::Ended(Ending::Closed),
-            }),
-            false => look(),
         };
         match sent {
             Sent::Done(ready, dropped) => {
@@ -168,6 +156,31 @@ impl<T> Sender<T> {
             Sent::Ended(Ending::Poisoned) => Err(TrySendError::Poisoned(value())),
             Sent::Ended(_) => Err(TrySendError::Closed(value())),
         }
+    }
+
+    /// Sends at once what was offered for this call alone, as the process' tape says.
+    #[cold]
+    #[inline(never)]
+    fn send_taped(&self, offered: NonNull<Offered<T, InNode>>) -> Sent<T> {
+        let look = || {
+            self.channel().note_taped(true);
+            let mut section = self.channel().lock();
+            // SAFETY: the node is its call's alone, and holds its value.
+            let sent = unsafe { section.send_now(offered, None) };
+            section.release();
+            sent
+        };
+        let failure = |sent: &Sent<T>| match sent {
+            Sent::Full => Some(taped::failure::NOTHING),
+            Sent::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Sent::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            taped::failure::NOTHING => Sent::Full,
+            taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
+            _ => Sent::Ended(Ending::Closed),
+        })
     }
 
     /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.

@@ -478,6 +478,12 @@ pub fn give_way(cx: &Context<'_>) -> bool {
 /// Always `true` where no process of LUNA runs: other runtimes have means of their own.
 #[inline]
 pub fn count_operation() -> bool {
+    spend_operation() || is_replayed()
+}
+
+/// As [`count_operation`], but that it is `false` in a replayed process always: for who has to ask then whether the process may go on.
+#[inline]
+pub fn spend_operation() -> bool {
     THREAD.with(|thread| {
         if thread.process.get().is_none() {
             return true;
@@ -486,6 +492,12 @@ pub fn count_operation() -> bool {
         thread.operations_left.set(left.saturating_sub(1));
         left != 0
     })
+}
+
+/// Whether the current process is replayed.
+#[cold]
+pub fn is_replayed() -> bool {
+    tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
 /// Lets others run after an operation of `process`, which has a [plain turn](plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
@@ -579,15 +591,36 @@ pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
             });
         }
     }
+    let is_replay = tape.is_replay();
     let tape: *const (dyn Tape + '_) = tape;
     // SAFETY: the same pointer; it is taken back before what it borrows goes, and `tape` lends it for no longer than a call.
     let tape: *mut (dyn Tape + 'static) = unsafe { std::mem::transmute(tape) };
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
         thread.branch.set(Branch(branch.0 | Branch::TAPED));
+        if is_replay {
+            // So that each operation that need not wait comes by who asks whether its process may go on.
+            thread.operations_left.set(0);
+        }
         Restore(branch, thread.tape.replace(NonNull::new(tape)))
     });
     poll()
+}
+
+/// Calls `f` as if the current process had no tape: for what is done within one of its operations.
+pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(Branch);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.branch.set(self.0));
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        let branch = thread.branch.get();
+        thread.branch.set(Branch(branch.0 & !Branch::TAPED));
+        Restore(branch)
+    });
+    f()
 }
 
 /// Whether the current process has a tape.
@@ -597,7 +630,6 @@ pub fn is_taped() -> bool {
 }
 
 /// Calls `f` with the current process' tape, if it has one.
-#[inline]
 pub fn tape<R>(f: impl FnOnce(&dyn Tape) -> R) -> Option<R> {
     is_taped().then(|| {
         let tape = THREAD.with(|thread| thread.tape.get())?;

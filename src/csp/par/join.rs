@@ -96,7 +96,9 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
             Poll::Pending if is_over => {
                 *failed = true;
                 // Dropped where it waits.
-                current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
+                current::with_branch_below(*failed, below, number, || {
+                    current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
+                });
                 false
             }
             Poll::Pending => true,
