@@ -1,5 +1,7 @@
 //! `luna demo`: Jiwy, the thesis' pan-tilt camera, with a simulated mechanism.
 
+pub(crate) mod replay;
+
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
@@ -15,6 +17,9 @@ const CONTROL: &str = "control";
 
 /// Runs the demo and prints what came of it. Gives whether the run was complete.
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
+    if let Some(path) = &arguments.replay {
+        return replay::replay(path, arguments);
+    }
     let recording = match &arguments.joystick {
         Some(path) => Recording::read(path).map_err(|error| {
             let path = path.clone();
@@ -37,6 +42,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     if arguments.on_virtual_clock {
         system.virtual_clock();
     }
+    replay::record(&mut system, arguments);
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
         .map_err(Failure::Luna)?;
@@ -47,6 +53,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     let report = system.run().map_err(Failure::Luna)?;
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
+        record: replay::recorded(arguments, report.record),
         axes: AXES
             .iter()
             .zip(findings.iter().zip(&machine.states))
@@ -70,7 +77,9 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
             report.to_string(),
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
-            text::memory(&demo.measurement) + text::ending(&demo.measurement),
+            replay::text(demo.record.as_ref())
+                + &text::memory(&demo.measurement)
+                + text::ending(&demo.measurement),
         ];
         print_parts(&mut out, &parts)
     };

@@ -1,5 +1,6 @@
 //! What a command found: as one JSON object.
 
+use crate::demo::replay::Recorded;
 use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 
@@ -91,6 +92,9 @@ pub(crate) struct Demo {
     /// Side by side with the axes.
     #[serde(flatten)]
     pub(crate) measurement: Measurement,
+    /// What was recorded, if that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) record: Option<Recorded>,
     /// Pan, tilt.
     pub(crate) axes: Vec<Axis>,
 }
@@ -183,6 +187,7 @@ mod tests {
 
         let demo = to_value(Demo {
             measurement,
+            record: None,
             axes: vec![Axis {
                 name: "pan",
                 tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },

@@ -4,6 +4,7 @@ use super::error::RecordError;
 use super::event::{Event, Kind, Reader};
 use super::file::{BlockKind, blocks};
 use super::recorder::file_error;
+use luna_platform::tape::About;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -165,6 +166,21 @@ impl Recording {
     pub fn events(&self) -> u64 {
         let counts = self.processes.iter().map(|process| process.events.len());
         counts.sum::<usize>() as u64
+    }
+
+    /// How many of these are [outputs](crate::record::output), or bytes written by a link, which a replay compares.
+    pub fn outputs(&self) -> u64 {
+        let events = self.processes.iter().flat_map(|process| &process.events);
+        let is_output = |event: &&Event| {
+            matches!(
+                event.kind,
+                Kind::Bytes {
+                    about: About::Output,
+                    ..
+                }
+            )
+        };
+        events.filter(is_output).count() as u64
     }
 
     /// Whether the recording is whole: it was written to its end, and nothing was lost for want of room.
