@@ -43,6 +43,7 @@ mod error;
 pub mod external;
 mod logging;
 pub mod prelude;
+pub mod record;
 mod report;
 mod safety;
 mod system;

@@ -1,5 +1,6 @@
 //! What a system did, told when it has ended.
 
+use crate::record::RecordReport;
 use crate::safety::{BudgetReport, SafetyReport};
 use crate::system::ClockKind;
 use crate::system::deadlock::Deadlock;
@@ -63,6 +64,8 @@ pub struct Report {
     /// What became of the recording, if there was one.
     #[cfg(feature = "logger")]
     pub recording: Option<crate::logging::RecordingReport>,
+    /// What was recorded or replayed, if that was asked for.
+    pub record: Option<RecordReport>,
 }
 
 /// How a system came to its end.

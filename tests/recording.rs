@@ -119,7 +119,7 @@ fn run(prepare: impl FnOnce(&mut System)) -> (Content, RecordingReport) {
     let kept = Kept::default();
     let mut system = System::new("counters");
     prepare(&mut system);
-    system.record(Recording::to_sink(kept.clone()));
+    system.log(Recording::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
     main.process("one").spawn(Counter::new("one", 20)).unwrap();
     system
@@ -256,7 +256,7 @@ fn a_process_that_comes_late_registers_and_records() {
     let _watchdog = watchdog();
     let kept = Kept::default();
     let mut system = System::new("late");
-    system.record(Recording::to_sink(kept.clone()));
+    system.log(Recording::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
     let own = main.clone();
     main.process("parent")

@@ -1,7 +1,9 @@
 //! Waiting for the end of a channel, without offering to communicate.
 
 use crate::place::{Ending, Lists, Place};
+use crate::taped;
 use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::tape::{Event, Turn, What};
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -77,6 +79,10 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> Ready {
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
     place: &'a Place,
+    /// What it came to, while its process is held by its tape.
+    given: Option<ChannelEnd>,
+    /// Its process' tape knows of it.
+    has_entered: bool,
     watcher: UnsafeCell<Watcher>,
     _pinned: PhantomPinned,
 }
@@ -90,6 +96,8 @@ impl<'a> Ended<'a> {
     pub(crate) fn new(place: &'a Place, of_poison_alone: bool) -> Self {
         Self {
             place,
+            given: None,
+            has_entered: false,
             watcher: UnsafeCell::new(Watcher {
                 wait: WaitNode::new(),
                 of_poison_alone,
@@ -109,6 +117,53 @@ impl Future for Ended<'_> {
     type Output = ChannelEnd;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+        match current::is_taped() {
+            true => self.poll_taped(cx),
+            false => self.poll_untaped(cx),
+        }
+    }
+}
+
+impl Ended<'_> {
+    /// Polls as the process' tape says.
+    #[cold]
+    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
+        let end = match self.given {
+            Some(end) => end,
+            None => {
+                // SAFETY: nothing is moved.
+                unsafe { self.as_mut().get_unchecked_mut() }.has_entered = true;
+                let entered = current::tape(|tape| tape.enter(cx));
+                let end = match entered.unwrap_or(Poll::Ready(Turn::Record)) {
+                    Poll::Pending => return Poll::Pending,
+                    Poll::Ready(Turn::Given(event)) => match event.number {
+                        0 => ChannelEnd::Closed,
+                        _ => ChannelEnd::Poisoned,
+                    },
+                    // It did not end while the recorded process waited.
+                    Poll::Ready(Turn::Look) => return Poll::Pending,
+                    Poll::Ready(Turn::Record) => {
+                        std::task::ready!(self.as_mut().poll_untaped(cx))
+                    }
+                };
+                current::tape(|tape| {
+                    let number = u64::from(end == ChannelEnd::Poisoned);
+                    tape.leave(Event::new(What::Chosen, number, tape.stamp(true)));
+                });
+                // SAFETY: nothing is moved.
+                let this = unsafe { self.as_mut().get_unchecked_mut() };
+                this.has_entered = false;
+                this.given = Some(end);
+                end
+            }
+        };
+        match taped::is_held(cx) {
+            true => Poll::Pending,
+            false => Poll::Ready(end),
+        }
+    }
+
+    fn poll_untaped(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         if current::branch_failed() {
             current::stay_in_branch();
             return Poll::Ready(ChannelEnd::Poisoned);
@@ -144,6 +199,9 @@ impl Future for Ended<'_> {
 
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
+        if self.has_entered {
+            taped::abandoned();
+        }
         let node = self.node();
         let mut lists = self.place.lock_lists();
         // SAFETY: the lock is held; a watcher that says so is in the list of its place.

@@ -53,6 +53,7 @@ mod spots;
 mod stamp;
 mod stream;
 mod taken;
+mod taped;
 mod waiter;
 
 #[cfg(all(test, loom))]
@@ -150,6 +151,28 @@ fn ends<T: Send>(buffer: Buffer) -> (Sender<T>, Receiver<T>) {
     let channel = core::Channel::allocate(buffer, Identity::new(kind));
     // SAFETY: a new channel counts one end of each kind.
     unsafe { (Sender::new(channel), Receiver::new(channel)) }
+}
+
+/// As [`gives_way`], of an operation that may be replayed: its process may be held then.
+#[inline]
+fn completes_later(cx: &mut Context<'_>) -> bool {
+    if current::is_outranked() {
+        current::ready_again(cx, Place::First);
+        true
+    } else if current::spend_operation() {
+        false
+    } else {
+        completes_later_after_many(cx)
+    }
+}
+
+#[cold]
+fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
+    if taped::is_replayed() {
+        return taped::is_held_after(cx);
+    }
+    current::ready_again(cx, Place::Last);
+    true
 }
 
 /// Whether an operation that has just completed lets others run before its process goes on: those that outrank it, since a communication

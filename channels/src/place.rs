@@ -2,6 +2,7 @@
 
 use crate::inspect::Identity;
 use crate::spots::{Nodes, Side, Spots};
+use crate::taped::Taped;
 use luna_platform::current::{Heir, ProcessId, User};
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
@@ -27,6 +28,8 @@ pub struct Lists {
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
+    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](Lists::find_whether_plain).
+    pub(crate) is_unusual: bool,
     /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
     pub(crate) is_plain: bool,
     /// Whether it would be plain if one alternative were not registered, and has no buffer.
@@ -48,6 +51,8 @@ pub struct Lists {
     pub(crate) held: WaitList,
     /// Those who wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
+    /// What is known of recorded processes that come here.
+    pub(crate) taped: Taped,
 }
 
 /// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
@@ -73,13 +78,15 @@ impl Lists {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
-            && self.server.is_none();
+            && self.server.is_none()
+            && !self.taped.is_used();
         let registered = self.registered.first();
         // SAFETY: it is the first of this list.
         let is_one =
             registered.is_some_and(|first| unsafe { self.registered.after(first) }.is_none());
         self.is_plain = is_plain && registered.is_none();
         self.is_plain_but_registered = is_plain && self.is_rendezvous && is_one;
+        self.is_unusual = self.ending != Ending::Open || self.taped.is_used();
     }
 }
 
@@ -148,6 +155,7 @@ impl Place {
                 registered: WaitList::new(),
                 watching: WaitList::new(),
                 ending: Ending::Open,
+                is_unusual: false,
                 is_plain: false,
                 is_plain_but_registered: false,
                 may_be_plain: false,
@@ -157,6 +165,7 @@ impl Place {
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,
                 server: None,
+                taped: Taped::default(),
             }),
             identity,
         }

@@ -44,6 +44,8 @@ pub(crate) struct Link<T> {
     pub(crate) inherits: bool,
     /// A settled extended receiver's, and a held sender's: which rendezvous it was.
     pub(crate) ticket: u32,
+    /// A recorded process' node: the stamp of what it has come to. Not there in one of a plain turn, which is nobody's who is recorded.
+    order: MaybeUninit<u64>,
     /// An alternative's: what decides, and which guard this is.
     pub(crate) selection: Option<(NonNull<Selection>, u32)>,
     /// A sender's, if its value is not in the node.
@@ -114,6 +116,7 @@ impl<T> Waiter<T> {
                 extended,
                 inherits: false,
                 ticket: 0,
+                order: MaybeUninit::new(0),
                 selection,
                 make,
             });
@@ -138,6 +141,7 @@ impl<T> Waiter<T> {
                 extended: false,
                 inherits: false,
                 ticket: 0,
+                order: MaybeUninit::uninit(),
                 selection: None,
                 make: None,
             });
@@ -161,6 +165,7 @@ impl<T> Waiter<T> {
                 extended: false,
                 inherits: false,
                 ticket: 0,
+                order: MaybeUninit::new(0),
                 selection: None,
                 make: None,
             });
@@ -189,6 +194,7 @@ impl<T> Waiter<T> {
                 extended: false,
                 inherits: false,
                 ticket: 0,
+                order: MaybeUninit::uninit(),
                 selection: Some((selection, number)),
                 make: None,
             });
@@ -386,6 +392,31 @@ impl<T> Waiter<T> {
                 Some((selection, guard)) => claim_selection(node.cast(), selection, guard),
             }
         }
+    }
+
+    /// Notes the stamp of what the operation is about to come to.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, or was just taken off, and the lock is held that guards it.
+    #[inline]
+    pub(crate) unsafe fn put_order(node: NonNull<Waiter<T>>, stamp: u64) {
+        // SAFETY: the contract.
+        unsafe {
+            if stamp != 0 {
+                (*Self::link(node)).order.write(stamp);
+            }
+        }
+    }
+
+    /// The stamp of what the operation has come to; 0 if it has none.
+    ///
+    /// # Safety
+    ///
+    /// `node` was begun, in no plain turn, and was settled.
+    pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
+        // SAFETY: the contract.
+        unsafe { (*Self::link(node)).order.assume_init() }
     }
 
     /// Takes out whom to wake.

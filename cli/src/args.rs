@@ -61,6 +61,12 @@ pub(crate) struct Demo {
     /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the same
     #[arg(long = "virtual")]
     pub(crate) on_virtual_clock: bool,
+    /// Record what nobody could foresee of the run, for --replay
+    #[arg(long, value_name = "FILE")]
+    pub(crate) record: Option<PathBuf>,
+    /// Do a recorded run again, on a virtual clock, and say whether its outputs are the same, or at which event they differ
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy"])]
+    pub(crate) replay: Option<PathBuf>,
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,
@@ -254,6 +260,26 @@ mod tests {
             (Some(1), Policy::round_robin(7), true)
         );
         assert_eq!(demo.joystick, Some(PathBuf::from("a.csv")));
+    }
+
+    #[test]
+    fn a_replay_says_all_that_the_recorded_run_was_told() {
+        let recorded = demo("luna demo --seconds 1 --virtual --record run.luna");
+        assert_eq!(recorded.record, Some(PathBuf::from("run.luna")));
+        let replayed = demo("luna demo --replay run.luna --json");
+        assert_eq!(replayed.replay, Some(PathBuf::from("run.luna")));
+        assert!(replayed.place.json && replayed.record.is_none());
+        for other in [
+            "--seconds 1",
+            "--rate 500",
+            "--record b",
+            "--calibrated",
+            "--core 0",
+            "--policy other",
+        ] {
+            let line = format!("luna demo --replay run.luna {other}");
+            assert_eq!(parse(&line).expect_err(&line).exit_code(), 2, "{line}");
+        }
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 pub(crate) mod table;
 
+pub(crate) mod replay;
+
 use crate::alloc::Counting;
 use crate::failure::Failure;
 use crate::output::{Axis, Demo, FinalState, TrackingError};
@@ -17,6 +19,9 @@ const CONTROL: &str = "control";
 
 /// Runs the demo and prints what came of it. Gives whether the run was complete.
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
+    if let Some(path) = &arguments.replay {
+        return replay::replay(path, arguments);
+    }
     let recording = match &arguments.joystick {
         Some(path) => Recording::read(path).map_err(|error| {
             let path = path.clone();
@@ -39,6 +44,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     if arguments.on_virtual_clock {
         system.virtual_clock();
     }
+    replay::record(&mut system, arguments);
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     let (registers, machine) = card::machine(
         arguments.card.as_ref(),
@@ -54,6 +60,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     let demo = Demo {
         measurement: report::measurement(&report, CONTROL, &[LOOP], allocator.counts()),
         table_4: table::row(&report, arguments.rate, CONTROL),
+        record: replay::recorded(arguments, report.record),
         axes: AXES
             .iter()
             .zip(findings.iter().zip(machine.states()))
@@ -77,7 +84,10 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
             }),
             text::tracking(&demo.axes),
             text::latency(LOOP, report::latencies(&report, LOOP)),
-            text::memory(&demo.measurement) + &machine.card() + text::ending(&demo.measurement),
+            replay::text(demo.record.as_ref())
+                + &text::memory(&demo.measurement)
+                + &machine.card()
+                + text::ending(&demo.measurement),
         ];
         print_parts(&mut out, &parts)
     };

@@ -1,6 +1,7 @@
 //! Why a command did not do what it was asked for, and the exit code that says so.
 
 use luna::SetupError;
+use luna::record::RecordError;
 use luna_jiwy::joystick;
 use luna_platform::facts::parse::write_core_list;
 use std::fmt;
@@ -15,6 +16,13 @@ pub(crate) enum Failure {
         path: PathBuf,
         /// Why.
         error: joystick::Error,
+    },
+    /// A recording of a run cannot be replayed.
+    Recording {
+        /// Of the recording.
+        path: PathBuf,
+        /// Why.
+        error: RecordError,
     },
     /// The histogram cannot be written.
     Histogram {
@@ -48,6 +56,7 @@ impl Failure {
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::Joystick { .. }
+            | Self::Recording { .. }
             | Self::Histogram { .. }
             | Self::Root { .. }
             | Self::Core { .. } => 2,
@@ -65,6 +74,7 @@ impl fmt::Display for Failure {
             Self::Joystick { path, error } => {
                 write!(f, "joystick recording {}: {error}", path.display())
             }
+            Self::Recording { path, error } => write!(f, "--replay {}: {error}", path.display()),
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
             Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
             Self::Core { core, online } => write!(

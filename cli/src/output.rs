@@ -1,6 +1,7 @@
 //! What a command found: as one JSON object.
 
 use crate::demo::table::Row;
+use crate::demo::replay::Recorded;
 use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 
@@ -94,6 +95,9 @@ pub(crate) struct Demo {
     pub(crate) measurement: Measurement,
     /// The run's row of the paper's table 4; nothing if its loop never came to run.
     pub(crate) table_4: Option<Row>,
+    /// What was recorded, if that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) record: Option<Recorded>,
     /// Pan, tilt.
     pub(crate) axes: Vec<Axis>,
 }
@@ -187,6 +191,7 @@ mod tests {
         let demo = to_value(Demo {
             measurement,
             table_4: None,
+            record: None,
             axes: vec![Axis {
                 name: "pan",
                 tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },

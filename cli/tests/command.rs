@@ -281,3 +281,66 @@ fn bad_values_end_with_2_and_say_why() {
         );
     }
 }
+
+#[test]
+fn demo_records_a_run_in_real_time_and_replays_it() {
+    let path = file("demo.luna");
+    let path = path.to_str().expect("a path of this test");
+    let demo = json(&[
+        "demo",
+        "--seconds",
+        "0.4",
+        "--calibrated",
+        "--policy",
+        "other",
+        "--record",
+        path,
+        "--json",
+    ]);
+    let record = &demo["record"];
+    assert_eq!(record["lost"], 0, "{record}");
+    let events = record["events"].as_u64().expect("events");
+    assert!(events > 400, "{record}");
+    for _ in 0..3 {
+        let replayed = json(&["demo", "--replay", path, "--json"]);
+        assert_eq!(replayed["same"], true, "{replayed}");
+        assert_eq!(replayed["whole"], true, "{replayed}");
+        assert_eq!(replayed["processes"], 51, "{replayed}");
+        assert_eq!(replayed["events"], events, "{replayed}");
+        // What is written to each motor, and where each joint is, in each cycle.
+        assert!(
+            replayed["outputs"].as_u64().is_some_and(|count| count > 800),
+            "{replayed}"
+        );
+    }
+    let words = luna(&["demo", "--replay", path]);
+    assert_eq!(words.status.code(), Some(0));
+    assert!(text(&words.stdout).starts_with("the outputs are the same: 51 processes"));
+}
+
+#[test]
+fn demo_replays_nothing_that_is_not_what_was_recorded() {
+    let path = file("changed.luna");
+    let name = path.to_str().expect("a path of this test");
+    json(&[
+        "demo",
+        "--seconds",
+        "0.05",
+        "--calibrated",
+        "--virtual",
+        "--record",
+        name,
+        "--json",
+    ]);
+    let whole = std::fs::read(&path).expect("it was recorded");
+    for at in [0, 9, whole.len() / 2, whole.len() - 1] {
+        let mut changed = whole.clone();
+        changed[at] ^= 1;
+        std::fs::write(&path, &changed).expect("a file of this test");
+        let refused = luna(&["demo", "--replay", name]);
+        assert_eq!(refused.status.code(), Some(2), "byte {at}");
+        assert!(text(&refused.stderr).contains("--replay"), "byte {at}");
+    }
+    std::fs::remove_file(&path).expect("a file of this test");
+    assert_eq!(luna(&["demo", "--replay", name]).status.code(), Some(2));
+}

@@ -5,6 +5,7 @@
 
 use crate::calls::UnderWay;
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use luna_platform::current::{Ready, Wakeup};
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
@@ -196,6 +197,7 @@ where
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
         if let Some(call) = self.call.take() {
+            current::tape(|tape| tape.outside("`blocking`"));
             let running = Arc::new(Call {
                 state: PiLock::new(CallState::Running(Some(Wakeup::of(cx)))),
             });

@@ -3,6 +3,7 @@
 use crate::file_error::FileError;
 use crate::file_waits::Node;
 use crate::watch::ThreadFiles;
+use luna_platform::current;
 use luna_platform::current::Wakeup;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;
@@ -115,6 +116,7 @@ impl Future for FileReady<'_> {
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
+        current::tape(|tape| tape.outside("waiting for a file"));
         let node = this.node();
         let here = match ThreadFiles::here() {
             Ok(here) => here,

@@ -59,6 +59,7 @@ pub mod spin;
 pub mod steal;
 pub mod sync;
 #[cfg(not(loom))]
+pub mod tape;
 pub mod thread;
 pub mod tick_list;
 #[cfg(not(loom))]

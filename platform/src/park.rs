@@ -232,6 +232,8 @@ thread_local! {
 /// ```
 #[cfg(not(loom))]
 pub fn prepare() {
+    // A replay, which has one thread, could not wait.
+    current::tape(|tape| tape.outside("a blocking operation"));
     let parker = PARKER.take();
     PARKER.set(Some(parker.unwrap_or_else(|| Shared::new(Parker::new()))));
 }

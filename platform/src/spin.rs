@@ -183,6 +183,7 @@ pub fn may_look() -> bool {
 #[cfg(not(loom))]
 fn has_nothing_else() -> bool {
     !current::in_branch()
+        && !current::is_taped()
         && current::ready_levels() == 0
         && !OUTSIDE.with_borrow(|outside| outside.as_ref().is_none_or(|one| one.is_called()))
         && current::has_no_deadline_within(LOOKS_TAKE)

@@ -4,6 +4,7 @@ use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::logging::Log;
+use crate::record::Tapes;
 use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
@@ -309,6 +310,7 @@ pub(crate) struct Common {
     pub(crate) living: Arc<Living>,
     pub(crate) clock: Clock,
     pub(crate) log: Log,
+    pub(crate) tapes: Tapes,
 }
 
 thread_local! {

@@ -1,6 +1,7 @@
 //! What turns into an [`Error`] with `?`.
 
 use super::{Error, SetupError};
+use crate::record::RecordError;
 use luna_channels as channels;
 use luna_channels::lock_sync::{
     AcquireError, AcquireTimeoutError, LockError, LockTimeoutError, TryLockError,
@@ -10,6 +11,12 @@ use luna_platform::memory::HeapError;
 use luna_platform::signals::SignalError;
 use luna_platform::thread::{AttributeError, SpawnError};
 use std::convert::Infallible;
+
+impl From<RecordError> for Error {
+    fn from(error: RecordError) -> Self {
+        Error::Record(error)
+    }
+}
 
 impl From<SetupError> for Error {
     fn from(error: SetupError) -> Error {

@@ -8,6 +8,7 @@ pub use setup::SetupError;
 pub(crate) use several::Failures;
 pub use several::{Errors, Several};
 
+use crate::record::RecordError;
 use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Instant, LoopName};
@@ -87,6 +88,8 @@ pub enum Error {
         /// The instant.
         at: Instant,
     },
+    /// The system could not be recorded or replayed, or its replay differs.
+    Record(RecordError),
     /// What was asked for cannot be set up.
     Setup(SetupError),
     /// Several branches of a parallel construct failed: see [`Error::errors`].
@@ -217,6 +220,7 @@ impl fmt::Display for Error {
                 "{turns} turns were taken at one instant, {at:?}, the last one by process `{process}`: time does not move while \
                  anybody can run, so wait for something (or allow more turns by `most_turns_at_an_instant`)"
             ),
+            Error::Record(error) => error.fmt(f),
             Error::Setup(error) => error.fmt(f),
             Error::Several(several) => several.fmt(f),
             #[cfg(unix)]
@@ -232,6 +236,7 @@ impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
             Error::Process { source, .. } => Some(source),
+            Error::Record(error) => Some(error),
             Error::Setup(error) => error.source(),
             Error::Several(several) => Some(several.first()),
             #[cfg(unix)]

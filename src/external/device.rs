@@ -1,10 +1,13 @@
 //! The file of a link: reads and writes that wait as processes do.
 
 use super::error::{LinkError, OsError};
+use crate::record::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
 use luna_executors::{FileError, readable, writable, yield_now};
+use luna_platform::current;
 use luna_platform::file;
 use luna_platform::reactor::ReactorError;
+use luna_platform::tape::{Event, Turn};
 use std::fs::File;
 use std::future::{Future, poll_fn};
 use std::io::{ErrorKind, IsTerminal};
@@ -63,6 +66,38 @@ impl Device {
     pub(super) async fn read(
         &mut self,
         to: &mut [u8],
+        ended: Pin<&mut Ended<'_>>,
+    ) -> Result<usize, Stop> {
+        if !current::is_taped() {
+            return self.read_file(to, ended).await;
+        }
+        match record::enters().await {
+            Turn::Record => {
+                let read = Untaped(self.read_file(to, ended)).await;
+                match &read {
+                    Ok(count) => record::note_read(&to[..*count]),
+                    Err(stop) => leave_by(stop),
+                }
+                read
+            }
+            Turn::Given(event) => {
+                record::leave(event);
+                Err(stopped(event))
+            }
+            Turn::Look => match record::read(to) {
+                Some(count) => {
+                    record::hold().await;
+                    Ok(count)
+                }
+                // The replay has come to its end.
+                None => std::future::pending().await,
+            },
+        }
+    }
+
+    async fn read_file(
+        &mut self,
+        to: &mut [u8],
         mut ended: Pin<&mut Ended<'_>>,
     ) -> Result<usize, Stop> {
         loop {
@@ -93,6 +128,37 @@ impl Device {
 
     /// Writes all of `bytes`, the record `number`; waits for room, while the channel has not `ended`.
     pub(super) async fn write(
+        &mut self,
+        bytes: &[u8],
+        number: u64,
+        ended: Pin<&mut Ended<'_>>,
+    ) -> Result<(), Stop> {
+        if !current::is_taped() {
+            return self.write_file(bytes, number, ended).await;
+        }
+        record::note_written(bytes);
+        match record::enters().await {
+            Turn::Record => {
+                let written = Untaped(self.write_file(bytes, number, ended)).await;
+                match &written {
+                    Ok(()) => record::leave(Event::done(0)),
+                    Err(stop) => leave_by(stop),
+                }
+                written
+            }
+            Turn::Given(event) => {
+                record::leave(event);
+                Err(stopped(event))
+            }
+            Turn::Look => {
+                record::leave(Event::done(0));
+                record::hold().await;
+                Ok(())
+            }
+        }
+    }
+
+    async fn write_file(
         &mut self,
         bytes: &[u8],
         number: u64,
@@ -163,6 +229,27 @@ impl Device {
         }
         Ok(())
     }
+}
+
+/// Records why a file was not read or written.
+fn leave_by(stop: &Stop) {
+    match stop {
+        Stop::Ended(ChannelEnd::Closed) => record::leave(Event::failed(0)),
+        Stop::Ended(ChannelEnd::Poisoned) => record::leave(Event::failed(1)),
+        // An error of the system has too many forms.
+        Stop::Failed(_) => {
+            current::tape(|tape| tape.outside("a file of `luna::external` that fails"));
+            record::leave(Event::failed(0));
+        }
+    }
+}
+
+/// Why the recorded one was not read or written.
+fn stopped(event: Event) -> Stop {
+    Stop::Ended(match event.number {
+        0 => ChannelEnd::Closed,
+        _ => ChannelEnd::Poisoned,
+    })
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -209,6 +209,7 @@ fn launch_described(
             living: living.clone(),
             clock: clock.clone(),
             log,
+            tapes: std::mem::take(&mut settings.tapes).start(plan.name())?,
         }),
         mode,
         simulation: handle,

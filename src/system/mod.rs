@@ -22,6 +22,7 @@ pub use compose::Observer;
 use crate::csp::composition::Composition;
 use crate::csp::process::IntoProcess;
 use crate::error::{Result, SetupError};
+use crate::record::{Mode, ROOM, Recording};
 use crate::report::Report;
 use crate::time::{Manager, TimerManager, Timers};
 use clock::ClockPlan;
@@ -29,6 +30,7 @@ use luna_executors::{ClockDriver, ProcessHandle};
 use luna_platform::current::ProcessId;
 pub(crate) use plan::Plan;
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A machine's software: executors and OS threads, the processes on them, and what to do in an emergency.
@@ -237,6 +239,39 @@ impl System {
         driver
     }
 
+    /// Records what nobody can foresee of the run, into a file: see [`record`](crate::record). Made when the system starts.
+    ///
+    /// Each process has room for 64 KiB of events that are yet to be written ([`record_room`](Self::record_room)); a thread without real-time priority writes them every
+    /// 2 ms. What does not fit is counted in the [report](crate::Report::record): nobody waits for the file. Recorded processes take the general
+    /// way for each communication, some tens of nanoseconds longer than the short one of one executor. The run's error is
+    /// [`Error::Record`](crate::Error::Record) if the file cannot be written.
+    pub fn record(&mut self, path: impl Into<PathBuf>) -> &mut Self {
+        self.record_room(path, ROOM)
+    }
+
+    /// As [`record`](Self::record), with room for so many bytes of each process; at least 256.
+    pub fn record_room(&mut self, path: impl Into<PathBuf>, bytes: usize) -> &mut Self {
+        self.plan.settings().tapes.mode = Mode::Record(path.into(), bytes);
+        self
+    }
+
+    /// Lets the recording keep a text: what the program has to be told to describe the same system again. [`Recording::note`] gives it.
+    pub fn record_note(&mut self, note: impl Into<String>) -> &mut Self {
+        self.plan.settings().tapes.note = note.into();
+        self
+    }
+
+    /// Runs the system as it was recorded, on a [virtual clock](Self::virtual_clock): the same processes, described in the same way, do the same again, and what they
+    /// give outside is compared. The run's error is [`Error::Record`](crate::Error::Record) with the first difference, if there is one.
+    ///
+    /// Time moves from event to event, so it says nothing: delays, loops and timeouts end when they ended in the recording. What was under way when the recorded system
+    /// was ended goes on as far as it had come, and is ended then.
+    pub fn replay(&mut self, recording: &Recording) -> &mut Self {
+        self.virtual_clock();
+        self.plan.settings().tapes.replay(recording);
+        self
+    }
+
     /// Allows so many polls at one instant of a virtual clock, at least one; 1 000 000 000 if not stated. Since time does not move while any process can run, one that yields for
     /// ever would else stop it for good: after so many the system ends with [`Error::Livelock`](crate::Error::Livelock). Does nothing on the real clock.
     ///
@@ -361,7 +396,7 @@ impl System {
     /// ```
     #[cfg(feature = "logger")]
     pub fn record_to(&mut self, path: impl Into<std::path::PathBuf>) -> &mut Self {
-        self.record(crate::Recording::to_file(path))
+        self.log(crate::Recording::to_file(path))
     }
 
     /// As [`record_to`](Self::record_to), with the rooms, the rate and the sink of `recording`.
@@ -371,7 +406,7 @@ impl System {
     ///
     /// let mut system = System::new("pump");
     /// let sink = WriterSink::new(std::io::sink());
-    /// system.record(Recording::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
+    /// system.log(Recording::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
     /// let main = system.executor("main").build()?;
     /// main.process("pump").spawn(async {
     ///     luna::message(Level::Info, "pump", format_args!("primed after {} s", 3));
@@ -381,7 +416,7 @@ impl System {
     /// # Ok::<(), luna::Error>(())
     /// ```
     #[cfg(feature = "logger")]
-    pub fn record(&mut self, recording: crate::Recording) -> &mut Self {
+    pub fn log(&mut self, recording: crate::Recording) -> &mut Self {
         self.plan.settings().recording = Some(recording);
         self
     }

@@ -11,6 +11,7 @@ use crate::csp::process::{
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::logging::Asked;
+use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian, Ledger};
 use crate::time::Manager;
@@ -56,6 +57,7 @@ pub(crate) struct Settings {
     pub(crate) clock: ClockPlan,
     /// What is to be recorded.
     pub(crate) recording: Asked,
+    pub(crate) tapes: TapePlan,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
 }
@@ -304,6 +306,7 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
+        spec = common.tapes.tape(spec);
         // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
         let frame = unsafe { Frame::new(common, &verdict) };
         let announced = self.executors[number].announce(spec);
@@ -349,7 +352,7 @@ impl Running {
         let name = spec.name().clone();
         let started = starter.on_thread(
             (*attributes).mode(self.mode),
-            spec.listed(),
+            common.tapes.tape(spec.listed()),
             self.simulation.as_ref(),
             frame,
         );

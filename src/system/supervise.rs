@@ -9,6 +9,7 @@ use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
+use crate::record::RecordError;
 use crate::report::{End, Report, ThreadReport};
 use crate::safety::Cause;
 use crate::time::{ManagerThread, Witness};
@@ -150,6 +151,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     for line in Warnings::rest(&members) {
         eprintln!("{line}");
     }
+    let recorded = running.common.tapes.finish();
     let processes = members.started.reports();
     let known = Known {
         started: &members.started,
@@ -201,6 +203,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         safety,
         #[cfg(feature = "logger")]
         recording,
+        record: recorded.as_ref().ok().copied().flatten(),
     };
     let cause = if report.end == End::Emergency {
         raised
@@ -217,6 +220,13 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         End::Livelock => livelock,
         _ => error_of_run(&members.started, cause, &report)
             .or_else(|| callback_panic.flatten().filter(|_| signal.is_none())),
+    };
+    let error = match (error, recorded) {
+        // What processes return in a replay that has gone astray says nothing.
+        (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
+        (None, Err(error)) => Some(error.into()),
+        (None, Ok(_)) => running.common.tapes.outside().map(Error::from),
+        (error, _) => error,
     };
     members.report = Some(report.clone());
     match error {

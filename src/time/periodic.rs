@@ -7,8 +7,10 @@ use super::spin;
 use super::statistics::Statistics;
 use crate::csp::process::{Failure, fail_current};
 use crate::error::{Result, SetupError};
+use crate::record;
 use crate::safety::Ledger;
 use luna_platform::clock::{Clock, Instant, nanos};
+use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::sync::Arc;
@@ -352,6 +354,9 @@ impl Periodic {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub async fn next(&mut self) -> Cycle {
+        if current::is_taped() && record::enters_cycle().await {
+            return self.replayed().await;
+        }
         let asked = Instant::now();
         if let Some(phase) = self.phase.take() {
             self.join_common_grid(phase, asked);
@@ -407,7 +412,34 @@ impl Periodic {
         }
         // Without a guard the slot has come: one look at the clock.
         let now = spin::until(target).await;
-        self.begin_cycle(target, now)
+        let cycle = self.begin_cycle(target, now);
+        if current::is_taped() {
+            record::note_cycle([
+                cycle.number,
+                cycle.deadline.as_nanos(),
+                nanos(cycle.lateness),
+                cycle.missed,
+            ]);
+        }
+        cycle
+    }
+
+    /// What the recorded loop was told.
+    #[cold]
+    async fn replayed(&mut self) -> Cycle {
+        let Some([number, deadline, lateness, missed]) = record::cycle() else {
+            // The replay has come to its end.
+            return std::future::pending().await;
+        };
+        record::hold().await;
+        self.number = number;
+        self.come = number;
+        Cycle {
+            number,
+            deadline: Instant::from_nanos(deadline),
+            lateness: Duration::from_nanos(lateness),
+            missed,
+        }
     }
 
     /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its executor's deadline.

@@ -3,8 +3,10 @@
 use super::guard::{Attempt, Guard, RawGuard};
 use crate::place::{Lists, Place};
 use crate::selection::Selection;
+use crate::taped;
 use luna_platform::clock::Instant;
-use luna_platform::current::Ready;
+use luna_platform::current::{self, Ready};
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
@@ -50,6 +52,7 @@ pub fn after(delay: Duration) -> After {
 pub fn at(deadline: Instant) -> After {
     After {
         sleep: Sleep::until(deadline),
+        is_entered: false,
     }
 }
 
@@ -58,6 +61,8 @@ pub fn at(deadline: Instant) -> After {
 #[must_use = "a delay does nothing unless awaited or offered in an alternative"]
 pub struct After {
     sleep: Sleep,
+    /// It is awaited in a process with a tape, which has let it in.
+    is_entered: bool,
 }
 
 impl After {
@@ -77,7 +82,35 @@ impl Future for After {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
         self.sleep().poll(cx)
+    }
+}
+
+impl After {
+    /// Polls in a process with a tape: a replayed one does not wait for the time.
+    #[cold]
+    #[inline(never)]
+    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        if !self.is_entered {
+            match current::tape(|tape| tape.enter(cx)) {
+                Some(Poll::Pending) => return Poll::Pending,
+                _ => {
+                    // SAFETY: nothing is moved.
+                    unsafe { self.as_mut().get_unchecked_mut() }.is_entered = true;
+                }
+            }
+        }
+        if !taped::is_replayed() && self.as_mut().sleep().poll(cx).is_pending() {
+            return Poll::Pending;
+        }
+        current::tape(|tape| {
+            tape.leave(Event::done(0));
+            tape.hold(cx)
+        })
+        .unwrap_or(Poll::Ready(()))
     }
 }
 

@@ -134,6 +134,14 @@ pub trait RawGuard {
     /// Called when the lock of its place was released after `attempt` or `list`.
     fn released(&self) {}
 
+    /// The current process, which has a tape, is about to look at it.
+    fn note_taped(&self) {}
+
+    /// The stamp of what a chosen guard that was listed has come to, of a process with a tape; 0 if it has none.
+    fn order(&self) -> u64 {
+        0
+    }
+
     /// Whether the guard's time has come, for one that has no place; arranges for a wake at that time.
     ///
     /// # Safety

@@ -21,9 +21,11 @@ use crate::core::{Channel, Ending, Received, Taken};
 use crate::error::RecvError;
 use crate::recv::Receiver;
 use crate::selection::Selection;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, PlainReady, Wakeup};
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
+use luna_platform::tape::{Event, Turn, What};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomData;
@@ -202,6 +204,8 @@ enum State {
     Open,
     /// This entry holds a value that was received and not handed on yet.
     Holds(usize),
+    /// As `Closed`, and the process' tape has not let it in.
+    Entering,
 }
 
 // SAFETY: what partners reach is guarded by the channels' locks, or passed on by the selection; values pass between threads anyway.
@@ -369,7 +373,12 @@ impl<'a, T> Alternative<'a, T> {
     fn list(&mut self, index: usize) {
         if let Some(entry) = self.entries[index] {
             // SAFETY: the entry is this alternative's and stays where it is until it is unregistered; its channel is borrowed.
-            let is_ready = unsafe { (*(*entry.as_ptr()).channel.as_ptr()).register(entry) };
+            let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+            if current::is_taped() {
+                channel.note_alternative();
+            }
+            // SAFETY: as above.
+            let is_ready = unsafe { channel.register(entry) };
             if is_ready {
                 self.ready.set(index);
             }
@@ -463,6 +472,116 @@ impl<'a, T> Alternative<'a, T> {
     /// Polls wherever the process is, and whatever is asked of the channels.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        match current::is_taped() {
+            true => self.poll_taped(cx),
+            false => self.poll_untaped(cx),
+        }
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        if let State::Holds(index) = self.state
+            && taped::is_replayed()
+        {
+            if !taped::is_held(cx)
+                && let Some(received) = self.take_held(index)
+            {
+                return Poll::Ready((index, received));
+            }
+            return Poll::Pending;
+        }
+        let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
+        if entered != Poll::Ready(Turn::Record) {
+            self.state = State::Entering;
+            let turn = std::task::ready!(entered);
+            return self.poll_replayed(turn, cx);
+        }
+        let mut holds = None;
+        let polled = self.poll_untaped(cx);
+        if let State::Holds(index) = self.state {
+            holds = Some(index);
+        }
+        let own = current::tape(|tape| tape.own_stamp()).unwrap_or_default();
+        if let Some(index) = holds {
+            // It lets others run before it hands on what it has received.
+            self.put_order(index, own);
+        }
+        let (index, received) = std::task::ready!(polled);
+        let (number, stamp) = match &received {
+            Ok(_) if own != 0 => (0, own),
+            Ok(_) => (0, self.order(index)),
+            Err(RecvError::Poisoned) => (taped::failure::POISONED, 0),
+            Err(_) => (taped::failure::CLOSED, 0),
+        };
+        current::tape(|tape| {
+            let number = (index as u64) << 2 | number;
+            tape.leave(Event::new(What::Chosen, number, taped::known(tape, stamp)));
+        });
+        Poll::Ready((index, received))
+    }
+
+    /// Receives what the recorded one did. It is not registered anywhere: whoever sends lists itself, and is there when its stamp has come.
+    fn poll_replayed(
+        &mut self,
+        turn: Turn,
+        cx: &mut Context<'_>,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        let differs = |what| {
+            current::tape(|tape| tape.differs(what));
+            Poll::Pending
+        };
+        let Turn::Given(Event { number, stamp, .. }) = turn else {
+            return differs("an `Alternative` receives");
+        };
+        let index = usize::try_from(number >> 2).unwrap_or(usize::MAX);
+        let Some(entry) = self.entries.get(index).copied().flatten() else {
+            return differs("an `Alternative` has no such channel");
+        };
+        let settled = current::tape(|tape| tape.settle(cx));
+        std::task::ready!(settled.unwrap_or(Poll::Ready(())));
+        let event = Event::new(What::Chosen, number, stamp);
+        let received = match number & 3 {
+            0 => {
+                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+                let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+                channel.note_alternative();
+                match channel.lock().recv_now(false) {
+                    Received::Done(value, ready, _) => {
+                        let taken = Taken::new(channel, value, 0);
+                        ready.wake();
+                        Ok(taken.keep())
+                    }
+                    _ => return differs("an `Alternative` finds nothing"),
+                }
+            }
+            taped::failure::POISONED => Err(RecvError::Poisoned),
+            _ => Err(RecvError::Closed),
+        };
+        self.state = State::Closed;
+        taped::leave(event);
+        let is_held = received.is_ok() && taped::is_held(cx);
+        self.hand_on(index, received, is_held)
+    }
+
+    /// The stamp of what an entry came to.
+    fn order(&self, index: usize) -> u64 {
+        self.entries[index].map_or(0, |entry| {
+            // SAFETY: the entry is this alternative's, and was begun when it was made.
+            unsafe { Waiter::order(entry.cast::<Waiter<T>>()) }
+        })
+    }
+
+    fn put_order(&self, index: usize, stamp: u64) {
+        if let Some(entry) = self.entries[index]
+            && stamp != 0
+        {
+            // SAFETY: the selection is closed, so the entry is the owner's.
+            unsafe { Waiter::put_order(entry.cast::<Waiter<T>>(), stamp) };
+        }
+    }
+
+    fn poll_untaped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         let identity: (_, *const RawWakerVTable) = (cx.waker().data(), cx.waker().vtable());
         if let Some(index) = self.holds()
             && let Some(received) = self.take_held(index)
@@ -622,9 +741,30 @@ impl<T> Future for AlternativeRecv<'_, '_, T> {
 
 impl<T> Drop for AlternativeRecv<'_, '_, T> {
     fn drop(&mut self) {
-        let alternative = &mut *self.alternative;
-        if alternative.state == State::Open && alternative.hub().selection.close().is_some() {
-            alternative.state = State::Closed;
+        if self.alternative.state != State::Closed {
+            self.alternative.end_recv();
+        }
+    }
+}
+
+impl<T> Alternative<'_, T> {
+    /// A receive is dropped which is not over, or which gave way.
+    #[inline(never)]
+    fn end_recv(&mut self) {
+        match self.state {
+            State::Open => {
+                if current::is_taped() {
+                    taped::abandoned();
+                }
+                if self.hub().selection.close().is_some() {
+                    self.state = State::Closed;
+                }
+            }
+            State::Entering => {
+                taped::abandoned();
+                self.state = State::Closed;
+            }
+            State::Closed | State::Holds(_) => {}
         }
     }
 }

@@ -4,7 +4,9 @@ use super::choose::{Choice, Locks, choose, note_choice};
 use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::selection::Selection;
+use crate::taped;
 use luna_platform::current::{self, Process, Wakeup};
+use luna_platform::tape::{Event, Turn, What};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;
@@ -19,6 +21,8 @@ type Identity = (*const (), *const RawWakerVTable);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
+    /// As `New`, and the process' tape has not let it in.
+    Entering,
     /// The guards are listed, and the selection was opened.
     Listed,
     /// The guards are withdrawn, and the branch is about to be dropped.
@@ -187,7 +191,7 @@ impl<S: Seeds> Select<S> {
         let mut guards = unsafe { Pin::new_unchecked(this.guards.assume_init_mut()) };
         let polled = {
             let mut collected = Collected::default();
-            let first = this.state == State::New;
+            let first = matches!(this.state, State::New | State::Entering);
             guards.as_mut().collect(first, 0, &mut collected);
             let Collected(open) = collected;
             if open.is_empty() && !S::Guards::SKIP && this.state != State::Over {
@@ -201,7 +205,12 @@ impl<S: Seeds> Select<S> {
                 state: &mut this.state,
                 polled_by: &mut this.polled_by,
             };
-            alternative.poll(S::Guards::SKIP.then_some(S::Guards::LEN as u32), cx)
+            let skip = S::Guards::SKIP.then_some(S::Guards::LEN as u32);
+            if current::is_taped() {
+                alternative.poll_taped(skip, cx)
+            } else {
+                alternative.poll(skip, cx)
+            }
         };
         polled.map(|number| {
             this.state = State::Over;
@@ -224,7 +233,7 @@ impl Polled<'_> {
     /// Which guard has happened and is over. `skip` is the number of `skip`, if it stands.
     fn poll(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
         match *self.state {
-            State::New => {
+            State::New | State::Entering => {
                 if current::branch_failed() {
                     if let Some(number) = self.fail() {
                         return Poll::Ready(number);
@@ -254,6 +263,70 @@ impl Polled<'_> {
             }
             State::Over => panic!("an alternative was polled after it was over"),
         }
+    }
+
+    /// As [`poll`](Self::poll), as the process' tape says, which is told what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, mut skip: Option<u32>, cx: &mut Context<'_>) -> Poll<u32> {
+        if let State::GaveWay(_) = *self.state
+            && taped::is_held(cx)
+        {
+            return Poll::Pending;
+        }
+        let is_new = matches!(*self.state, State::New | State::Entering);
+        if is_new {
+            *self.state = State::Entering;
+            match current::tape(|tape| tape.enter(cx)) {
+                Some(Poll::Pending) => return Poll::Pending,
+                Some(Poll::Ready(Turn::Look)) => {
+                    current::tape(|tape| tape.differs("an alternative chooses"));
+                    return Poll::Pending;
+                }
+                _ => *self.state = State::New,
+            }
+        }
+        if matches!(*self.state, State::New | State::Listed)
+            && let Some(choice) = current::tape(|tape| tape.choice()).flatten()
+        {
+            self.open.retain(|(number, _)| *number == choice);
+            let waits_for = self.open.first().map(|(_, guard)| guard.place());
+            match waits_for {
+                // The time had come, or none was ready: there is nobody to wait for.
+                Some(None) => *self.state = State::Chosen(choice),
+                None if skip == Some(choice) => *self.state = State::Chosen(choice),
+                None => {
+                    current::tape(|tape| tape.differs("an alternative has no such guard"));
+                    return Poll::Pending;
+                }
+                Some(Some(_)) => skip = None,
+            }
+        }
+        if is_new {
+            self.open.iter().for_each(|(_, guard)| guard.note_taped());
+        }
+        let was_listed = *self.state == State::Listed;
+        let was_chosen = matches!(*self.state, State::Chosen(_) | State::GaveWay(_));
+        let polled = self.poll(skip, cx);
+        let chosen = match (&polled, *self.state) {
+            (Poll::Ready(number), _) => *number,
+            (Poll::Pending, State::Chosen(number) | State::GaveWay(number)) => number,
+            _ => return Poll::Pending,
+        };
+        let guard = self.open.iter().find(|(number, _)| *number == chosen);
+        let order = guard.map_or(0, |(_, guard)| guard.order());
+        let is_held = current::tape(|tape| {
+            let stamp = match order {
+                0 if !was_listed => tape.own_stamp(),
+                order => taped::known(tape, order),
+            };
+            tape.leave(Event::new(What::Chosen, u64::from(chosen), stamp));
+            !was_chosen && tape.hold(cx).is_pending()
+        });
+        if polled.is_ready() && is_held == Some(true) {
+            *self.state = State::GaveWay(chosen);
+            return Poll::Pending;
+        }
+        polled
     }
 
     /// Looks at the guards for the first time: which has happened, or none, and all are listed.
@@ -397,7 +470,13 @@ impl Polled<'_> {
 impl<S: Seeds> Drop for Select<S> {
     #[inline]
     fn drop(&mut self) {
+        if self.state == State::Entering {
+            taped::abandoned();
+        }
         if self.state == State::Listed {
+            if current::is_taped() {
+                taped::abandoned();
+            }
             // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
             // came to, and deals with it as any operation that is dropped.
             drop(self.selection.close());

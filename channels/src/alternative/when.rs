@@ -4,8 +4,10 @@ use super::guard::{Attempt, Guard, RawGuard};
 use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
+use crate::taped;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Ready};
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::future::Future;
@@ -45,6 +47,8 @@ pub struct When<D> {
     sleep: Sleep,
     /// Whether `sleep` is to be set before it is used again.
     is_set: bool,
+    /// The process' tape has let it in, and it is due.
+    is_served: bool,
 }
 
 impl<D: Due> When<D> {
@@ -54,6 +58,7 @@ impl<D: Due> When<D> {
             due,
             sleep: Sleep::until(Instant::NEVER),
             is_set: false,
+            is_served: false,
         }
     }
 
@@ -92,7 +97,7 @@ impl<D: Due> When<D> {
     fn serve(self: Pin<&mut Self>) -> D::Output {
         // SAFETY: what is due is not pinned.
         let this = unsafe { self.get_unchecked_mut() };
-        this.due.serve(Instant::now())
+        this.due.serve(taped::now())
     }
 }
 
@@ -100,12 +105,38 @@ impl<D: Due> Future for When<D> {
     type Output = D::Output;
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
         if self.as_mut().poll_due(cx).is_pending() {
             return Poll::Pending;
         }
         if !current::count_operation() {
             // One of too many in a row that did not have to wait: the next poll begins a new count.
             current::ready_again(cx, current::Place::Last);
+            return Poll::Pending;
+        }
+        Poll::Ready(self.serve())
+    }
+}
+
+impl<D: Due> When<D> {
+    /// Polls in a process with a tape: a replayed one does not wait for the time.
+    #[cold]
+    fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<D::Output> {
+        if !self.is_served {
+            let entered = current::tape(|tape| tape.enter(cx));
+            if entered.is_some_and(|entered| entered.is_pending()) {
+                return Poll::Pending;
+            }
+            if !taped::is_replayed() && self.as_mut().poll_due(cx).is_pending() {
+                return Poll::Pending;
+            }
+            taped::leave(Event::done(0));
+            // SAFETY: nothing is moved.
+            unsafe { self.as_mut().get_unchecked_mut() }.is_served = true;
+        }
+        if taped::is_held(cx) {
             return Poll::Pending;
         }
         Poll::Ready(self.serve())

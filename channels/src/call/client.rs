@@ -260,6 +260,14 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
         self.send.released();
     }
 
+    fn note_taped(&self) {
+        self.send.note_taped();
+    }
+
+    fn order(&self) -> u64 {
+        RawGuard::order(&self.send)
+    }
+
     unsafe fn fail(self: Pin<&mut Self>) -> bool {
         // SAFETY: the contract: it is the guard within this one.
         unsafe { self.send().fail() }

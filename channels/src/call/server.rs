@@ -10,6 +10,8 @@ use crate::place::{Lists, Place};
 use crate::recv::{Receiver, RecvOp};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
+use crate::taped;
+use luna_platform::current;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -98,6 +100,9 @@ impl<Q, A> Server<Q, A> {
     /// assert!(server.try_accept().unwrap_err().is_closed());
     /// ```
     pub fn try_accept(&self) -> Result<Call<'_, Q, A>, TryRecvError> {
+        if current::is_taped() {
+            taped::outside("`try_accept`");
+        }
         let mut section = self.receiver.channel().lock();
         section.note_server();
         let received = section.recv_now(true);
@@ -253,6 +258,14 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
     unsafe fn poll_chosen(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
         // SAFETY: the contract: it is the guard within this one.
         unsafe { self.recv().poll_chosen(cx) }
+    }
+
+    fn note_taped(&self) {
+        self.recv.note_taped();
+    }
+
+    fn order(&self) -> u64 {
+        RawGuard::order(&self.recv)
     }
 
     unsafe fn fail(self: Pin<&mut Self>) -> bool {

@@ -74,6 +74,7 @@ impl<T> Channel<T> {
             lists.is_rendezvous = buffer.capacity == 0;
             // One that drops, or grows, has more to do.
             lists.may_be_plain = buffer.when_full == WhenFull::Wait;
+            lists.taped.is_ordered = !lists.may_be_plain;
             lists.find_whether_plain();
         });
         let channel = Box::new(Channel {

@@ -6,6 +6,7 @@ use crate::buffer::WhenFull;
 use crate::call::lend_to_receiver;
 use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Heir, Priority, Ready, Wakeup};
 use luna_platform::home_lock::HomeGuard;
@@ -162,13 +163,16 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
 
     /// Takes a sender's value that waits, and its node out of the list: settled, or held for rendezvous `ticket`.
     #[inline]
-    fn take_waiting_sender(&mut self, extended: bool) -> Option<Received<T>> {
+    fn take_waiting_sender<const TAPED: bool>(&mut self, extended: bool) -> Option<Received<T>> {
         // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
         unsafe {
             let sender = claim_first::<T>(&mut self.lists.senders, |_| true)?;
             let Some(value) = Waiter::take_or_make(sender) else {
                 return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
             };
+            if TAPED {
+                Waiter::put_order(sender, self.lists.stamp());
+            }
             if !extended {
                 let ready = Waiter::settle(sender, Outcome::Done);
                 return Some(Received::Done(value, ready, Holding::NOBODY));
@@ -218,9 +222,45 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
         self.lists.sender = LastUser::of(current::user());
+        if self.lists.is_unusual {
+            // SAFETY: the contract.
+            return unsafe { self.send_unusually(offered, cx) };
+        }
+        // SAFETY: the contract.
+        unsafe { self.send_as::<S, false>(offered, cx) }
+    }
+
+    /// Sends where the channel has ended, or recorded processes come.
+    ///
+    /// # Safety
+    ///
+    /// As for `send_now`.
+    #[cold]
+    #[inline(never)]
+    unsafe fn send_unusually<S: Source<T>>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: Option<&Context<'_>>,
+    ) -> Sent<T> {
         if self.lists.ending != Ending::Open {
             return Sent::Ended(self.lists.ending);
         }
+        self.lists.note_partner();
+        // SAFETY: the contract.
+        unsafe { self.send_as::<S, true>(offered, cx) }
+    }
+
+    /// Sends in an open channel, where recorded processes come or not.
+    ///
+    /// # Safety
+    ///
+    /// As for `send_now`.
+    #[inline(always)]
+    unsafe fn send_as<S: Source<T>, const TAPED: bool>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: Option<&Context<'_>>,
+    ) -> Sent<T> {
         let buffer = self.channel.buffer();
         // A buffer takes the value from its sender as soon as it has it, and holds nobody: any send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
@@ -237,6 +277,9 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 match Offered::take(offered) {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
+                        if TAPED {
+                            Waiter::put_order(receiver, self.lists.stamp());
+                        }
                         Sent::Done(Waiter::settle(receiver, Outcome::Done), None)
                     }
                     None => Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned)),
@@ -246,7 +289,9 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         if buffer.capacity == 0 {
             return Sent::Full;
         }
-        let is_full = self.with_store(|store| store.len() >= buffer.capacity);
+        // A replayed sender that got through did so: whoever made room then may take several values at once later.
+        let is_replayed = TAPED && taped::is_replayed();
+        let is_full = !is_replayed && self.with_store(|store| store.len() >= buffer.capacity);
         if is_full && buffer.when_full == WhenFull::Wait {
             return Sent::Full;
         }
@@ -254,6 +299,13 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         let Some(value) = (unsafe { Offered::take(offered) }) else {
             return Sent::Broken(Ready::NOBODY);
         };
+        if TAPED {
+            let stamp = self.lists.stamp();
+            if is_replayed {
+                let stored = self.with_store(|store| store.len());
+                self.lists.note_stored(stamp, stored);
+            }
+        }
         let overwritten = self.with_store(|store| {
             let overwritten = match buffer.when_full {
                 WhenFull::DropOldest if is_full => store.pop_front(),
@@ -289,11 +341,15 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
             };
             receiver.as_ref().put_value(value);
+            // Extended rendezvous are seldom enough for this.
+            let stamp = self.lists.stamp();
+            Waiter::put_order(receiver, stamp);
             if !(*Waiter::link(receiver)).extended {
                 return Sent::Done(Waiter::settle(receiver, Outcome::Done), None);
             }
             let node = offered.cast::<Waiter<T>>();
             Waiter::begin(node, false, None, S::MAKE);
+            Waiter::put_order(node, stamp);
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
@@ -309,17 +365,41 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
+        if self.lists.is_unusual {
+            return self.recv_unusually(extended);
+        }
+        self.recv_as::<false>(extended)
+    }
+
+    /// Receives where the channel has ended, or recorded processes come.
+    #[cold]
+    #[inline(never)]
+    fn recv_unusually(&mut self, extended: bool) -> Received<T> {
         if self.lists.ending == Ending::Poisoned {
             return Received::Ended(Ending::Poisoned);
         }
+        self.lists.note_partner();
+        self.recv_as::<true>(extended)
+    }
+
+    /// Receives from a channel that is not poisoned, where recorded processes come, or which is closed, or neither.
+    #[inline(always)]
+    fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
         let capacity = self.channel.capacity;
         if let Some((value, has_room)) = self.with_store(|store| {
             let value = store.pop_front()?;
             Some((value, store.len() < capacity))
         }) {
+            if TAPED {
+                self.lists.stamp();
+                if taped::is_replayed() {
+                    let stored = self.with_store(|store| store.len());
+                    self.lists.note_taken(stored + 1);
+                }
+            }
             // A sender that waited for room moves up.
             let moved_up = if has_room {
-                self.take_waiting_sender(false)
+                self.take_waiting_sender::<TAPED>(false)
             } else {
                 None
             };
@@ -334,11 +414,27 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             };
             return Received::Done(value, ready, Holding::NOBODY);
         }
-        match self.take_waiting_sender(extended) {
+        match self.take_waiting_sender::<TAPED>(extended) {
             Some(received) => received,
-            None if self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
+            // Only there is it asked whether it has ended.
+            None if TAPED && self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),
             None => Received::Empty,
         }
+    }
+
+    /// In a replay: takes out what the buffer had overwritten when the recorded receive with this stamp came.
+    #[cold]
+    pub(crate) fn take_overwritten(&mut self, stamp: u64) -> Vec<T> {
+        let buffer = self.channel.buffer();
+        if buffer.when_full == WhenFull::Wait {
+            return Vec::new();
+        }
+        let stored = self.with_store(|store| store.len());
+        let keeps_newest = buffer.when_full == WhenFull::DropOldest;
+        let gone = self
+            .lists
+            .overwritten(stored, buffer.capacity, stamp, keeps_newest);
+        self.with_store(|store| store.drain(gone).collect())
     }
 
     /// Lets a sender wait. O(1), or O(waiting senders of lower priority).

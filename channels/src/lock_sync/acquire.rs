@@ -4,9 +4,11 @@ use super::entry::heir;
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
 use super::semaphore::Semaphore;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -23,6 +25,10 @@ enum Phase {
     GaveWay,
     /// The node is in the semaphore's list, or was settled.
     Listed,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
+    /// It has its permits, and is not to go on yet, by its process' tape.
+    Keeps,
     Over,
 }
 
@@ -115,7 +121,7 @@ impl<'a> AcquireOp<'a> {
     /// Takes it back, if it waits; `true` if it has its permits.
     fn withdraw(&mut self) -> bool {
         if self.phase != Phase::Listed {
-            return false;
+            return self.phase == Phase::Keeps;
         }
         let mut lists = self.semaphore.shared().place.lock();
         if self.outcome() == Outcome::Done {
@@ -152,33 +158,74 @@ impl<'a> AcquireOp<'a> {
     }
 }
 
+impl AcquireOp<'_> {
+    /// Polls until it has its permits, or its branch has failed.
+    fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
+        if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+            self.phase = Phase::Over;
+            current::stay_in_branch();
+            return Poll::Ready(Err(AcquireError));
+        }
+        let polled = match self.phase {
+            // Lets others run before it has anything that they could wait for.
+            Phase::New if crate::gives_way(cx) => {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            Phase::New | Phase::GaveWay => self.poll_new(cx),
+            Phase::Listed => self.poll_listed(cx),
+            Phase::Entering | Phase::Keeps => Poll::Ready(()),
+            Phase::Over => panic!("an acquire was polled after it was over"),
+        };
+        polled.map(Ok)
+    }
+
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), AcquireError>> {
+        if self.phase != Phase::Keeps {
+            if matches!(self.phase, Phase::New | Phase::Entering) {
+                self.phase = Phase::Entering;
+                let entered = std::task::ready!(taped::enter(cx));
+                self.phase = Phase::New;
+                if entered.is_err() {
+                    self.phase = Phase::Over;
+                    return Poll::Ready(Err(AcquireError));
+                }
+            }
+            if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
+                taped::leave(Event::failed(taped::failure::POISONED));
+                return Poll::Ready(Err(error));
+            }
+            taped::has_acquired(&mut self.semaphore.shared().place.lock());
+            self.phase = Phase::Keeps;
+        }
+        match taped::is_held(cx) {
+            true => Poll::Pending,
+            false => Poll::Ready(Ok(())),
+        }
+    }
+}
+
 impl<'a> Future for AcquireOp<'a> {
     type Output = Result<Permit<'a>, AcquireError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        if current::branch_failed() && this.phase != Phase::Over && !this.withdraw() {
-            this.phase = Phase::Over;
-            current::stay_in_branch();
-            return Poll::Ready(Err(AcquireError));
-        }
-        let polled = match this.phase {
-            // Lets others run before it has anything that they could wait for.
-            Phase::New if crate::gives_way(cx) => {
-                this.phase = Phase::GaveWay;
-                return Poll::Pending;
-            }
-            Phase::New | Phase::GaveWay => this.poll_new(cx),
-            Phase::Listed => this.poll_listed(cx),
-            Phase::Over => panic!("an acquire was polled after it was over"),
+        let polled = match current::is_taped() {
+            true => this.poll_taped(cx),
+            false => this.poll_untaped(cx),
         };
-        polled.map(|()| Ok(this.acquired()))
+        polled.map(|polled| polled.map(|()| this.acquired()))
     }
 }
 
 impl Drop for AcquireOp<'_> {
     fn drop(&mut self) {
+        if matches!(self.phase, Phase::Listed | Phase::Entering) {
+            taped::abandoned();
+        }
         if self.withdraw() {
             drop(self.acquired());
         }
@@ -223,6 +270,9 @@ impl<'a> Future for AcquireTimeout<'a> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        if current::is_taped() {
+            return poll_taped(acquire, sleep, cx);
+        }
         if let Poll::Ready(acquired) = acquire.as_mut().poll(cx) {
             return Poll::Ready(acquired.map_err(AcquireTimeoutError::from));
         }
@@ -235,4 +285,33 @@ impl<'a> Future for AcquireTimeout<'a> {
             Poll::Pending => Poll::Pending,
         }
     }
+}
+
+/// As a process' tape says: see that of a lock.
+#[cold]
+fn poll_taped<'a>(
+    mut acquire: Pin<&mut AcquireOp<'a>>,
+    sleep: Pin<&mut Sleep>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<Permit<'a>, AcquireTimeoutError>> {
+    let is_new = matches!(acquire.phase, Phase::New | Phase::Entering);
+    if is_new && std::task::ready!(taped::enter_timed(cx)).is_err() {
+        // SAFETY: nothing is moved.
+        unsafe { acquire.as_mut().get_unchecked_mut() }.phase = Phase::New;
+        return Poll::Ready(acquire.give_up());
+    }
+    let polled = acquire.as_mut().poll(cx);
+    if polled.is_ready() {
+        return polled.map_err(AcquireTimeoutError::from);
+    }
+    if acquire.phase != Phase::Listed || taped::is_replayed() || sleep.poll(cx).is_pending() {
+        return Poll::Pending;
+    }
+    let shared = acquire.semaphore.shared();
+    let outcome = acquire.as_mut().give_up();
+    match outcome {
+        Err(AcquireTimeoutError::Timeout) => taped::has_timed_out(),
+        _ => taped::has_acquired(&mut shared.place.lock()),
+    }
+    Poll::Ready(outcome)
 }

@@ -4,8 +4,10 @@ use super::entry::{Entry, heir};
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
+use crate::taped;
 use luna_platform::clock::Instant;
 use luna_platform::current;
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -22,6 +24,10 @@ enum Phase {
     GaveWay,
     /// The entry is in the mutex's list, or was settled.
     Listed,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
+    /// It holds the mutex, and is not to go on yet, by its process' tape.
+    Keeps,
     Over,
 }
 
@@ -94,8 +100,11 @@ impl<'a, T> LockOp<'a, T> {
 
     /// Takes it back, if it waits; `true` if it holds the mutex.
     fn withdraw(&mut self) -> bool {
-        // SAFETY: in `Listed` it is this future's, and was listed there.
-        self.phase == Phase::Listed && unsafe { self.mutex.core().withdraw(self.entry()) }
+        match self.phase {
+            // SAFETY: in `Listed` it is this future's, and was listed there.
+            Phase::Listed => unsafe { self.mutex.core().withdraw(self.entry()) },
+            phase => phase == Phase::Keeps,
+        }
     }
 
     /// At a deadline.
@@ -112,40 +121,91 @@ impl<'a, T> LockOp<'a, T> {
     }
 }
 
+impl<'a, T> LockOp<'a, T> {
+    /// Polls until it holds the mutex, or its branch has failed.
+    #[inline(always)]
+    fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
+        if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+            self.end();
+            current::stay_in_branch();
+            return Poll::Ready(Err(LockError::Poisoned));
+        }
+        let polled = match self.phase {
+            // Lets others run before it holds anything that they could wait for.
+            Phase::New if crate::gives_way(cx) => {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
+            Phase::New | Phase::GaveWay => {
+                let polled = self.poll_lock(cx);
+                if polled.is_pending() {
+                    self.phase = Phase::Listed;
+                }
+                polled
+            }
+            // SAFETY: the entry is this future's, and was listed there.
+            Phase::Listed => unsafe { self.mutex.core().poll_listed(self.entry(), cx) },
+            Phase::Entering | Phase::Keeps => Poll::Ready(()),
+            Phase::Over => panic!("a lock was polled after it was over"),
+        };
+        polled.map(Ok)
+    }
+
+    /// As [`poll_untaped`](Self::poll_untaped), as its process' tape says.
+    #[cold]
+    #[inline(never)]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
+        if self.phase != Phase::Keeps {
+            if matches!(self.phase, Phase::New | Phase::Entering) {
+                self.phase = Phase::Entering;
+                let entered = std::task::ready!(taped::enter(cx));
+                self.phase = Phase::New;
+                if entered.is_err() {
+                    self.end();
+                    return Poll::Ready(Err(LockError::Poisoned));
+                }
+            }
+            if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
+                taped::leave(Event::failed(taped::failure::POISONED));
+                return Poll::Ready(Err(error));
+            }
+            taped::has_acquired(&mut self.mutex.core().place.lock());
+            self.end();
+            self.phase = Phase::Keeps;
+        }
+        match taped::is_held(cx) {
+            true => Poll::Pending,
+            false => Poll::Ready(Ok(())),
+        }
+    }
+}
+
 impl<'a, T> Future for LockOp<'a, T> {
     type Output = Result<MutexGuard<'a, T>, LockError<'a, T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: nothing pinned is moved: a listed entry stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
-        if current::branch_failed() && this.phase != Phase::Over && !this.withdraw() {
-            this.end();
-            current::stay_in_branch();
-            return Poll::Ready(Err(LockError::Poisoned));
-        }
-        let polled = match this.phase {
-            // Lets others run before it holds anything that they could wait for.
-            Phase::New if crate::gives_way(cx) => {
-                this.phase = Phase::GaveWay;
-                return Poll::Pending;
-            }
-            Phase::New | Phase::GaveWay => {
-                let polled = this.poll_lock(cx);
-                if polled.is_pending() {
-                    this.phase = Phase::Listed;
-                }
-                polled
-            }
-            // SAFETY: the entry is this future's, and was listed there.
-            Phase::Listed => unsafe { this.mutex.core().poll_listed(this.entry(), cx) },
-            Phase::Over => panic!("a lock was polled after it was over"),
+        let polled = match current::is_taped() {
+            true => this.poll_taped(cx),
+            false => this.poll_untaped(cx),
         };
-        polled.map(|()| this.locked())
+        polled.map(|polled| polled.and_then(|()| this.locked()))
     }
 }
 
 impl<T> Drop for LockOp<'_, T> {
     fn drop(&mut self) {
+        if matches!(self.phase, Phase::Listed | Phase::Entering | Phase::Keeps) {
+            self.drop_unfinished();
+        }
+    }
+}
+
+impl<T> LockOp<'_, T> {
+    #[cold]
+    fn drop_unfinished(&mut self) {
+        taped::abandoned();
         let holds = self.withdraw();
         self.end();
         if holds {
@@ -192,6 +252,9 @@ impl<'a, T> Future for LockTimeout<'a, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        if current::is_taped() {
+            return poll_taped(lock, sleep, cx);
+        }
         if let Poll::Ready(locked) = lock.as_mut().poll(cx) {
             return Poll::Ready(locked.map_err(LockTimeoutError::from));
         }
@@ -204,4 +267,33 @@ impl<'a, T> Future for LockTimeout<'a, T> {
             Poll::Pending => Poll::Pending,
         }
     }
+}
+
+/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+#[cold]
+fn poll_taped<'a, T>(
+    mut lock: Pin<&mut LockOp<'a, T>>,
+    sleep: Pin<&mut Sleep>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<MutexGuard<'a, T>, LockTimeoutError<'a, T>>> {
+    let is_new = matches!(lock.phase, Phase::New | Phase::Entering);
+    if is_new && std::task::ready!(taped::enter_timed(cx)).is_err() {
+        // SAFETY: nothing is moved.
+        unsafe { lock.as_mut().get_unchecked_mut() }.phase = Phase::New;
+        return Poll::Ready(lock.give_up());
+    }
+    let polled = lock.as_mut().poll(cx);
+    if polled.is_ready() {
+        return polled.map_err(LockTimeoutError::from);
+    }
+    if lock.phase != Phase::Listed || taped::is_replayed() || sleep.poll(cx).is_pending() {
+        return Poll::Pending;
+    }
+    let place = &lock.mutex.core().place;
+    let outcome = lock.as_mut().give_up();
+    match outcome {
+        Err(LockTimeoutError::Timeout) => taped::has_timed_out(),
+        _ => taped::has_acquired(&mut place.lock()),
+    }
+    Poll::Ready(outcome)
 }

@@ -5,8 +5,9 @@ use super::error::{LockError, LockTimeoutError, TryLockError};
 use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use crate::inspect::{Stored, register, unregister};
+use crate::taped;
 use luna_platform::clock::Instant;
-use luna_platform::current::Heir;
+use luna_platform::current::{self, Heir};
 use luna_platform::reclaim::Retired;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -137,7 +138,15 @@ impl<T> Mutex<T> {
     /// # drop(guard);
     /// ```
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
-        if self.core().take(Heir::current_or_thread()).is_err() {
+        let take = || self.core().take(Heir::current_or_thread()).is_ok();
+        let has_taken = match current::is_taped() {
+            true => taped::call(true, take, |taken| {
+                (!taken).then_some(taped::failure::NOTHING)
+            })
+            .unwrap_or_default(),
+            false => take(),
+        };
+        if !has_taken {
             return Err(TryLockError::Locked);
         }
         // SAFETY: it was taken.

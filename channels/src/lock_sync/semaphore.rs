@@ -5,6 +5,7 @@ use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{LastUser, Lists, PlaceApart};
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Priority, User};
@@ -122,12 +123,20 @@ impl Semaphore {
 
     /// Takes `count` permits, if there are so many and nobody waits who is as urgent. O(1), for the real-time path.
     pub fn try_acquire_many(&self, count: u32) -> Option<Permit<'_>> {
-        self.shared().note_user(current::user());
-        let mut lists = self.shared().place.lock();
-        self.shared()
-            .take(&mut lists, count, current::priority())
-            // SAFETY: they were taken.
-            .then(|| unsafe { Permit::new(self, count) })
+        let take = || {
+            self.shared().note_user(current::user());
+            let mut lists = self.shared().place.lock();
+            self.shared().take(&mut lists, count, current::priority())
+        };
+        let has_taken = match current::is_taped() {
+            true => taped::call(true, take, |taken| {
+                (!taken).then_some(taped::failure::NOTHING)
+            })
+            .unwrap_or_default(),
+            false => take(),
+        };
+        // SAFETY: they were taken.
+        has_taken.then(|| unsafe { Permit::new(self, count) })
     }
 
     /// Like [`acquire`](Self::acquire), for at most `timeout`. Exact: it times out only if it has taken none.
@@ -212,8 +221,14 @@ impl Semaphore {
 
     /// How many permits nobody has: for display, since it may have changed already.
     pub fn available(&self) -> u64 {
-        let lists = self.shared().place.lock();
-        self.shared().permits(&lists, |permits| *permits)
+        let look = || {
+            let lists = self.shared().place.lock();
+            self.shared().permits(&lists, |permits| *permits)
+        };
+        match current::is_taped() {
+            true => taped::look(look),
+            false => look(),
+        }
     }
 
     /// Says that somebody outside of the system adds permits too: a plain thread, say. A process that waits here is then never part of a

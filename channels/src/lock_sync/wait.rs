@@ -6,9 +6,11 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::place::Lists;
+use crate::taped;
 use crate::waiter::Outcome;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::tape::{Event, Turn, What};
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -23,6 +25,10 @@ enum Phase<'a, T> {
     New(MutexGuard<'a, T>),
     /// The entry is in a list of the condition, or of the mutex, or was settled.
     Listed,
+    /// It is replayed, and has unlocked: nobody notifies it, but the recording says when it has locked again.
+    Replayed,
+    /// It holds the mutex, and is not to go on yet, by its process' tape. The entry was never begun.
+    Keeps,
     Over,
 }
 
@@ -39,6 +45,8 @@ pub struct WaitOp<'c, 'a, T> {
     phase: Phase<'a, T>,
     /// The thread itself waits, so it may inherit.
     of_thread: bool,
+    /// Its time ran out before it was notified.
+    has_timed_out: bool,
     _pinned: PhantomPinned,
 }
 
@@ -55,6 +63,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             entry: UnsafeCell::new(Entry::new()),
             phase: Phase::New(guard),
             of_thread,
+            has_timed_out: false,
             _pinned: PhantomPinned,
         }
     }
@@ -139,6 +148,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             let (cause, result) = if this.take_off(&mut lists) {
                 (Cause::NotifiedWithAll, WaitTimeoutResult::NOTIFIED)
             } else {
+                this.has_timed_out = true;
                 (Cause::TimedOut, WaitTimeoutResult::TIMED_OUT)
             };
             Entry::set_cause(this.entry(), cause);
@@ -192,41 +202,117 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     }
 }
 
-impl<'a, T> Future for WaitOp<'_, 'a, T> {
-    type Output = Result<MutexGuard<'a, T>, LockError<'a, T>>;
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
-        let this = unsafe { self.get_unchecked_mut() };
-        match std::mem::replace(&mut this.phase, Phase::Over) {
+impl<'a, T> WaitOp<'_, 'a, T> {
+    fn poll_untaped(
+        &mut self,
+        cx: &Context<'_>,
+    ) -> Poll<Result<MutexGuard<'a, T>, LockError<'a, T>>> {
+        match std::mem::replace(&mut self.phase, Phase::Over) {
             Phase::New(guard) if current::branch_failed() => {
                 guard.unlock();
                 current::stay_in_branch();
                 Poll::Ready(Err(LockError::Poisoned))
             }
             Phase::New(guard) => {
-                this.begin(guard, cx);
+                self.begin(guard, cx);
                 Poll::Pending
             }
             Phase::Listed => {
-                this.phase = Phase::Listed;
-                if current::branch_failed() && !this.has_locked() {
-                    this.cancel();
+                self.phase = Phase::Listed;
+                if current::branch_failed() && !self.has_locked() {
+                    self.cancel();
                     current::stay_in_branch();
                     return Poll::Ready(Err(LockError::Poisoned));
                 }
-                this.poll_listed(cx).map(|()| this.locked())
+                self.poll_listed(cx).map(|()| self.locked())
             }
-            Phase::Over => panic!("a wait was polled after it was over"),
+            Phase::Replayed | Phase::Keeps | Phase::Over => {
+                panic!("a wait was polled after it was over")
+            }
+        }
+    }
+
+    /// Polls as its process' tape says. A recorded one has a stamp of its having locked again; a replayed one locks when that comes, and whoever notified it then need not
+    /// do so again.
+    #[cold]
+    fn poll_taped(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<MutexGuard<'a, T>, LockError<'a, T>>> {
+        if let Phase::New(_) = self.phase
+            && taped::is_replayed()
+            && let Phase::New(guard) = std::mem::replace(&mut self.phase, Phase::Replayed)
+        {
+            guard.unlock();
+        }
+        if let Phase::Replayed = self.phase {
+            match std::task::ready!(taped::enter(cx)) {
+                Err(_) => {
+                    self.phase = Phase::Over;
+                    return Poll::Ready(Err(LockError::Poisoned));
+                }
+                Ok(Turn::Given(event)) => {
+                    let heir = heir(self.of_thread);
+                    if self.mutex.core().take(heir).is_err() {
+                        current::tape(|tape| tape.differs("somebody else holds the mutex"));
+                        return Poll::Pending;
+                    }
+                    self.has_timed_out = event.number == 1;
+                    self.tell();
+                    self.phase = Phase::Keeps;
+                }
+                // It did not lock again.
+                Ok(_) => return Poll::Pending,
+            }
+        }
+        if let Phase::Keeps = self.phase {
+            if taped::is_held(cx) {
+                return Poll::Pending;
+            }
+            self.phase = Phase::Over;
+            // SAFETY: it was taken.
+            return Poll::Ready(unsafe { self.mutex.held() }.map_err(LockError::OwnerDied));
+        }
+        let entered = taped::enter(cx);
+        debug_assert!(entered.is_ready(), "who is recorded is let in");
+        let polled = std::task::ready!(self.poll_untaped(cx));
+        match &polled {
+            Err(LockError::Poisoned) => taped::leave(Event::failed(taped::failure::POISONED)),
+            _ => self.tell(),
+        }
+        Poll::Ready(polled)
+    }
+
+    /// Tells that it has locked again.
+    fn tell(&self) {
+        let stamp = self.mutex.core().place.lock().stamp_if(true);
+        let number = u64::from(self.has_timed_out);
+        taped::leave(Event::new(What::Chosen, number, stamp));
+    }
+}
+
+impl<'a, T> Future for WaitOp<'_, 'a, T> {
+    type Output = Result<MutexGuard<'a, T>, LockError<'a, T>>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: nothing pinned is moved: a listed entry stays in its place.
+        let this = unsafe { self.get_unchecked_mut() };
+        match current::is_taped() {
+            true => this.poll_taped(cx),
+            false => this.poll_untaped(cx),
         }
     }
 }
 
 impl<T> Drop for WaitOp<'_, '_, T> {
     fn drop(&mut self) {
-        if matches!(self.phase, Phase::Listed) {
-            self.cancel();
+        match self.phase {
+            Phase::New(_) | Phase::Over => return,
+            Phase::Listed => self.cancel(),
+            Phase::Keeps => self.mutex.core().unlock(false),
+            Phase::Replayed => {}
         }
+        taped::abandoned();
     }
 }
 
@@ -235,6 +321,8 @@ impl<T> fmt::Debug for WaitOp<'_, '_, T> {
         f.write_str(match self.phase {
             Phase::New(_) => "WaitOp(New)",
             Phase::Listed => "WaitOp(Listed)",
+            Phase::Replayed => "WaitOp(Replayed)",
+            Phase::Keeps => "WaitOp(Keeps)",
             Phase::Over => "WaitOp(Over)",
         })
     }
@@ -292,11 +380,12 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
             )
         };
         let mut polled = wait.as_mut().poll(cx);
-        if polled.is_pending() && result.is_none() && sleep.poll(cx).is_ready() {
+        let may_be_late = result.is_none() && !taped::is_replayed();
+        if polled.is_pending() && may_be_late && sleep.poll(cx).is_ready() {
             *result = Some(wait.as_mut().time_out());
             // It holds the mutex already if that was free.
             polled = wait.as_mut().poll(cx);
         }
-        polled.map(|locked| Ok((locked?, result.unwrap_or(WaitTimeoutResult::NOTIFIED))))
+        polled.map(|locked| Ok((locked?, WaitTimeoutResult(wait.has_timed_out))))
     }
 }

@@ -154,6 +154,18 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         Poll::Ready(())
     }
 
+    fn note_taped(&self) {
+        self.receiver.channel().note_taped(false);
+    }
+
+    fn order(&self) -> u64 {
+        match self.phase {
+            // SAFETY: one that has a tape is listed in the general way alone; it is settled, since its alternative has chosen it.
+            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
+            _ => 0,
+        }
+    }
+
     fn can_fail(&self) -> bool {
         true
     }

@@ -6,9 +6,11 @@ use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
 use crate::spots::Side;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
+use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -21,8 +23,12 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet.
     New,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
     /// The node is in the list, or has been settled.
     Listed,
+    /// As `Listed`, and its process has a tape.
+    Taped,
     /// Settled in an alternative, without having been listed.
     Settled(Outcome),
     /// Received; the node holds the value while the process lets others run.
@@ -121,7 +127,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     pub(super) fn ticket(&self) -> u32 {
         match self.phase {
             // SAFETY: a settled node is known to its future alone, and was begun.
-            Phase::Listed => unsafe { (*Waiter::link(self.node())).ticket },
+            Phase::Listed | Phase::Taped => unsafe { (*Waiter::link(self.node())).ticket },
             _ => self.ticket,
         }
     }
@@ -156,9 +162,11 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New | Phase::Over | Phase::Settled(_) => Err(RecvTimeoutError::Timeout),
+            Phase::New | Phase::Entering | Phase::Over | Phase::Settled(_) => {
+                Err(RecvTimeoutError::Timeout)
+            }
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
-            Phase::Listed => {
+            Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the receivers' side.
                 match unsafe { this.receiver.channel().withdraw(this.node(), false) } {
                     Outcome::Waiting => {
@@ -195,16 +203,107 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         Poll::Ready(self.settled(outcome))
     }
 
+    /// Whether it has not done anything yet.
+    pub(super) fn is_new(&self) -> bool {
+        matches!(self.phase, Phase::New | Phase::Entering)
+    }
+
+    /// Whether it waits for a partner, or has met one that came later.
+    pub(super) fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Taped)
+    }
+
+    /// The stamp of what it has come to.
+    ///
+    /// # Safety
+    ///
+    /// It was listed in the general way, and is settled.
+    pub(super) unsafe fn order(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(
         &mut self,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
+        self.poll_in_general(cx)
+    }
+
+    /// Lets a new one of a process with a tape in, and gives how it failed if it has not to do more than that.
+    pub(super) fn enter(&mut self, cx: &mut Context<'_>) -> Poll<Option<RecvError>> {
+        self.phase = Phase::Entering;
+        let entered = std::task::ready!(taped::enter(cx));
+        Poll::Ready(match entered {
+            Ok(_) => {
+                self.phase = Phase::New;
+                self.receiver.channel().note_taped(false);
+                None
+            }
+            Err(failure) => {
+                self.phase = Phase::Over;
+                Some(match failure {
+                    taped::failure::POISONED => RecvError::Poisoned,
+                    _ => RecvError::Closed,
+                })
+            }
+        })
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        let before = self.phase;
+        match before {
+            Phase::New | Phase::Entering => {
+                if let Some(error) = std::task::ready!(self.enter(cx)) {
+                    return Poll::Ready(Err(error));
+                }
+            }
+            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            Phase::Taped if self.outcome() == Outcome::Done => {
+                // SAFETY: it was listed in the general way, and is settled.
+                taped::has_waited(unsafe { self.order() });
+                if taped::is_held(cx) {
+                    return Poll::Pending;
+                }
+            }
+            _ => {}
+        }
+        let polled = self.poll_in_general(cx);
+        let is_done = matches!(polled, Poll::Ready(Ok(_)));
+        if before == Phase::Taped && is_done {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            taped::has_waited(unsafe { self.order() });
+        } else if is_done || self.phase == Phase::GaveWay {
+            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
+        }
+        if self.phase == Phase::Listed {
+            self.phase = Phase::Taped;
+        }
+        if let Poll::Ready(Err(error)) = &polled {
+            taped::leave(Event::failed(match error {
+                RecvError::Poisoned => taped::failure::POISONED,
+                _ => taped::failure::CLOSED,
+            }));
+        }
+        polled
+    }
+
+    fn poll_in_general(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let this = self;
         match this.phase {
-            Phase::New => {}
-            Phase::Listed => return this.poll_listed(cx),
+            Phase::New | Phase::Entering => {}
+            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
             Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
             Phase::Settled(_) | Phase::Over => panic!("a receive was polled after it was over"),
         }
@@ -258,7 +357,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
                 let value = taken.keep();
-                if crate::gives_way(cx) {
+                if crate::completes_later(cx) {
                     this.keep(value, ticket);
                     this.phase = Phase::GaveWay;
                     return Poll::Pending;
@@ -351,8 +450,15 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
     fn drop_unfinished(&mut self) {
         let holds_value = match self.phase {
             Phase::New | Phase::Over => false,
+            Phase::Entering => {
+                taped::abandoned();
+                false
+            }
             Phase::GaveWay => true,
-            Phase::Listed | Phase::Settled(_) => {
+            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
+                if self.phase == Phase::Taped {
+                    taped::abandoned();
+                }
                 let mut outcome = self.outcome();
                 if outcome == Outcome::Waiting {
                     // SAFETY: the node was listed on the receivers' side.

@@ -7,7 +7,9 @@ use crate::error::{RecvError, RecvTimeoutError, TryRecvError};
 use crate::extended::Extending;
 use crate::stamp::Stamp;
 use crate::stream::Incoming;
+use crate::taped;
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::marker::PhantomData;
@@ -106,9 +108,10 @@ impl<T> Receiver<T> {
     /// assert!(receiver.try_recv().unwrap_err().is_closed());
     /// ```
     pub fn try_recv(&self) -> Result<T, TryRecvError> {
-        let mut section = self.channel().lock();
-        let received = section.recv_now(false);
-        drop(section);
+        let received = match current::is_taped() {
+            true => self.receive_taped(),
+            false => self.channel().lock().recv_now(false),
+        };
         match received {
             Received::Done(value, ready, _) => {
                 let taken = Taken::new(self.channel(), value, 0);
@@ -124,6 +127,27 @@ impl<T> Receiver<T> {
                 Err(TryRecvError::Poisoned)
             }
         }
+    }
+
+    /// Receives at once, as the process' tape says.
+    #[cold]
+    #[inline(never)]
+    fn receive_taped(&self) -> Received<T> {
+        let look = || {
+            self.channel().note_taped(false);
+            self.channel().lock().recv_now(false)
+        };
+        let failure = |received: &Received<T>| match received {
+            Received::Empty => Some(taped::failure::NOTHING),
+            Received::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Received::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            taped::failure::NOTHING => Received::Empty,
+            taped::failure::POISONED => Received::Ended(Ending::Poisoned),
+            _ => Received::Ended(Ending::Closed),
+        })
     }
 
     /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was taken.
@@ -219,7 +243,13 @@ impl<T> Receiver<T> {
 
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
     pub fn poison(&self) {
-        self.channel().poison();
+        if current::is_taped() {
+            // Who still gets through before it is what a replay has to keep to.
+            let poison = || self.channel().poison();
+            let _ = taped::call(true, poison, |()| None);
+        } else {
+            self.channel().poison();
+        }
     }
 
     /// Waits until the channel is poisoned, and takes nothing from it: for one who does other things before it receives. If the senders go, it

@@ -2,6 +2,9 @@
 
 use super::operation::{Phase, RecvOp};
 use crate::error::RecvTimeoutError;
+use crate::taped;
+use luna_platform::current;
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
@@ -27,6 +30,9 @@ impl<T> Future for RecvTimeout<'_, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        if current::is_taped() {
+            return poll_taped(recv, sleep, cx);
+        }
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
@@ -39,4 +45,35 @@ impl<T> Future for RecvTimeout<'_, T> {
             Poll::Pending => Poll::Pending,
         }
     }
+}
+
+/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+#[cold]
+fn poll_taped<T>(
+    mut recv: Pin<&mut RecvOp<'_, T>>,
+    sleep: Pin<&mut Sleep>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<T, RecvTimeoutError>> {
+    if recv.is_new() && std::task::ready!(taped::enter_timed(cx)).is_err() {
+        return Poll::Ready(recv.give_up());
+    }
+    let polled = recv.as_mut().poll(cx);
+    if polled.is_ready() {
+        return polled.map_err(RecvTimeoutError::from);
+    }
+    // One that is let in later, or has communicated and lets others run, is not late.
+    if !recv.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+        return Poll::Pending;
+    }
+    let outcome = recv.as_mut().give_up();
+    match &outcome {
+        Err(RecvTimeoutError::Timeout) => taped::has_timed_out(),
+        Err(RecvTimeoutError::Poisoned) => {
+            taped::leave(Event::failed(taped::failure::POISONED));
+        }
+        Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
+        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        Ok(_) => taped::has_waited(unsafe { recv.order() }),
+    }
+    Poll::Ready(outcome)
 }

@@ -173,6 +173,18 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
         self.sender.channel().ring();
     }
 
+    fn note_taped(&self) {
+        self.sender.channel().note_taped(true);
+    }
+
+    fn order(&self) -> u64 {
+        match self.phase {
+            // SAFETY: one that has a tape is listed in the general way alone; it is settled, since its alternative has chosen it.
+            Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
+            _ => 0,
+        }
+    }
+
     fn can_fail(&self) -> bool {
         true
     }

@@ -6,9 +6,11 @@ use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
 use crate::spots::Side;
+use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Wakeup};
 use luna_platform::spin;
+use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
@@ -21,8 +23,12 @@ use std::task::{Context, Poll};
 pub(super) enum Phase {
     /// Not polled yet; the node holds the value.
     New,
+    /// As `New`, and its process' tape has not let it in.
+    Entering,
     /// The node is in the list, or has been settled.
     Listed,
+    /// As `Listed`, and its process has a tape.
+    Taped,
     /// Settled in an alternative, without having been listed.
     Settled(Outcome),
     /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
@@ -153,7 +159,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     pub(crate) fn abandon(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        if this.phase == Phase::Listed {
+        if matches!(this.phase, Phase::Listed | Phase::Taped) {
             // SAFETY: the node was listed on the senders' side.
             let outcome = unsafe { this.sender.channel().withdraw(this.node(), true) };
             if outcome == Outcome::Waiting {
@@ -167,11 +173,11 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New => Err(SendTimeoutError::Timeout(
+            Phase::New | Phase::Entering => Err(SendTimeoutError::Timeout(
                 this.failed(Outcome::Closed).value,
             )),
             Phase::GaveWay | Phase::Over | Phase::Overwrote | Phase::Settled(_) => Ok(()),
-            Phase::Listed => {
+            Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the senders' side.
                 match unsafe { this.sender.channel().withdraw(this.node(), true) } {
                     Outcome::Waiting => Err(SendTimeoutError::Timeout(
@@ -210,10 +216,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
 
     /// It is done, and others may be let run first.
     #[inline]
-    fn sent(&mut self, cx: &Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+    fn sent(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         // Before the user's code (a waker) can panic: the value is gone.
         self.phase = Phase::Over;
-        if crate::gives_way(cx) {
+        if crate::completes_later(cx) {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -235,13 +241,93 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
     }
 
+    /// Whether it has not done anything yet.
+    pub(super) fn is_new(&self) -> bool {
+        matches!(self.phase, Phase::New | Phase::Entering)
+    }
+
+    /// Whether it waits for a partner, or has met one that came later.
+    pub(super) fn is_listed(&self) -> bool {
+        matches!(self.phase, Phase::Listed | Phase::Taped)
+    }
+
+    /// The stamp of what it has come to.
+    ///
+    /// # Safety
+    ///
+    /// It was listed in the general way, and is settled.
+    pub(super) unsafe fn order(&self) -> u64 {
+        // SAFETY: the contract.
+        unsafe { Waiter::order(self.node()) }
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        if current::is_taped() {
+            return self.poll_taped(cx);
+        }
+        self.poll_in_general(cx)
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
+        let before = self.phase;
+        match before {
+            Phase::New | Phase::Entering => {
+                self.phase = Phase::Entering;
+                let entered = std::task::ready!(taped::enter(cx));
+                self.phase = Phase::New;
+                if let Err(failure) = entered {
+                    return Poll::Ready(Err(self.failed(match failure {
+                        taped::failure::POISONED => Outcome::Poisoned,
+                        _ => Outcome::Closed,
+                    })));
+                }
+                self.sender.channel().note_taped(true);
+            }
+            Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            Phase::Taped if self.outcome() == Outcome::Done => {
+                // SAFETY: it was listed in the general way, and is settled.
+                taped::has_waited(unsafe { self.order() });
+                if taped::is_held(cx) {
+                    return Poll::Pending;
+                }
+            }
+            _ => {}
+        }
+        let polled = self.poll_in_general(cx);
+        let is_done = matches!(polled, Poll::Ready(Ok(_)));
+        if before == Phase::Taped && is_done {
+            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
+            // SAFETY: it was listed in the general way, and is settled.
+            taped::has_waited(unsafe { self.order() });
+        } else if is_done || self.phase == Phase::GaveWay {
+            current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
+        }
+        if self.phase == Phase::Listed {
+            self.phase = Phase::Taped;
+        }
+        if let Poll::Ready(Err(error)) = &polled {
+            if !error.poisoned && current::is_replayed() {
+                // Recorded is a success: it was sent before the receivers went, who never saw it.
+                taped::leave(Event::done(0));
+                return Poll::Ready(Ok(()));
+            }
+            taped::leave(Event::failed(match error.poisoned {
+                true => taped::failure::POISONED,
+                false => taped::failure::CLOSED,
+            }));
+        }
+        polled
+    }
+
+    fn poll_in_general(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let this = self;
         match this.phase {
-            Phase::New => {}
-            Phase::Listed => return this.poll_listed(cx),
+            Phase::New | Phase::Entering => {}
+            Phase::Listed | Phase::Taped => return this.poll_listed(cx),
             Phase::GaveWay => {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
@@ -372,9 +458,13 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
             Phase::New => {}
+            Phase::Entering => taped::abandoned(),
             // SAFETY: in this phase the node holds a value.
             Phase::Overwrote => return drop(unsafe { self.offered().waiter.take_value() }),
-            Phase::Listed | Phase::Settled(_) => {
+            Phase::Listed | Phase::Taped | Phase::Settled(_) => {
+                if self.phase == Phase::Taped {
+                    taped::abandoned();
+                }
                 let mut outcome = self.outcome();
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
                     // SAFETY: the node was listed on the senders' side.

@@ -4,9 +4,11 @@ use super::{SendOp, SendTimeout};
 use crate::core::{Channel, Ending, Sent};
 use crate::ended::Ended;
 use crate::error::{SendError, SendTimeoutError, TrySendError};
-use crate::source::{FromSlot, Made, Offered};
+use crate::source::{FromSlot, InNode, Made, Offered};
 use crate::stamp::Stamp;
+use crate::taped;
 use luna_platform::clock::Instant;
+use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::marker::PhantomData;
@@ -130,10 +132,15 @@ impl<T> Sender<T> {
         let offered = NonNull::from(&mut offered);
         // SAFETY: the node is this call's alone, and holds its value unless that was sent.
         let value = || unsafe { offered.as_ref().waiter.take_value() };
-        let mut section = self.channel().lock();
-        // SAFETY: as above.
-        let sent = unsafe { section.send_now(offered, None) };
-        section.release();
+        let sent = if current::is_taped() {
+            self.send_taped(offered)
+        } else {
+            let mut section = self.channel().lock();
+            // SAFETY: as above.
+            let sent = unsafe { section.send_now(offered, None) };
+            section.release();
+            sent
+        };
         match sent {
             Sent::Done(ready, dropped) => {
                 ready.wake();
@@ -149,6 +156,31 @@ impl<T> Sender<T> {
             Sent::Ended(Ending::Poisoned) => Err(TrySendError::Poisoned(value())),
             Sent::Ended(_) => Err(TrySendError::Closed(value())),
         }
+    }
+
+    /// Sends at once what was offered for this call alone, as the process' tape says.
+    #[cold]
+    #[inline(never)]
+    fn send_taped(&self, offered: NonNull<Offered<T, InNode>>) -> Sent<T> {
+        let look = || {
+            self.channel().note_taped(true);
+            let mut section = self.channel().lock();
+            // SAFETY: the node is its call's alone, and holds its value.
+            let sent = unsafe { section.send_now(offered, None) };
+            section.release();
+            sent
+        };
+        let failure = |sent: &Sent<T>| match sent {
+            Sent::Full => Some(taped::failure::NOTHING),
+            Sent::Ended(Ending::Poisoned) => Some(taped::failure::POISONED),
+            Sent::Ended(_) => Some(taped::failure::CLOSED),
+            _ => None,
+        };
+        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+            taped::failure::NOTHING => Sent::Full,
+            taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
+            _ => Sent::Ended(Ending::Closed),
+        })
     }
 
     /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.
@@ -243,7 +275,13 @@ impl<T> Sender<T> {
     /// assert!(receiver.blocking_recv().unwrap_err().is_poisoned());
     /// ```
     pub fn poison(&self) {
-        self.channel().poison();
+        if current::is_taped() {
+            // Who still gets through before it is what a replay has to keep to.
+            let poison = || self.channel().poison();
+            let _ = taped::call(true, poison, |()| None);
+        } else {
+            self.channel().poison();
+        }
     }
 
     /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned. It offers nothing, and of no receiver is it

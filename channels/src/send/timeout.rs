@@ -2,6 +2,9 @@
 
 use super::operation::{Phase, SendOp};
 use crate::error::SendTimeoutError;
+use crate::taped;
+use luna_platform::current;
+use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
@@ -27,6 +30,9 @@ impl<T> Future for SendTimeout<'_, T> {
                 Pin::new_unchecked(&mut this.sleep),
             )
         };
+        if current::is_taped() {
+            return poll_taped(send, sleep, cx);
+        }
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));
         }
@@ -39,4 +45,34 @@ impl<T> Future for SendTimeout<'_, T> {
             Poll::Pending => Poll::Pending,
         }
     }
+}
+
+/// As a process' tape says: see the receive's.
+#[cold]
+fn poll_taped<T>(
+    mut send: Pin<&mut SendOp<'_, T>>,
+    sleep: Pin<&mut Sleep>,
+    cx: &mut Context<'_>,
+) -> Poll<Result<(), SendTimeoutError<T>>> {
+    if send.is_new() && std::task::ready!(taped::enter_timed(cx)).is_err() {
+        return Poll::Ready(send.give_up());
+    }
+    let polled = send.as_mut().poll(cx);
+    if polled.is_ready() {
+        return polled.map_err(SendTimeoutError::from);
+    }
+    if !send.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+        return Poll::Pending;
+    }
+    let outcome = send.as_mut().give_up();
+    match &outcome {
+        Err(SendTimeoutError::Timeout(_)) => taped::has_timed_out(),
+        Err(SendTimeoutError::Poisoned(_)) => {
+            taped::leave(Event::failed(taped::failure::POISONED));
+        }
+        Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
+        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        Ok(_) => taped::has_waited(unsafe { send.order() }),
+    }
+    Poll::Ready(outcome)
 }

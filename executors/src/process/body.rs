@@ -72,7 +72,14 @@ impl<F: Future<Output = ()>> Body<F> {
             let began = record.is_timed().then(|| record.begin_poll());
             // SAFETY: see above.
             let future = unsafe { Pin::new_unchecked(future) };
-            let polled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| future.poll(cx)));
+            let polled =
+                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match record.taper() {
+                    None => future.poll(cx),
+                    Some(taper) => {
+                        let mut future = future;
+                        taper.poll(cx, &mut |cx| future.as_mut().poll(cx))
+                    }
+                }));
             if let Some(began) = began {
                 record.end_poll(began);
             }
@@ -109,6 +116,9 @@ impl<F> Body<F> {
                 drop_body();
             }
         }));
+        if let Some(taper) = of.record.taper() {
+            taper.end();
+        }
         let exit = match (exit, dropped) {
             (RawExit::Panicked(payload), Err(second)) => {
                 // The first one counts, and dropping the other could panic in turn.

@@ -15,6 +15,7 @@ pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::{Notice, Record};
 
 use luna_platform::current::{self, ProcessId};
+use luna_platform::tape::Taper;
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
@@ -30,6 +31,7 @@ pub struct ProcessSpec {
     listed: bool,
     unhurried: bool,
     overseer: Option<Arc<dyn Overseer>>,
+    taper: Option<Arc<dyn Taper>>,
 }
 
 impl ProcessSpec {
@@ -46,6 +48,7 @@ impl ProcessSpec {
             listed: false,
             unhurried: false,
             overseer: None,
+            taper: None,
         }
     }
 
@@ -123,6 +126,14 @@ impl ProcessSpec {
     #[must_use]
     pub fn overseen(mut self, overseer: Arc<dyn Overseer>) -> Self {
         self.overseer = Some(overseer);
+        self
+    }
+
+    /// Lets `taper` put the process' [tape](luna_platform::tape) in around each of its polls. Processes without one pay nothing.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
+        self.taper = Some(taper);
         self
     }
 }

@@ -8,6 +8,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{Activity, Process, ProcessId};
 use luna_platform::home_lock::HomeLock;
 use luna_platform::path;
+use luna_platform::tape::Taper;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
@@ -143,6 +144,9 @@ pub(super) struct Shown {
 /// Of a process whose polls are timed.
 struct Timing {
     overseer: Option<Arc<dyn Overseer>>,
+    taper: Option<Arc<dyn Taper>>,
+    /// It is not for the taper's sake alone.
+    is_timed: bool,
     /// Written by the process' thread alone.
     longest_poll: AtomicU64,
 }
@@ -157,9 +161,12 @@ impl Record {
             panic: None,
         };
         path::name_process(spec.id, &spec.name);
-        let timing = (spec.timed || spec.overseer.is_some()).then(|| {
+        let is_timed = spec.timed || spec.overseer.is_some();
+        let timing = (is_timed || spec.taper.is_some()).then(|| {
             Box::new(Timing {
                 overseer: spec.overseer,
+                taper: spec.taper,
+                is_timed,
                 longest_poll: AtomicU64::new(0),
             })
         });
@@ -200,7 +207,11 @@ impl Record {
     /// What its executor is to look at before its first poll.
     pub(crate) fn notices(&self) -> u8 {
         let cancelled = self.is_cancelled();
-        let timed = if self.is_timed() { Notice::TIMED } else { 0 };
+        let timed = if self.timing.is_some() {
+            Notice::TIMED
+        } else {
+            0
+        };
         timed | if cancelled { Notice::CANCELLED } else { 0 }
     }
 
@@ -230,13 +241,18 @@ impl Record {
 
     /// Whether its polls are timed.
     pub(super) fn is_timed(&self) -> bool {
-        self.timing.is_some()
+        self.timing.as_ref().is_some_and(|timing| timing.is_timed)
     }
 
     /// The longest of its polls in nanoseconds, if they are timed.
     pub(super) fn longest_poll(&self) -> Option<u64> {
-        let timing = self.timing.as_ref()?;
+        let timing = self.timing.as_ref().filter(|timing| timing.is_timed)?;
         Some(timing.longest_poll.load(Ordering::Relaxed))
+    }
+
+    /// Who puts its tape in.
+    pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
+        self.timing.as_ref()?.taper.as_ref()
     }
 
     fn overseer(&self) -> Option<&Arc<dyn Overseer>> {

@@ -386,11 +386,11 @@ mod tests {
     #[test]
     fn a_branch_is_lent_what_its_process_is_above_it() {
         within(10, || {
-            let mut heir = super::super::with_branch_below(false, 3, Heir::current).unwrap();
+            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
             heir.lend(at(20));
-            super::super::with_branch_below(false, 3, || assert_eq!(priority(), at(20)));
+            super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(20)));
             heir.lend(at(8));
-            super::super::with_branch_below(false, 3, || assert_eq!(priority(), at(8)));
+            super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(8)));
             drop(heir);
             assert_eq!(priority(), at(10));
         });
@@ -399,7 +399,7 @@ mod tests {
     #[test]
     fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
         within(10, || {
-            let mut heir = super::super::with_branch_below(false, 3, Heir::current).unwrap();
+            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
             assert_eq!(heir.lend_whole(at(10)), Ordering::Equal);
             heir.lend_whole(at(20));
             assert_eq!(priority(), at(20));

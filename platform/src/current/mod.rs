@@ -29,6 +29,7 @@ pub use wakeup::{PlainReady, Ready, Wakeup};
 use crate::path;
 use crate::spare::Spare;
 use crate::sync::Arc;
+use crate::tape::Tape;
 use crate::timer_queue::TimerQueue;
 use home_thread::HomeThread;
 use run_queue::RunQueue;
@@ -42,15 +43,17 @@ use std::task::Context;
 pub const OPERATIONS_PER_POLL: u32 = 64;
 
 /// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
-/// runs below its process, in the lowest six; the one between says that it is a part and not the whole. One byte, since it is saved and restored around each poll.
+/// runs below its process, in the lowest six; the one between says that it is a part and not the whole. Above them, whether the process has a
+/// [tape](crate::tape), and in the upper half which branch it is, if it has. One word, since it is saved and restored around each poll.
 #[derive(Clone, Copy)]
-struct Branch(u8);
+struct Branch(u64);
 
 impl Branch {
     /// No branch, but the process itself.
     const WHOLE: Branch = Branch(0);
-    const FAILED: u8 = 1 << 7;
-    const PART: u8 = 1 << 6;
+    const FAILED: u64 = 1 << 7;
+    const PART: u64 = 1 << 6;
+    const TAPED: u64 = 1 << 8;
 
     /// Whether it runs at its process' level, and nobody has failed: it may be a part.
     #[inline]
@@ -65,15 +68,41 @@ impl Branch {
 
     #[inline]
     fn lowered(self) -> u8 {
-        self.0 & !(Self::FAILED | Self::PART)
+        (self.0 & 0x3f) as u8
+    }
+
+    #[inline]
+    fn is_taped(self) -> bool {
+        self.0 & Self::TAPED != 0
+    }
+
+    /// The path of parallel constructs down to it, as a number; 0 is the process itself.
+    #[inline]
+    fn path(self) -> u32 {
+        (self.0 >> 32) as u32
     }
 
     /// A branch of this one.
     #[inline]
-    fn branch(self, failed: bool, levels: u8) -> Branch {
+    fn branch(self, failed: bool, levels: u8, number: u32) -> Branch {
         // More than all levels is as good as all, and stays clear of the bits.
         let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS - 1);
-        Branch(self.0 & Self::FAILED | u8::from(failed) << 7 | Self::PART | lowered)
+        let mut branch = Branch(
+            self.0 & Self::FAILED | u64::from(failed) << 7 | Self::PART | u64::from(lowered),
+        );
+        if self.is_taped() {
+            branch.0 |= Self::TAPED | u64::from(self.path_of(number)) << 32;
+        }
+        branch
+    }
+
+    /// The path of branch `number` of this one.
+    #[cold]
+    fn path_of(self, number: u32) -> u32 {
+        // FNV-1a by words: different enough for the few paths of a process.
+        ((self.path() ^ 0x811c_9dc5).wrapping_mul(0x0100_0193) ^ (number + 1))
+            .wrapping_mul(0x0100_0193)
+            .max(1)
     }
 }
 
@@ -88,6 +117,7 @@ struct Thread {
     may_block: Cell<bool>,
     on_path: Cell<bool>,
     abandons: Cell<bool>,
+    tape: Cell<Option<NonNull<dyn Tape>>>,
 }
 
 thread_local! {
@@ -102,6 +132,7 @@ thread_local! {
             may_block: Cell::new(true),
             on_path: Cell::new(false),
             abandons: Cell::new(false),
+            tape: Cell::new(None),
         }
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
@@ -465,6 +496,12 @@ pub fn give_way(cx: &Context<'_>) -> bool {
 /// Always `true` where no process of LUNA runs: other runtimes have means of their own.
 #[inline]
 pub fn count_operation() -> bool {
+    spend_operation() || is_replayed()
+}
+
+/// As [`count_operation`], but that it is `false` in a replayed process always: for who has to ask then whether the process may go on.
+#[inline]
+pub fn spend_operation() -> bool {
     THREAD.with(|thread| {
         if thread.process.get().is_none() {
             return true;
@@ -473,6 +510,12 @@ pub fn count_operation() -> bool {
         thread.operations_left.set(left.saturating_sub(1));
         left != 0
     })
+}
+
+/// Whether the current process is replayed.
+#[cold]
+pub fn is_replayed() -> bool {
+    tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
 /// Lets others run after an operation of `process`, which has a [plain turn](plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
@@ -533,13 +576,13 @@ pub fn take_branch_end() -> bool {
 /// Polls a branch of a parallel construct, telling it whether a sibling `failed`. Failure reaches nested constructs too.
 #[inline]
 pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
-    with_branch_below(failed, 0, poll)
+    with_branch_below(failed, 0, 0, poll)
 }
 
 /// Polls a branch as [`with_branch`] does, `levels` below whoever polls it, but not below level 0. Its operations wait at that
-/// level, and their wakes queue the process there. In nested constructs the levels add up.
+/// level, and their wakes queue the process there. In nested constructs the levels add up. `number` tells it from its siblings.
 #[inline]
-pub fn with_branch_below<R>(failed: bool, levels: u8, poll: impl FnOnce() -> R) -> R {
+pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
     struct Restore(Branch);
     impl Drop for Restore {
         #[inline]
@@ -549,10 +592,73 @@ pub fn with_branch_below<R>(failed: bool, levels: u8, poll: impl FnOnce() -> R) 
     }
     let _restore = THREAD.with(|thread| {
         let before = thread.branch.get();
-        thread.branch.set(before.branch(failed, levels));
+        thread.branch.set(before.branch(failed, levels, number));
         Restore(before)
     });
     poll()
+}
+
+/// Polls the current process as one that has `tape`: it has no [plain turns](plain_turn), and all its operations find the tape.
+pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
+    struct Restore(Branch, Option<NonNull<dyn Tape>>);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| {
+                thread.branch.set(self.0);
+                thread.tape.set(self.1);
+            });
+        }
+    }
+    let is_replay = tape.is_replay();
+    let tape: *const (dyn Tape + '_) = tape;
+    // SAFETY: the same pointer; it is taken back before what it borrows goes, and `tape` lends it for no longer than a call.
+    let tape: *mut (dyn Tape + 'static) = unsafe { std::mem::transmute(tape) };
+    let _restore = THREAD.with(|thread| {
+        let branch = thread.branch.get();
+        thread.branch.set(Branch(branch.0 | Branch::TAPED));
+        if is_replay {
+            // So that each operation that need not wait comes by who asks whether its process may go on.
+            thread.operations_left.set(0);
+        }
+        Restore(branch, thread.tape.replace(NonNull::new(tape)))
+    });
+    poll()
+}
+
+/// Calls `f` as if the current process had no tape: for what is done within one of its operations.
+pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(Branch);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.branch.set(self.0));
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        let branch = thread.branch.get();
+        thread.branch.set(Branch(branch.0 & !Branch::TAPED));
+        Restore(branch)
+    });
+    f()
+}
+
+/// Whether the current process has a tape.
+#[inline]
+pub fn is_taped() -> bool {
+    THREAD.with(|thread| thread.branch.get().is_taped())
+}
+
+/// Calls `f` with the current process' tape, if it has one.
+pub fn tape<R>(f: impl FnOnce(&dyn Tape) -> R) -> Option<R> {
+    is_taped().then(|| {
+        let tape = THREAD.with(|thread| thread.tape.get())?;
+        // SAFETY: `with_tape` sets it from a reference that lives until it takes it back, and the closure cannot keep what it is lent.
+        Some(f(unsafe { tape.as_ref() }))
+    })?
+}
+
+/// Which branch of the current process is being polled, if it has a tape: a number of the way down to it; 0 is the process itself.
+pub fn branch_path() -> u32 {
+    THREAD.with(|thread| thread.branch.get().path())
 }
 
 /// Calls `f`, which drops a process' body, or a branch of it, that has not come to its end: it was cancelled, a sibling has failed, or it panicked.

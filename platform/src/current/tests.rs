@@ -50,16 +50,16 @@ fn level() -> u8 {
 fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
     within(5, |_| {
         assert_eq!(level(), 5);
-        with_branch_below(false, 2, || {
+        with_branch_below(false, 2, 0, || {
             assert_eq!(level(), 3);
             with_branch(true, || {
                 assert_eq!((level(), branch_failed()), (3, true));
-                with_branch_below(false, 1, || {
+                with_branch_below(false, 1, 0, || {
                     assert_eq!((level(), branch_failed()), (2, true))
                 });
             });
-            with_branch_below(false, 200, || {
-                with_branch_below(false, 200, || assert_eq!(level(), 0));
+            with_branch_below(false, 200, 0, || {
+                with_branch_below(false, 200, 0, || assert_eq!(level(), 0));
             });
             assert_eq!((level(), branch_failed()), (3, false));
         });
@@ -72,8 +72,8 @@ fn a_branch_is_outranked_by_what_its_process_is_not() {
     within(5, |_| {
         pretend_ready_levels(1 << 4);
         assert!(!is_outranked());
-        with_branch_below(false, 1, || assert!(!is_outranked()));
-        with_branch_below(false, 2, || assert!(is_outranked()));
+        with_branch_below(false, 1, 0, || assert!(!is_outranked()));
+        with_branch_below(false, 2, 0, || assert!(is_outranked()));
         pretend_ready_levels(0);
     });
 }
@@ -81,12 +81,12 @@ fn a_branch_is_outranked_by_what_its_process_is_not() {
 #[test]
 fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
     within(5, |cx| {
-        let (own, other) = with_branch_below(false, 2, || (Wakeup::of(cx), Wakeup::of(cx)));
+        let (own, other) = with_branch_below(false, 2, 0, || (Wakeup::of(cx), Wakeup::of(cx)));
         assert!(!own.is_of(cx), "the process itself is readied elsewhere");
-        with_branch_below(false, 2, || assert!(own.is_of(cx)));
+        with_branch_below(false, 2, 0, || assert!(own.is_of(cx)));
         own.take().wake();
         assert_eq!(readied(), 3);
-        with_branch_below(false, 9, || ready_again(cx, Place::First));
+        with_branch_below(false, 9, 0, || ready_again(cx, Place::First));
         assert_eq!(readied(), 0);
         drop(other);
         ready_again(cx, Place::Last);
@@ -98,11 +98,11 @@ fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
 fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
     within(5, |cx| {
         for levels in [1, 4, 2] {
-            with_branch_below(false, levels, || ready_again(cx, Place::Last));
+            with_branch_below(false, levels, 0, || ready_again(cx, Place::Last));
         }
         assert_eq!(ready_levels(), 1 << 4);
         assert_eq!(readied(), 4);
-        with_branch_below(false, 3, || ready_again(cx, Place::Last));
+        with_branch_below(false, 3, 0, || ready_again(cx, Place::Last));
         ready_again(cx, Place::Last);
         assert_eq!(ready_levels(), 1 << 5);
         assert_eq!(readied(), 5);
@@ -141,7 +141,7 @@ fn a_turn_that_panics_is_known_to_who_catches_it() {
 #[test]
 fn a_process_within_a_branch_is_whole() {
     within(5, |_| {
-        with_branch_below(true, 3, || {
+        with_branch_below(true, 3, 0, || {
             let inner = Process::new(ProcessId::new(), home().unwrap(), 0, 7);
             // SAFETY: this is its home's thread.
             unsafe {
@@ -159,7 +159,7 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     within(5, |cx| {
         pretend_ready_levels(1 << 4);
         assert!(!give_way(cx), "not outranked");
-        with_branch_below(false, 2, || {
+        with_branch_below(false, 2, 0, || {
             assert!(give_way(cx));
             assert!(!give_way(&Context::from_waker(Waker::noop())));
         });

@@ -100,7 +100,7 @@ impl<F: Future<Output = Result<T>>, T> ParAll<F, T> {
         let failed = &mut self.failed;
         let runs = self.branches.with_waker(branch, |cx| {
             // SAFETY: the slots are pinned.
-            unsafe { Pin::new_unchecked(slot) }.poll(cx, 0, failed)
+            unsafe { Pin::new_unchecked(slot) }.poll(cx, 0, branch as u32, failed)
         });
         self.running -= usize::from(!runs);
         if self.failed != failed_before {

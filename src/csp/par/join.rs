@@ -69,13 +69,14 @@ impl<F, T> fmt::Debug for Slot<F, T> {
 }
 
 impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
-    /// Polls the branch once if it runs, `below` levels lower than its construct. Says whether it runs on, and notes in `failed` that it
+    /// Polls the branch once if it runs, the one of this number, `below` levels lower than its construct. Says whether it runs on, and notes in `failed` that it
     /// has just failed.
     #[inline]
     pub(super) fn poll(
         self: Pin<&mut Self>,
         cx: &mut Context<'_>,
         below: u8,
+        number: u32,
         failed: &mut bool,
     ) -> bool {
         // SAFETY: a running branch is polled in its place, and dropped there when it is overwritten.
@@ -89,13 +90,15 @@ impl<F: Future<Output = Result<T>>, T> Slot<F, T> {
             // One that a panic has left behind is nobody's.
             current::take_branch_end();
         }
-        let polled = current::with_branch_below(*failed, below, || branch.poll(cx));
+        let polled = current::with_branch_below(*failed, below, number, || branch.poll(cx));
         let is_over = (*failed || current::branch_failed()) && current::take_branch_end();
         match polled {
             Poll::Pending if is_over => {
                 *failed = true;
                 // Dropped where it waits.
-                current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
+                current::with_branch_below(*failed, below, number, || {
+                    current::with_abandoned(|| *state = State::Done(Err(Error::Poisoned)));
+                });
                 false
             }
             Poll::Pending => true,
@@ -130,6 +133,8 @@ struct Turn<'a, const BY_PRIORITY: bool> {
     running: bool,
     /// How many levels the next branch runs below the construct.
     below: u8,
+    /// The next branch's number.
+    number: u32,
     /// What is more urgent than the next branch runs first.
     gave_way: bool,
 }
@@ -141,6 +146,7 @@ impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
             failed,
             running: false,
             below: 0,
+            number: 0,
             gave_way: false,
         }
     }
@@ -152,20 +158,24 @@ impl<'a, const BY_PRIORITY: bool> Turn<'a, BY_PRIORITY> {
         cx: &mut Context<'_>,
     ) {
         if !BY_PRIORITY {
-            self.running |= slot.poll(cx, 0, self.failed);
+            self.running |= slot.poll(cx, 0, self.number, self.failed);
+            self.number += 1;
             return;
         }
         if !self.gave_way && self.below > 0 && slot.is_running() {
             // The process may have been given its turn for a more urgent branch. Whether this one has anything to do is not known,
             // so the process comes again at this one's level.
-            self.gave_way = current::with_branch_below(false, self.below, || current::give_way(cx));
+            self.gave_way = current::with_branch_below(false, self.below, self.number, || {
+                current::give_way(cx)
+            });
         }
         self.running |= if self.gave_way {
             slot.is_running()
         } else {
-            slot.as_mut().poll(cx, self.below, self.failed)
+            slot.as_mut().poll(cx, self.below, self.number, self.failed)
         };
         self.below += 1;
+        self.number += 1;
     }
 }
 

@@ -5,6 +5,7 @@ use crate::AXES;
 use luna_plants::{Encoder, Motor, MotorState};
 
 use luna::prelude::*;
+use luna::record;
 use luna::{Executor, TryRecvError};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -104,7 +105,8 @@ impl Process for Bridge {
         let (mut duty, mut enabled, mut unwritten) = (0.0, false, 0.0);
         loop {
             tick.next().await;
-            let on = enabled && unwritten < WATCHDOG && self.line.load(Ordering::Relaxed);
+            let line = record::input("enable line", || self.line.load(Ordering::Relaxed));
+            let on = enabled && unwritten < WATCHDOG && line;
             // First what was applied until now, then what was written meanwhile.
             let applied = Applied {
                 duty: if on { duty } else { 0.0 },
@@ -135,7 +137,9 @@ impl Process for Joint {
     async fn run(&mut self) -> luna::Result<()> {
         while let Ok(Applied { duty, time }) = self.applied.recv().await {
             self.plant.drive(duty, time);
-            self.angle.send(self.plant.state().angle).await?;
+            let angle = self.plant.state().angle;
+            record::output("angle", &angle);
+            self.angle.send(angle).await?;
         }
         Ok(())
     }

@@ -26,7 +26,9 @@ impl Process for Joystick {
             time += slots.elapsed(tick.next().await.deadline).as_secs_f64();
             let deflection = self.playback.at(time);
             for (axis, stick) in AXES.iter().zip(&self.sticks) {
-                if stick.send((axis.stick)(deflection)).await.is_err() {
+                // From outside: a replay need not have the same file.
+                let deflected = luna::record::input("joystick", || (axis.stick)(deflection));
+                if stick.send(deflected).await.is_err() {
                     return Ok(());
                 }
             }

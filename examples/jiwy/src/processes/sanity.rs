@@ -4,6 +4,7 @@ use super::control::Command;
 use crate::network::Findings;
 use crate::parts::sanity::Sanity;
 use luna::prelude::*;
+use luna::record::{self, Value};
 use luna_safety_blocks::Block;
 use std::sync::{Arc, OnceLock};
 
@@ -76,14 +77,16 @@ pub(crate) async fn write_motor(
 }
 
 /// Writes each value to the machine, and `last` at the end.
-pub(crate) async fn write_register<T: Copy>(
+pub(crate) async fn write_register<T: Copy + Value>(
     last: T,
     values: Receiver<T>,
     register: Sender<T>,
 ) -> luna::Result<()> {
     while let Ok(value) = values.recv().await {
+        record::output("register", &value);
         register.send(value).await?;
     }
+    record::output("register", &last);
     register.send(last).await?;
     Ok(())
 }

@@ -1,0 +1,335 @@
+//! What operations tell the [tape](luna_platform::tape) of their process, if it is recorded or replayed.
+//!
+//! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
+//! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
+//! ([`Lists::is_unusual`](crate::place::Lists)).
+
+use crate::core::Channel;
+use crate::place::Lists;
+use luna_platform::clock::Instant;
+use luna_platform::current;
+use luna_platform::tape::{Event, OUTSIDER, Tape, Turn, What};
+use std::collections::VecDeque;
+use std::task::{Context, Poll};
+
+/// How an operation failed, as a number.
+pub(crate) mod failure {
+    pub(crate) const NOTHING: u64 = 0;
+    pub(crate) const CLOSED: u64 = 1;
+    pub(crate) const POISONED: u64 = 2;
+}
+
+/// What a place knows of the recorded processes that come there. Guarded by its lock.
+#[derive(Debug, Default)]
+pub(crate) struct Taped {
+    /// Who last came as a sender and as a receiver, 0 for nobody.
+    strands: [u32; 2],
+    /// Whether the order in which they get through has to be recorded, since there are several on a side, or since a buffer overwrites.
+    pub(crate) is_ordered: bool,
+    /// Whether somebody took part meanwhile who is not recorded.
+    has_outsider: bool,
+    /// The greatest stamp that was given here.
+    last_stamp: u64,
+    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone.
+    stored: Option<Box<VecDeque<u64>>>,
+}
+
+impl Taped {
+    /// Whether a recorded process has come.
+    pub(crate) fn is_used(&self) -> bool {
+        self.strands != [0; 2]
+    }
+}
+
+impl Lists {
+    /// Notes that the current process, which has a tape, comes as a sender or as a receiver.
+    #[cold]
+    pub(crate) fn note_taped(&mut self, is_sender: bool) {
+        let is_first = !self.taped.is_used();
+        let strand = current::tape(|tape| tape.strand()).unwrap_or_default();
+        let last = &mut self.taped.strands[usize::from(is_sender)];
+        let last = std::mem::replace(last, strand);
+        self.taped.is_ordered |= last != 0 && last != strand;
+        if is_first {
+            // All who are recorded are noted, so whoever waits is not.
+            self.taped.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
+            self.find_whether_plain();
+        }
+        if std::mem::take(&mut self.taped.has_outsider) {
+            current::tape(|tape| tape.outside(OUTSIDE_PARTNER));
+        }
+    }
+
+    /// Notes that somebody takes part here, where recorded processes come: it may be nobody who is recorded.
+    pub(crate) fn note_partner(&mut self) {
+        self.taped.has_outsider |= self.taped.is_used() && !current::is_taped();
+    }
+
+    /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`].
+    pub(crate) fn stamp(&mut self) -> u64 {
+        match self.taped.is_used() {
+            true => self.stamp_if(self.taped.is_ordered),
+            false => 0,
+        }
+    }
+
+    /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
+    pub(crate) fn stamp_if(&mut self, several: bool) -> u64 {
+        current::tape(|tape| {
+            let stamp = tape.stamp(several);
+            if stamp != 0 && stamp < self.taped.last_stamp {
+                tape.differs("an operation gets through after one that came after it");
+            }
+            self.taped.last_stamp = self.taped.last_stamp.max(stamp);
+            stamp
+        })
+        .unwrap_or(OUTSIDER)
+    }
+
+    /// In a replay: a value with this stamp goes behind the `stored` ones.
+    pub(crate) fn note_stored(&mut self, stamp: u64, stored: usize) {
+        let stamps = self.stamps_of(stored);
+        stamps.push_back(stamp);
+    }
+
+    /// In a replay: the first of the `stored` values is taken.
+    pub(crate) fn note_taken(&mut self, stored: usize) {
+        self.stamps_of(stored).pop_front();
+    }
+
+    fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
+        let stamps = self.taped.stored.get_or_insert_default();
+        // Those from before the begin, and those that came back, have none.
+        while stamps.len() < stored {
+            stamps.push_front(0);
+        }
+        stamps.truncate(stored);
+        stamps
+    }
+
+    /// In a replay: which of the `stored` values, so many from a first one, a buffer of this capacity had overwritten when the recorded receive with
+    /// this stamp came; they are as good as gone. Nobody was asked before, since several receives may come late: all at once.
+    pub(crate) fn overwritten(
+        &mut self,
+        stored: usize,
+        capacity: usize,
+        stamp: u64,
+        keeps_newest: bool,
+    ) -> std::ops::Range<usize> {
+        let stamps = self.stamps_of(stored);
+        let come = stamps.iter().take_while(|&&come| come <= stamp).count();
+        let first = if keeps_newest { 0 } else { capacity - 1 };
+        let range = first..first + come.saturating_sub(capacity);
+        stamps.drain(range.clone());
+        range
+    }
+}
+
+/// What a recording cannot hold of a channel.
+pub(crate) const OUTSIDE_PARTNER: &str =
+    "a communication with a thread or a process that is not recorded";
+
+/// Whether the process is replayed, so that no time runs out of itself.
+#[inline]
+pub(crate) fn is_replayed() -> bool {
+    current::is_taped() && current::is_replayed()
+}
+
+/// Whether the process of a completed operation is still held.
+pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
+    current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
+}
+
+/// A replayed operation has completed without waiting. Whether its process is held.
+pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
+    current::tape(|tape| {
+        tape.leave(Event::done(tape.own_stamp()));
+        tape.hold(cx).is_pending()
+    })
+    .unwrap_or_default()
+}
+
+/// Tells that an operation has succeeded that was listed, whose node got this stamp.
+pub(crate) fn has_waited(order: u64) {
+    current::tape(|tape| tape.leave(Event::done(known(tape, order))));
+}
+
+/// The stamp that a partner gave; one that is not recorded gives none.
+pub(crate) fn known(tape: &dyn Tape, order: u64) -> u64 {
+    if order == OUTSIDER {
+        tape.outside(OUTSIDE_PARTNER);
+        return 0;
+    }
+    order
+}
+
+/// Tells what an operation has come to that did not wait.
+pub(crate) fn leave(event: Event) {
+    current::tape(|tape| tape.leave(event));
+}
+
+/// An operation is dropped before it came to anything.
+#[cold]
+pub(crate) fn abandoned() {
+    current::tape(|tape| tape.abandon());
+}
+
+/// The current process does something that is not recorded.
+#[cold]
+pub(crate) fn outside(construct: &'static str) {
+    current::tape(|tape| tape.outside(construct));
+}
+
+/// The time: as it was recorded, in a process with a tape.
+pub(crate) fn now() -> Instant {
+    if current::is_taped() {
+        return luna_platform::tape::now();
+    }
+    Instant::now()
+}
+
+/// Does what does not wait: as it was given, or as ever, and tells what came of it. `None`: it is to fail as the number says.
+#[cold]
+pub(crate) fn call<R>(
+    takes: bool,
+    look: impl FnOnce() -> R,
+    failure_of: impl FnOnce(&R) -> Option<u64>,
+) -> Result<R, u64> {
+    match current::tape(|tape| tape.call(takes)) {
+        None => Ok(look()),
+        Some(Turn::Given(Event {
+            what: What::Failed,
+            number,
+            ..
+        })) => {
+            leave(Event::failed(number));
+            Err(number)
+        }
+        Some(turn) => {
+            let came_to = look();
+            let failure = failure_of(&came_to);
+            current::tape(|tape| match failure {
+                Some(_) if turn != Turn::Record => {
+                    tape.differs("an operation at once does not succeed");
+                }
+                Some(number) => tape.leave(Event::failed(number)),
+                // What it takes has a stamp of the lock that it was taken under, or else it has it by now.
+                None => tape.leave(Event::done(match tape.own_stamp() {
+                    0 if takes => tape.stamp(true),
+                    stamp => stamp,
+                })),
+            });
+            Ok(came_to)
+        }
+    }
+}
+
+/// Looks at something that others change: a replay sees what the recorded process saw.
+#[cold]
+pub(crate) fn look(look: impl FnOnce() -> u64) -> u64 {
+    match current::tape(|tape| tape.call(false)) {
+        Some(Turn::Given(event)) => {
+            leave(Event::new(What::Chosen, event.number, 0));
+            event.number
+        }
+        _ => {
+            let seen = look();
+            leave(Event::new(What::Chosen, seen, 0));
+            seen
+        }
+    }
+}
+
+/// Lets an operation in that has no other outcome than success, and others than these: gives how it failed, if that is given.
+pub(crate) fn enter(cx: &mut Context<'_>) -> Poll<Result<Turn, u64>> {
+    let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
+    entered.map(|turn| match turn {
+        Turn::Given(Event {
+            what: What::Failed,
+            number,
+            ..
+        }) => {
+            leave(Event::failed(number));
+            Err(number)
+        }
+        turn => Ok(turn),
+    })
+}
+
+/// Lets an operation with a deadline in. `Err`: it is to give up, since the recorded one did.
+pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
+    let timed_out = Event::new(What::TimedOut, 0, 0);
+    let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
+    entered.map(|turn| match turn {
+        Turn::Given(event) if event.what == What::TimedOut => {
+            leave(timed_out);
+            Err(())
+        }
+        _ => Ok(()),
+    })
+}
+
+/// Tells that a deadline has come before the operation came to anything.
+pub(crate) fn has_timed_out() {
+    leave(Event::new(What::TimedOut, 0, 0));
+}
+
+/// Tells that a lock was taken, or permits. The stamp is taken now, when the process has them: those of who has them are in the order of their having them, and each comes
+/// after what made room for it.
+pub(crate) fn has_acquired(lists: &mut Lists) {
+    let event = Event::done(lists.stamp_if(true));
+    leave(event);
+}
+
+impl<T> Channel<T> {
+    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: which of its channels comes next is not given, so all that happens there is in order.
+    #[cold]
+    pub(crate) fn note_alternative(&self) {
+        self.note_taped(false);
+        self.lock().lists.taped.is_ordered = true;
+    }
+
+    /// Notes that the current process, which has a tape, comes as a sender or a receiver.
+    #[cold]
+    pub(crate) fn note_taped(&self, is_sender: bool) {
+        let mut section = self.lock();
+        section.lists.note_taped(is_sender);
+        if is_sender || !current::is_replayed() {
+            return;
+        }
+        let Some(stamp) = current::tape(|tape| tape.stamp(true)).filter(|&stamp| stamp != 0) else {
+            return;
+        };
+        let overwritten = section.take_overwritten(stamp);
+        // The user's code, so not under the lock.
+        drop(section);
+        drop(overwritten);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::inspect::{Identity, PlaceKind};
+    use crate::place::Place;
+
+    #[track_caller]
+    fn check(come: &[u64], capacity: usize, stamp: u64, keeps_newest: bool) -> Vec<usize> {
+        let place = Place::new(Identity::new(PlaceKind::Buffered(capacity)));
+        let mut lists = place.lock();
+        for (stored, &stamp) in come.iter().enumerate() {
+            lists.note_stored(stamp, stored);
+        }
+        let gone = lists.overwritten(come.len(), capacity, stamp, keeps_newest);
+        (0..come.len()).filter(|at| !gone.contains(at)).collect()
+    }
+
+    #[test]
+    fn what_was_overwritten_is_what_came_too_many_before_the_receive() {
+        assert_eq!(check(&[1, 2, 3, 7], 2, 5, true), [1, 2, 3]);
+        assert_eq!(check(&[1, 2, 3, 7], 2, 5, false), [0, 2, 3]);
+        assert_eq!(check(&[1, 2, 3, 7], 3, 5, true), [0, 1, 2, 3]);
+        assert_eq!(check(&[1, 2, 3, 7], 1, 9, true), [3]);
+        assert_eq!(check(&[1, 2, 3, 7], 1, 9, false), [3]);
+        assert_eq!(check(&[], 1, 9, true), [0_usize; 0]);
+    }
+}

@@ -1,0 +1,118 @@
+//! What can be wrong with a recording, and with a replay.
+
+use std::fmt;
+
+/// Why a program cannot be recorded or replayed, or has not done in the replay what it did when it was recorded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RecordError {
+    /// The file cannot be written or read.
+    File {
+        /// Its path.
+        path: String,
+        /// What the system says.
+        message: String,
+    },
+    /// It is no recording.
+    NoRecording,
+    /// It was written by another version, which has this number.
+    Version(u16),
+    /// The bytes of a block are not those that were written.
+    Damaged {
+        /// Where the block begins.
+        offset: u64,
+    },
+    /// The file ends before the recording does.
+    Truncated {
+        /// Where the block begins that is not whole, or missing.
+        offset: u64,
+    },
+    /// It is a recording of another system, or of one with other processes.
+    OtherProgram {
+        /// What the recording has.
+        recorded: String,
+        /// What is here in its place.
+        found: String,
+    },
+    /// A recorded process did what a recording does not hold, so that a replay could differ and nobody would know.
+    Outside {
+        /// The process.
+        process: String,
+        /// What it did.
+        construct: String,
+    },
+    /// The replay has come to something else than the recording.
+    Diverged(Divergence),
+}
+
+/// The first difference between a recording and its replay.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Divergence {
+    /// How many events had come again before.
+    pub event: u64,
+    /// The process.
+    pub process: String,
+    /// Which of its operations, counted from 1; those of a branch of a parallel construct are counted on their own.
+    pub operation: u64,
+    /// Which of its outputs it is, counted from 1, if it is one.
+    pub output: Option<u64>,
+    /// What the recording has.
+    pub expected: String,
+    /// What the replay has come to.
+    pub found: String,
+}
+
+impl fmt::Display for Divergence {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Divergence {
+            event,
+            process,
+            operation,
+            expected,
+            found,
+            ..
+        } = self;
+        write!(
+            f,
+            "the replay differs from the recording after {event} events: process `{process}`, operation {operation}"
+        )?;
+        if let Some(output) = self.output {
+            write!(f, ", output {output}")?;
+        }
+        write!(f, ": recorded is {expected}, and now it is {found}")
+    }
+}
+
+impl fmt::Display for RecordError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RecordError::File { path, message } => write!(f, "recording `{path}`: {message}"),
+            RecordError::NoRecording => f.write_str("the file is no recording"),
+            RecordError::Version(version) => write!(
+                f,
+                "the recording has version {version}, and this program reads version {} alone",
+                super::file::VERSION
+            ),
+            RecordError::Damaged { offset } => write!(
+                f,
+                "the recording is damaged in the block at byte {offset}: `Recording::salvage` keeps what comes before"
+            ),
+            RecordError::Truncated { offset } => write!(
+                f,
+                "the recording ends at byte {offset}, before its end: `Recording::salvage` keeps what is there"
+            ),
+            RecordError::OtherProgram { recorded, found } => write!(
+                f,
+                "the recording is of another program: it has {recorded}, and here is {found}"
+            ),
+            RecordError::Outside { process, construct } => write!(
+                f,
+                "process `{process}` did what is not recorded: {construct}; docs/record-and-replay.md says what to do instead"
+            ),
+            RecordError::Diverged(divergence) => divergence.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for RecordError {}

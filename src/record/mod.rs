@@ -1,0 +1,340 @@
+//! Recording a run, and replaying it: see [`System::record`](crate::System::record) and [`System::replay`](crate::System::replay).
+//!
+//! A process that communicates by channels with one sender and one receiver, and makes no choices, sees the same in every run, however long anything takes (Kahn, 1974).
+//! So recorded is only what could have been otherwise: which guard an alternative chose, whether an operation at once or with a
+//! timeout succeeded, what the clock said, how an operation failed, what came from outside ([`input`]), and in which order processes got through where several compete. A replay on
+//! a virtual clock gives all that again, and compares what goes outside ([`output`]). `docs/record-and-replay.md` says what is recorded, and what is not.
+//!
+//! ```
+//! use luna::prelude::*;
+//! use luna::record::{self, Recording};
+//!
+//! fn system(read: impl Fn() -> u32 + Send + 'static) -> luna::Result<System> {
+//!     let mut system = System::new("thermometer");
+//!     let main = system.executor("main").build()?;
+//!     main.process("display").spawn(async move {
+//!         let degrees = record::input("sensor", read);
+//!         record::output("display", &(degrees * 10));
+//!         Ok(())
+//!     })?;
+//!     Ok(system)
+//! }
+//!
+//! # let path = std::env::temp_dir().join(format!("luna-record-doc-{}", std::process::id()));
+//! let mut recorded = system(|| 21)?;
+//! recorded.record(&path);
+//! recorded.run()?;
+//!
+//! let mut replayed = system(|| unreachable!("the outside is not touched"))?;
+//! replayed.replay(&Recording::open(&path)?);
+//! replayed.run()?;
+//! # std::fs::remove_file(&path).unwrap();
+//! # Ok::<(), luna::Error>(())
+//! ```
+
+mod error;
+mod event;
+mod file;
+mod recorder;
+mod recording;
+mod replayer;
+mod ring;
+mod value;
+
+pub use error::{Divergence, RecordError};
+pub(crate) use recorder::ROOM;
+pub use recorder::RecordReport;
+pub use recording::Recording;
+pub use value::Value;
+
+use crate::error::Result;
+use luna_executors::ProcessSpec;
+use luna_platform::current;
+use luna_platform::tape::{About, Event, Taper, Turn};
+use recorder::Recorder;
+use replayer::Replayer;
+use std::future::Future;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use value::{LONGEST, name_of};
+
+/// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
+///
+/// For all that comes from elsewhere than from other processes: a sensor's register, a device, a random number. Outside of a recorded process it is `read` alone.
+/// Real-time path: yes; O(size of the value), no allocation, no lock. In a replay that has [diverged](RecordError::Diverged) the value is that of zero bytes.
+///
+/// ```
+/// assert_eq!(luna::record::input("sensor", || 7_u16), 7);
+/// ```
+pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
+    const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
+    let mut bytes = [0; LONGEST];
+    match current::tape(|tape| tape.is_replay()) {
+        None => read(),
+        Some(true) => {
+            current::tape(|tape| tape.get(About::Input, name_of(name), &mut bytes[..T::SIZE]));
+            T::read(&bytes[..T::SIZE])
+        }
+        Some(false) => {
+            let value = read();
+            value.write(&mut bytes[..T::SIZE]);
+            current::tape(|tape| tape.put(About::Input, name_of(name), &bytes[..T::SIZE]));
+            value
+        }
+    }
+}
+
+/// Says what goes outside, so that a replay compares it: the first that differs ends the replay with [`RecordError::Diverged`].
+///
+/// It gives the value to nobody: that is done beside it. Real-time path: yes; O(size of the value), no allocation, no lock.
+///
+/// ```
+/// luna::record::output("motor", &0.5_f64);
+/// ```
+pub fn output<T: Value>(name: &str, value: &T) {
+    const { assert!(T::SIZE <= LONGEST, "a value has at most 256 bytes") };
+    if current::is_taped() {
+        let mut bytes = [0; LONGEST];
+        value.write(&mut bytes[..T::SIZE]);
+        current::tape(|tape| tape.put(About::Output, name_of(name), &bytes[..T::SIZE]));
+    }
+}
+
+/// A cycle of a periodic loop: what it is told.
+const CYCLE: u32 = 0;
+
+/// Lets a loop's wait in. `true`: it is replayed, and does not wait for the time.
+pub(crate) async fn enters_cycle() -> bool {
+    enters().await;
+    current::tape(|tape| tape.is_replay()).unwrap_or_default()
+}
+
+/// Records what a loop is told.
+pub(crate) fn note_cycle(told: [u64; 4]) {
+    let mut bytes = [0; 32];
+    told.write(&mut bytes);
+    current::tape(|tape| tape.put(About::Cycle, CYCLE, &bytes));
+}
+
+/// What a replayed loop is told.
+pub(crate) fn cycle() -> Option<[u64; 4]> {
+    let mut bytes = [0; 32];
+    current::tape(|tape| tape.get(About::Cycle, CYCLE, &mut bytes)).flatten()?;
+    Some(<[u64; 4]>::read(&bytes))
+}
+
+/// Waits until the loop may go on.
+pub(crate) async fn hold() {
+    std::future::poll_fn(|cx| {
+        current::tape(|tape| tape.hold(cx)).unwrap_or(std::task::Poll::Ready(()))
+    })
+    .await;
+}
+
+/// Calls `call` on a thread that may block, as [`blocking`](crate::blocking) does, and records what it gave; in a replay gives that, and does not call it.
+///
+/// What it gives has a byte form, so that it can be recorded; of a plain `blocking` nothing is known, and a recorded system that uses it is told so. Cancel-safe as
+/// `blocking`: dropped, the call still runs to its end, and nobody learns what it gave.
+///
+/// ```
+/// # luna::run(async {
+/// let bytes = luna::record::blocking("disk", || std::fs::metadata("/").map_or(0, |about| about.len())).await;
+/// # let _ = bytes;
+/// # Ok(())
+/// # })?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub async fn blocking<T: Value + Send + 'static>(
+    name: &str,
+    call: impl FnOnce() -> T + Send + 'static,
+) -> T {
+    let given = match current::tape(|tape| tape.is_replay()) {
+        Some(true) => None,
+        _ => Some(Untaped(luna_executors::blocking(call)).await),
+    };
+    input(name, || match given {
+        Some(given) => given,
+        None => unreachable!("a replay does not ask"),
+    })
+}
+
+/// What a process does within an operation that is recorded as a whole.
+pub(crate) struct Untaped<F>(pub(crate) F);
+
+impl<F: Future> Future for Untaped<F> {
+    type Output = F::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+        // SAFETY: the future is pinned with the whole.
+        let inner = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
+        current::without_tape(|| inner.poll(cx))
+    }
+}
+
+/// Lets an operation in that waits for something outside: says whether that is to be done.
+pub(crate) async fn enters() -> Turn {
+    std::future::poll_fn(|cx| {
+        current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record))
+    })
+    .await
+}
+
+/// Tells what an operation that was let in has come to.
+pub(crate) fn leave(event: Event) {
+    current::tape(|tape| tape.leave(event));
+}
+
+/// Records what an operation that was let in has read.
+pub(crate) fn note_read(bytes: &[u8]) {
+    current::tape(|tape| tape.put(About::Read, 0, bytes));
+}
+
+/// Gives what the recorded operation had read.
+pub(crate) fn read(into: &mut [u8]) -> Option<usize> {
+    current::tape(|tape| tape.get(About::Read, 0, into))?
+}
+
+/// Records what is written outside, or compares it.
+pub(crate) fn note_written(bytes: &[u8]) {
+    current::tape(|tape| tape.put(About::Output, 0, bytes));
+}
+
+/// Whether a system is to be recorded or replayed.
+#[derive(Default)]
+pub(crate) struct TapePlan {
+    pub(crate) mode: Mode,
+    /// What the recording is to keep.
+    pub(crate) note: String,
+}
+
+#[derive(Default)]
+pub(crate) enum Mode {
+    #[default]
+    None,
+    Record(PathBuf, usize),
+    Replay(Arc<Replayer>),
+}
+
+impl TapePlan {
+    pub(crate) fn replay(&mut self, recording: &Recording) {
+        self.mode = Mode::Replay(Replayer::new(recording));
+    }
+
+    pub(crate) fn start(self, system: &str) -> Result<Tapes> {
+        Ok(match self.mode {
+            Mode::None => Tapes::None,
+            Mode::Record(path, room) => {
+                Tapes::Record(Recorder::start(&path, room, system, &self.note)?)
+            }
+            Mode::Replay(replayer) => {
+                replayer.check_system(system)?;
+                Tapes::Replay(replayer)
+            }
+        })
+    }
+}
+
+/// What records or replays a system that runs.
+pub(crate) enum Tapes {
+    None,
+    Record(Arc<Recorder>),
+    Replay(Arc<Replayer>),
+}
+
+impl Tapes {
+    /// Gives the process a tape, if it is to have one.
+    pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
+        match self {
+            Tapes::None => spec,
+            _ => self.tape_anyhow(spec),
+        }
+    }
+
+    #[cold]
+    fn tape_anyhow(&self, spec: ProcessSpec) -> ProcessSpec {
+        let parent = current::tape(|tape| tape.process()).unwrap_or_default();
+        let track = match self {
+            Tapes::None => return spec,
+            Tapes::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
+            Tapes::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
+        };
+        spec.taped(Arc::new(Kept(track)))
+    }
+
+    pub(crate) fn is_replay(&self) -> bool {
+        matches!(self, Tapes::Replay(_))
+    }
+
+    /// What was done in a recorded run that is not recorded.
+    pub(crate) fn outside(&self) -> Option<RecordError> {
+        match self {
+            Tapes::Record(recorder) => recorder.outside(),
+            _ => None,
+        }
+    }
+
+    /// To be called when all processes have ended.
+    pub(crate) fn finish(&self) -> Result<Option<RecordReport>, RecordError> {
+        match self {
+            Tapes::None => Ok(None),
+            Tapes::Record(recorder) => recorder.finish().map(Some),
+            Tapes::Replay(replayer) => replayer.finish().map(Some),
+        }
+    }
+}
+
+/// What records or replays a process.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one in an allocation of its own for each process"
+)]
+enum Track {
+    Record(recorder::Track),
+    Replay(replayer::Track),
+}
+
+/// The track of a process. What is shared of it is no more than its memory: it is used in the process' polls, and as its body goes.
+struct Kept(Track);
+
+// SAFETY: a process is polled, and its body dropped, by one thread at a time, and nobody else uses its track.
+unsafe impl Send for Kept {}
+// SAFETY: as above.
+unsafe impl Sync for Kept {}
+
+impl Taper for Kept {
+    fn poll(
+        &self,
+        cx: &mut Context<'_>,
+        poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
+    ) -> Poll<()> {
+        match &self.0 {
+            Track::Record(track) => {
+                let polled = current::with_tape(track, || poll(cx));
+                if polled.is_ready() {
+                    track.end();
+                }
+                polled
+            }
+            Track::Replay(track) => {
+                if !track.begins(cx) {
+                    return Poll::Pending;
+                }
+                let polled = current::with_tape(track, || poll(cx));
+                if polled.is_ready() {
+                    track.end();
+                } else if track.is_over(cx) {
+                    return Poll::Ready(());
+                }
+                polled
+            }
+        }
+    }
+
+    fn end(&self) {
+        if let Track::Record(track) = &self.0 {
+            track.cut();
+        }
+    }
+}

@@ -1,0 +1,445 @@
+//! Recording: what each process tells, and the thread that writes it.
+
+use super::error::RecordError;
+use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
+use super::file::{BlockKind, Writer};
+use super::ring::Ring;
+use luna_platform::current;
+use luna_platform::tape::{About, Event, Tape, Turn, What};
+use std::cell::Cell;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::task::{Context, Poll};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// The room of a process' ring, if not stated.
+pub(crate) const ROOM: usize = 64 << 10;
+/// How many branches of a process are told apart, the process itself among them.
+const MOST_STRANDS: usize = 64;
+/// How often the thread looks at the rings.
+const PAUSE: Duration = Duration::from_millis(2);
+/// The longest part of a ring in one block.
+const MOST_AT_ONCE: usize = 32 << 10;
+
+/// What was recorded, or replayed: in the [`Report`](crate::Report).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RecordReport {
+    /// How many events were recorded; of a replay, how many of them came again.
+    pub events: u64,
+    /// How many events of the recording were lost, since a process made more than its room holds until the thread that writes came. From the first
+    /// lost one on the recording says nothing of that process.
+    pub lost: u64,
+    /// How many processes did what is not recorded: a replay may differ there and nobody would know, so none begins. The run's error names the first.
+    pub outside: u64,
+    /// How many bytes the file has.
+    pub bytes: u64,
+}
+
+/// What records a system.
+pub(crate) struct Recorder {
+    stamps: AtomicU64,
+    room: usize,
+    known: Mutex<Known>,
+    stops: AtomicBool,
+    writer: Mutex<Option<JoinHandle<std::io::Result<u64>>>>,
+    path: PathBuf,
+}
+
+#[derive(Default)]
+struct Known {
+    rings: Vec<Listed>,
+    /// How many processes of each name there were, by who spawned them.
+    names: HashMap<(u32, String), u32>,
+}
+
+/// A process, with its ring.
+#[derive(Clone)]
+struct Listed {
+    /// Who spawned it: its number from 1, or 0.
+    parent: u32,
+    name: Arc<str>,
+    /// Which it is of its name and parent.
+    occurrence: u32,
+    ring: Arc<Ring>,
+}
+
+impl Recorder {
+    pub(crate) fn start(
+        path: &Path,
+        room: usize,
+        system: &str,
+        note: &str,
+    ) -> Result<Arc<Self>, RecordError> {
+        let failed = |error: std::io::Error| file_error(path, &error);
+        let file = File::create(path).map_err(failed)?;
+        let mut writer =
+            Writer::new(BufWriter::new(Counting { file, bytes: 0 })).map_err(failed)?;
+        writer
+            .block(BlockKind::System, &[system.as_bytes()])
+            .map_err(failed)?;
+        writer
+            .block(BlockKind::Note, &[note.as_bytes()])
+            .map_err(failed)?;
+        let recorder = Arc::new(Self {
+            stamps: AtomicU64::new(1),
+            room: room.max(256),
+            known: Mutex::default(),
+            stops: AtomicBool::new(false),
+            writer: Mutex::new(None),
+            path: path.to_owned(),
+        });
+        let shared = Arc::downgrade(&recorder);
+        let thread = std::thread::Builder::new()
+            .name("luna-record".to_owned())
+            .spawn(move || Self::write(&shared, writer))
+            .map_err(failed)?;
+        *lock(&recorder.writer) = Some(thread);
+        Ok(recorder)
+    }
+
+    /// What is to record a process of this name. Allocates.
+    pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
+        let ring = Arc::new(Ring::new(self.room));
+        let mut known = lock(&self.known);
+        let count = known.names.entry((parent, name.to_string())).or_default();
+        let occurrence = *count;
+        *count += 1;
+        known.rings.push(Listed {
+            parent,
+            name: name.clone(),
+            occurrence,
+            ring: ring.clone(),
+        });
+        Track {
+            recorder: self.clone(),
+            ring,
+            strands: std::array::from_fn(|_| Strand::default()),
+            own_stamp: Cell::new(0),
+            takes: Cell::new(false),
+            last_time: Cell::new(0),
+            has_ended: Cell::new(false),
+            number: known.rings.len() as u32,
+        }
+    }
+
+    fn write(shared: &Weak<Self>, mut writer: Writer<BufWriter<Counting>>) -> std::io::Result<u64> {
+        let mut announced = 0;
+        let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
+        // One that is gone has never begun.
+        while let Some(recorder) = shared.upgrade() {
+            // Before the look: what is put in after it has been set is nobody's whose end is waited for.
+            let stops = recorder.stops.load(Ordering::Acquire);
+            let rings: Vec<_> = lock(&recorder.known).rings.clone();
+            for (number, listed) in rings.iter().enumerate().skip(announced) {
+                let number = (number as u32).to_le_bytes();
+                let parent = listed.parent.to_le_bytes();
+                let occurrence = listed.occurrence.to_le_bytes();
+                let name = listed.name.as_bytes();
+                writer.block(BlockKind::Process, &[&number, &parent, &occurrence, name])?;
+            }
+            announced = rings.len();
+            for (number, Listed { ring, .. }) in rings.iter().enumerate() {
+                loop {
+                    bytes.clear();
+                    ring.take(&mut bytes, MOST_AT_ONCE);
+                    if bytes.is_empty() {
+                        break;
+                    }
+                    let number = (number as u32).to_le_bytes();
+                    writer.block(BlockKind::Events, &[&number, &bytes])?;
+                    if !stops {
+                        break;
+                    }
+                }
+            }
+            if stops {
+                for (number, Listed { ring, .. }) in rings.iter().enumerate() {
+                    if let Some(construct) = ring.outside() {
+                        let number = (number as u32).to_le_bytes();
+                        writer.block(BlockKind::Outside, &[&number, construct.as_bytes()])?;
+                    }
+                    let lost = ring.counts().1;
+                    if lost > 0 || !ring.is_closed() {
+                        let number = (number as u32).to_le_bytes();
+                        let lost = lost.to_le_bytes();
+                        writer.block(BlockKind::Lost, &[&number, &lost])?;
+                    }
+                }
+                writer.block(BlockKind::End, &[])?;
+                writer.flush()?;
+                return Ok(writer.into_inner().get_ref().bytes);
+            }
+            drop(recorder);
+            std::thread::park_timeout(PAUSE);
+        }
+        Ok(0)
+    }
+
+    /// The first who did what is not recorded.
+    pub(crate) fn outside(&self) -> Option<RecordError> {
+        let known = lock(&self.known);
+        known.rings.iter().find_map(|listed| {
+            Some(RecordError::Outside {
+                process: listed.name.to_string(),
+                construct: listed.ring.outside()?.to_owned(),
+            })
+        })
+    }
+
+    /// Writes what is left. To be called when all processes have ended that ever will.
+    pub(crate) fn finish(&self) -> Result<RecordReport, RecordError> {
+        self.stops.store(true, Ordering::Release);
+        let thread = lock(&self.writer).take();
+        let written = thread.map(|thread| {
+            thread.thread().unpark();
+            thread.join()
+        });
+        let bytes = match written {
+            Some(Ok(Ok(bytes))) => bytes,
+            Some(Ok(Err(error))) => return Err(file_error(&self.path, &error)),
+            Some(Err(_)) | None => 0,
+        };
+        let known = lock(&self.known);
+        let mut report = RecordReport {
+            events: 0,
+            lost: 0,
+            outside: 0,
+            bytes,
+        };
+        for Listed { ring, .. } in &known.rings {
+            report.outside += u64::from(ring.outside().is_some());
+            let (events, lost) = ring.counts();
+            report.events += events;
+            report.lost += lost;
+        }
+        Ok(report)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub(super) fn file_error(path: &Path, error: &std::io::Error) -> RecordError {
+    RecordError::File {
+        path: path.display().to_string(),
+        message: error.to_string(),
+    }
+}
+
+/// A file that knows how much was written.
+pub(super) struct Counting {
+    file: File,
+    bytes: u64,
+}
+
+impl std::io::Write for Counting {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// What records one process. Its room is there when the process begins; nothing of it allocates or waits after that.
+pub(crate) struct Track {
+    recorder: Arc<Recorder>,
+    ring: Arc<Ring>,
+    strands: [Strand; MOST_STRANDS],
+    /// The stamp that the operation has taken which is looked at now.
+    own_stamp: Cell<u64>,
+    /// The operation that is looked at now takes a stamp in any case.
+    takes: Cell<bool>,
+    last_time: Cell<u64>,
+    has_ended: Cell<bool>,
+    number: u32,
+}
+
+/// A strand of a process.
+#[derive(Default)]
+struct Strand {
+    path: Cell<u32>,
+    is_used: Cell<bool>,
+    operations: Cell<u64>,
+    /// The operation of its last event.
+    noted: Cell<u64>,
+    runs: Cell<bool>,
+    is_call: Cell<bool>,
+}
+
+impl Track {
+    fn here(&self) -> Option<&Strand> {
+        let path = current::branch_path();
+        if path == 0 {
+            return Some(&self.strands[0]);
+        }
+        for strand in &self.strands[1..] {
+            if !strand.is_used.get() {
+                strand.is_used.set(true);
+                strand.path.set(path);
+            }
+            if strand.path.get() == path {
+                return Some(strand);
+            }
+        }
+        self.ring.lose();
+        None
+    }
+
+    fn begin(&self, strand: &Strand, is_call: bool) {
+        strand.operations.set(strand.operations.get() + 1);
+        strand.runs.set(true);
+        strand.is_call.set(is_call);
+    }
+
+    fn head(strand: &Strand, code: u8) -> Head {
+        let later = strand.operations.get() - strand.noted.replace(strand.operations.get());
+        Head::new(code, strand.is_call.get(), strand.path.get(), later)
+    }
+
+    /// The process has returned, or the framework has ended it in the middle of an operation.
+    pub(crate) fn end(&self) {
+        let is_within = self.strands.iter().any(|strand| strand.runs.get());
+        self.last(if is_within { CUT_WITHIN } else { ENDED });
+    }
+
+    /// Its body is gone: if it has not returned, it was ended.
+    pub(crate) fn cut(&self) {
+        self.last(match self.strands[0].runs.get() {
+            true => CUT_WITHIN,
+            false => CUT,
+        });
+    }
+
+    fn last(&self, code: u8) {
+        if self.has_ended.replace(true) {
+            return;
+        }
+        let strand = &self.strands[0];
+        strand.is_call.set(false);
+        self.ring.put(Self::head(strand, code).get(), &[]);
+        self.ring.close();
+    }
+}
+
+impl Tape for Track {
+    fn enter(&self, _: &mut Context<'_>) -> Poll<Turn> {
+        self.own_stamp.set(0);
+        self.takes.set(false);
+        if let Some(strand) = self.here()
+            && !strand.runs.get()
+        {
+            self.begin(strand, false);
+        }
+        Poll::Ready(Turn::Record)
+    }
+
+    fn call(&self, takes: bool) -> Turn {
+        self.own_stamp.set(0);
+        self.takes.set(takes);
+        if let Some(strand) = self.here() {
+            self.begin(strand, true);
+        }
+        Turn::Record
+    }
+
+    fn is_replay(&self) -> bool {
+        false
+    }
+
+    fn leave(&self, event: Event) {
+        self.takes.set(false);
+        let Some(strand) = self.here() else { return };
+        if !strand.runs.replace(false) {
+            return;
+        }
+        if event.what == What::Done && event.stamp == 0 && !strand.is_call.get() {
+            return;
+        }
+        let mut head = Self::head(strand, code_of(event.what));
+        match event.what {
+            What::Done => head.number(event.stamp),
+            What::Failed => head.number(event.number),
+            What::TimedOut => {}
+            What::Chosen => {
+                head.number(event.number);
+                head.number(event.stamp);
+            }
+            What::Time => head.number(zigzag(self.last_time.replace(event.number), event.number)),
+        }
+        self.ring.put(head.get(), &[]);
+    }
+
+    fn abandon(&self) {
+        if let Some(strand) = self.here() {
+            strand.runs.set(false);
+        }
+    }
+
+    fn hold(&self, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
+
+    fn choice(&self) -> Option<u32> {
+        None
+    }
+
+    fn stamp(&self, several: bool) -> u64 {
+        if !several && !self.takes.get() {
+            return 0;
+        }
+        let stamp = self.recorder.stamps.fetch_add(1, Ordering::Relaxed);
+        if self.own_stamp.get() == 0 {
+            self.own_stamp.set(stamp);
+        }
+        stamp
+    }
+
+    fn own_stamp(&self) -> u64 {
+        self.own_stamp.get()
+    }
+
+    fn put(&self, about: About, name: u32, bytes: &[u8]) {
+        let Some(strand) = self.here() else { return };
+        if !strand.runs.get() {
+            self.begin(strand, true);
+        }
+        strand.runs.set(false);
+        let mut head = Self::head(strand, code_about(about));
+        head.number(u64::from(name));
+        head.number(bytes.len() as u64);
+        self.ring.put(head.get(), bytes);
+    }
+
+    fn get(&self, _: About, _: u32, _: &mut [u8]) -> Option<usize> {
+        None
+    }
+
+    fn strand(&self) -> u32 {
+        (self.number.wrapping_mul(0x9e37_79b1) ^ current::branch_path()).max(1)
+    }
+
+    fn process(&self) -> u32 {
+        self.number
+    }
+
+    fn outside(&self, construct: &'static str) {
+        self.ring.note_outside(construct);
+    }
+
+    fn settle(&self, _: &mut Context<'_>) -> Poll<()> {
+        Poll::Ready(())
+    }
+
+    fn differs(&self, _: &'static str) {}
+}

@@ -1,0 +1,151 @@
+//! The ring between a process and the thread that writes: one producer, one consumer, and nobody waits.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+
+/// A ring of bytes. What does not fit is lost, and with it all that comes after, since nobody could tell what it belongs to.
+pub(super) struct Ring {
+    bytes: Box<[AtomicU8]>,
+    /// How many bytes were ever put in, and taken out.
+    written: AtomicU64,
+    read: AtomicU64,
+    events: AtomicU64,
+    lost: AtomicU64,
+    is_final: AtomicBool,
+    outside: OnceLock<&'static str>,
+}
+
+impl Ring {
+    /// Allocates.
+    pub(super) fn new(room: usize) -> Self {
+        Self {
+            bytes: (0..room).map(|_| AtomicU8::new(0)).collect(),
+            written: AtomicU64::new(0),
+            read: AtomicU64::new(0),
+            events: AtomicU64::new(0),
+            lost: AtomicU64::new(0),
+            is_final: AtomicBool::new(false),
+            outside: OnceLock::new(),
+        }
+    }
+
+    /// Puts an event in, in two parts, or counts it as lost. By the one producer; wait-free, O(bytes).
+    pub(super) fn put(&self, head: &[u8], tail: &[u8]) {
+        let lost = self.lost.load(Ordering::Relaxed);
+        let written = self.written.load(Ordering::Relaxed);
+        let used = written - self.read.load(Ordering::Acquire);
+        let length = (head.len() + tail.len()) as u64;
+        if lost > 0 || length > self.bytes.len() as u64 - used {
+            self.lost.store(lost + 1, Ordering::Relaxed);
+            return;
+        }
+        for (at, &byte) in (written..).zip(head.iter().chain(tail)) {
+            self.bytes[self.index(at)].store(byte, Ordering::Relaxed);
+        }
+        let events = self.events.load(Ordering::Relaxed);
+        self.events.store(events + 1, Ordering::Relaxed);
+        self.written.store(written + length, Ordering::Release);
+    }
+
+    fn index(&self, at: u64) -> usize {
+        (at % self.bytes.len() as u64) as usize
+    }
+
+    /// Counts an event as lost that could not be told of.
+    pub(super) fn lose(&self) {
+        let lost = self.lost.load(Ordering::Relaxed);
+        self.lost.store(lost + 1, Ordering::Relaxed);
+    }
+
+    /// Says that nothing more comes.
+    pub(super) fn close(&self) {
+        self.is_final.store(true, Ordering::Release);
+    }
+
+    /// Whether nothing more comes.
+    pub(super) fn is_closed(&self) -> bool {
+        self.is_final.load(Ordering::Acquire)
+    }
+
+    /// Notes what was done that is not recorded. By the one producer; the first is kept.
+    pub(super) fn note_outside(&self, construct: &'static str) {
+        // Nobody else sets it, so nobody waits.
+        let _ = self.outside.set(construct);
+    }
+
+    /// What was done that is not recorded.
+    pub(super) fn outside(&self) -> Option<&'static str> {
+        self.outside.get().copied()
+    }
+
+    /// Takes up to `most` bytes out. By the one consumer.
+    pub(super) fn take(&self, into: &mut Vec<u8>, most: usize) {
+        let read = self.read.load(Ordering::Relaxed);
+        let written = self.written.load(Ordering::Acquire);
+        let until = written.min(read + most as u64);
+        into.extend((read..until).map(|at| self.bytes[self.index(at)].load(Ordering::Relaxed)));
+        self.read.store(until, Ordering::Release);
+    }
+
+    /// How many events were put in, and how many were lost.
+    pub(super) fn counts(&self) -> (u64, u64) {
+        (
+            self.events.load(Ordering::Relaxed),
+            self.lost.load(Ordering::Relaxed),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_goes_in_comes_out_in_order_across_the_end() {
+        let ring = Ring::new(7);
+        let (mut sent, mut taken) = (Vec::new(), Vec::new());
+        for number in 0..100_u8 {
+            ring.put(&[number], &[number, 255 - number]);
+            sent.extend([number, number, 255 - number]);
+            ring.take(&mut taken, 5);
+        }
+        assert_eq!(taken, sent);
+        assert_eq!(ring.counts(), (100, 0));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_counted_and_all_that_comes_after() {
+        let ring = Ring::new(4);
+        ring.put(&[1, 2], &[3]);
+        ring.put(&[4, 5], &[]);
+        let mut taken = Vec::new();
+        ring.take(&mut taken, 9);
+        ring.put(&[6], &[]);
+        ring.take(&mut taken, 9);
+        assert_eq!(taken, [1, 2, 3]);
+        assert_eq!(ring.counts(), (1, 2));
+    }
+
+    #[test]
+    fn two_threads() {
+        let ring = Ring::new(64);
+        let mut taken = Vec::new();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                (0..=255).for_each(|number| ring.put(&[number], &[]));
+                ring.close();
+            });
+            loop {
+                let is_closed = ring.is_closed();
+                ring.take(&mut taken, 16);
+                let (events, _) = ring.counts();
+                if is_closed && taken.len() as u64 == events {
+                    break;
+                }
+            }
+        });
+        let (events, lost) = ring.counts();
+        assert_eq!(events + lost, 256);
+        assert!(taken.iter().copied().eq((0..=255).take(events as usize)));
+    }
+}
