@@ -70,7 +70,7 @@ impl Recording {
             .read_byte_record(&mut record)
             .map_err(|error| Error::File(error.into()))?
         {
-            let line = line_of(text, record.position().map_or(0, csv::Position::byte));
+            let at = record.position().map_or(0, csv::Position::byte);
             let number = |index: usize| {
                 let column = COLUMNS[index];
                 let field = record
@@ -105,7 +105,8 @@ impl Recording {
                     _ => Ok(sample),
                 }
             };
-            let sample = sample().map_err(|fault| Error::at(line, fault))?;
+            // Lines are counted for an error alone: for each sample it would take the square of their number.
+            let sample = sample().map_err(|fault| Error::at(line_of(text, at), fault))?;
             samples.push(sample);
         }
         match samples.is_empty() {
