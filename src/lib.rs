@@ -74,12 +74,12 @@ pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use luna_platform::usage::ThreadUsage;
 pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
+pub use safety::{Bite, Watchdog, WatchdogProcess};
+pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use safety::{
     Cause, Degree, EmergencyTrigger, FunctionOutcome, FunctionReport, Guardian, ResetError, Safety,
     SafetyEvent, SafetyFunction, SafetyReport, SafetyState, emergency, guard, safety,
 };
-pub use safety::{Bite, Watchdog, WatchdogProcess};
-pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use system::deadlock::{self, Deadlock};
 pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
@@ -95,6 +95,10 @@ pub use csp::par as __par;
 #[cfg(doctest)]
 #[doc = include_str!("../docs/guide.md")]
 struct Guide;
+
+#[cfg(doctest)]
+#[doc = include_str!("../docs/safety.md")]
+struct SafetyPage;
 
 #[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]

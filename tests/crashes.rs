@@ -254,7 +254,11 @@ fn a_function_that_hangs_is_left_behind_in_a_crash_too() {
     if has_no_signals() {
         return;
     }
-    ends_by("hanging function", FAULT, &["function 1", "function 2", "last"]);
+    ends_by(
+        "hanging function",
+        FAULT,
+        &["function 1", "function 2", "last"],
+    );
 }
 
 #[test]

@@ -106,10 +106,10 @@ fn all_but_one_thread_may_hang() {
     let mut expected: Vec<String> = (0..7).map(|number| format!("hangs {number}")).collect();
     expected.push("last".to_owned());
     assert_eq!(log.all(), expected);
-    assert_eq!(outcomes(&safety)[6..], [
-        FunctionOutcome::LeftBehind,
-        FunctionOutcome::Ran
-    ]);
+    assert_eq!(
+        outcomes(&safety)[6..],
+        [FunctionOutcome::LeftBehind, FunctionOutcome::Ran]
+    );
 }
 
 /// It computes for ever at the highest priority there is: who watches it must be given a core all the same, and it must lose its priority.
@@ -204,7 +204,9 @@ fn one_that_is_registered_while_others_run_runs_behind_them() {
     let own = log.clone();
     system.on_emergency("first", move || {
         own.note("first");
-        safety.on_emergency("of first", LONG, own.noter("of first")).unwrap();
+        safety
+            .on_emergency("of first", LONG, own.noter("of first"))
+            .unwrap();
     });
     system.on_emergency("second", log.noter("second"));
     raise_in(&mut system);

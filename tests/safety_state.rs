@@ -18,7 +18,10 @@ fn it_only_gets_worse_until_it_is_reset() {
     let _watch = watchdog();
     let system = System::new("state");
     let safety = system.safety();
-    assert_eq!((safety.degree(), safety.state().latched), (Degree::Normal, None));
+    assert_eq!(
+        (safety.degree(), safety.state().latched),
+        (Degree::Normal, None)
+    );
     safety.warn(why("warm"));
     safety.warn(why("warmer"));
     assert_eq!(safety.state().to_string(), "warning: warm");
@@ -41,7 +44,10 @@ fn it_only_gets_worse_until_it_is_reset() {
     safety.reset(why("cool")).unwrap();
     let state = safety.state();
     assert_eq!((state.degree, state.latched), (Degree::Normal, None));
-    assert!(matches!(state.events.last().unwrap().cause, Cause::Reset(_)));
+    assert!(matches!(
+        state.events.last().unwrap().cause,
+        Cause::Reset(_)
+    ));
     // The next one is latched anew.
     safety.warn(why("warm again"));
     assert_eq!(safety.state().to_string(), "warning: warm again");
@@ -77,7 +83,10 @@ fn the_cause_and_who_of_each_kind() {
         .unwrap();
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
-    assert_eq!((latched.cause, latched.who.as_deref()), (Cause::Panic, Some("culprit")));
+    assert_eq!(
+        (latched.cause, latched.who.as_deref()),
+        (Cause::Panic, Some("culprit"))
+    );
 
     let mut system = System::new("overrun");
     let main = system.executor("main").build().unwrap();
@@ -88,7 +97,10 @@ fn the_cause_and_who_of_each_kind() {
         .unwrap();
     system.run().unwrap_err();
     let latched = system.safety().state().latched.unwrap();
-    assert_eq!((latched.cause, latched.degree), (Cause::Overrun, Degree::Emergency));
+    assert_eq!(
+        (latched.cause, latched.degree),
+        (Cause::Overrun, Degree::Emergency)
+    );
 
     let mut system = System::new("deadlock");
     system.strict();

@@ -119,7 +119,10 @@ fn triggered(by: Trigger) -> u64 {
         by == Trigger::Signal,
         "it ended for another reason"
     );
-    let (before, began) = (before.load(Ordering::Relaxed), began.load(Ordering::Relaxed));
+    let (before, began) = (
+        before.load(Ordering::Relaxed),
+        began.load(Ordering::Relaxed),
+    );
     assert!(before != 0 && began >= before, "the function did not run");
     began - before
 }

@@ -208,9 +208,7 @@ impl Relay {
                 state.runner = member + 1;
                 state.turn().map_or(Leg::Rest, Leg::Run)
             }
-            Err(state) if state.phase == Phase::Begun => {
-                state.turn().map_or(Leg::Rest, Leg::Watch)
-            }
+            Err(state) if state.phase == Phase::Begun => state.turn().map_or(Leg::Rest, Leg::Watch),
             Err(_) => Leg::Rest,
         }
     }
@@ -260,12 +258,10 @@ impl Relay {
             let Some(next) = step(state) else {
                 return Err(state);
             };
-            match self.word.compare_exchange(
-                word,
-                next.word(),
-                Ordering::AcqRel,
-                Ordering::Acquire,
-            ) {
+            match self
+                .word
+                .compare_exchange(word, next.word(), Ordering::AcqRel, Ordering::Acquire)
+            {
                 Ok(_) => return Ok(state),
                 Err(other) => word = other,
             }

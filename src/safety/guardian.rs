@@ -223,7 +223,9 @@ impl GuardianWatch {
             Ok(()) => Ok(watch),
             Err(why) => {
                 let message = match why {
-                    mpsc::RecvTimeoutError::Timeout => "it did not say within ten seconds that it is ready",
+                    mpsc::RecvTimeoutError::Timeout => {
+                        "it did not say within ten seconds that it is ready"
+                    }
                     mpsc::RecvTimeoutError::Disconnected => "it has ended",
                 };
                 // Nothing moves yet.
@@ -263,7 +265,9 @@ fn lost(emergency: &Emergency, is_strict: bool) {
         emergency
             .journal
             .note(Degree::Warning, Cause::GuardianLost, now, || true);
-        eprintln!("luna: the guardian has ended: nobody would bring the machine to safety if this program were killed");
+        eprintln!(
+            "luna: the guardian has ended: nobody would bring the machine to safety if this program were killed"
+        );
     }
 }
 
@@ -278,7 +282,9 @@ impl Drop for GuardianWatch {
         }
         // It hears of it by the end of its output, which `recv` does by the reader's end.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
+            eprintln!(
+                "luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself"
+            );
             return;
         }
         let _ = self.child.wait();

@@ -72,9 +72,12 @@ impl Safety {
 
     /// Notes a warning: everything goes on. Real-time path: yes; O(1), no system call, no allocation.
     pub fn warn(&self, cause: Error) {
-        self.0
-            .journal
-            .note(Degree::Warning, Cause::Raised(cause), Instant::now(), || true);
+        self.0.journal.note(
+            Degree::Warning,
+            Cause::Raised(cause),
+            Instant::now(),
+            || true,
+        );
     }
 
     /// Enters the safe state, if it is not that bad yet: the processes run on, and whoever asks [`is_safe_state`](Self::is_safe_state) from now on is told so; the
@@ -141,7 +144,7 @@ impl fmt::Debug for Safety {
     }
 }
 
-/// A function that was registered by [`Safety::on_emergency`]. Dropping this changes nothing.
+/// A function that a driver has registered by its [handle](Safety). Dropping this changes nothing.
 pub struct SafetyFunction {
     emergency: Arc<Emergency>,
     number: usize,

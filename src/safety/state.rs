@@ -113,7 +113,7 @@ impl fmt::Display for SafetyEvent {
     }
 }
 
-/// What a system's safety was like at one instant: see [`Safety::state`].
+/// What a system's safety was like at one instant: from [`state`](crate::Safety::state).
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyState {
@@ -149,8 +149,12 @@ pub enum ResetError {
 impl fmt::Display for ResetError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            ResetError::Emergency => "an emergency cannot be reset: the system ends, make a new one",
-            ResetError::FunctionsRun => "the functions of the safe state still run: reset it when they have",
+            ResetError::Emergency => {
+                "an emergency cannot be reset: the system ends, make a new one"
+            }
+            ResetError::FunctionsRun => {
+                "the functions of the safe state still run: reset it when they have"
+            }
         })
     }
 }

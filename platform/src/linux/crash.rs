@@ -87,11 +87,7 @@ fn restore_one((index, &signal): (usize, &libc::c_int)) {
 }
 
 /// Runs on the thread that crashes, in the middle of anything.
-extern "C" fn crashed(
-    number: libc::c_int,
-    info: *mut libc::siginfo_t,
-    context: *mut libc::c_void,
-) {
+extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
     let errno = Errno::last_raw();
     handle(number);
     Errno::set_raw(errno);

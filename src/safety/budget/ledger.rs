@@ -132,7 +132,9 @@ impl Ledger {
         match (self.on_overrun, self.system.get()) {
             (OnOverrun::Poison, _) => self.sentenced.store(true, Ordering::Relaxed),
             (OnOverrun::Warn, Some((_, living))) if is_news => living.announce(),
-            (OnOverrun::Emergency, Some((emergency, _))) if is_first => emergency.trigger(Cause::Overrun),
+            (OnOverrun::Emergency, Some((emergency, _))) if is_first => {
+                emergency.trigger(Cause::Overrun)
+            }
             _ => {}
         }
     }

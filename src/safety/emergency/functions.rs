@@ -166,7 +166,9 @@ impl Functions {
     pub(super) fn begin(&self, now: Instant) -> bool {
         // The first one's stays.
         let now = now.as_nanos().max(1);
-        let _ = self.triggered.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
+        let _ = self
+            .triggered
+            .compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
         self.relay.begin()
     }
 
@@ -287,7 +289,10 @@ impl Functions {
                 took: slot.took,
             })
             .collect();
-        let runs = slots.iter_mut().filter_map(|slot| slot.run.take()).collect();
+        let runs = slots
+            .iter_mut()
+            .filter_map(|slot| slot.run.take())
+            .collect();
         (reports, runs)
     }
 }
