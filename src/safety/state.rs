@@ -113,7 +113,7 @@ impl fmt::Display for SafetyEvent {
     }
 }
 
-/// What a system's safety was like at one instant: see [`Safety::state`].
+/// What a system's safety was like at one instant: from [`state`](crate::Safety::state).
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyState {

@@ -21,7 +21,7 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 14] = [
+const BENCHES: [&str; 15] = [
     "commstime",
     "switch",
     "rendezvous",
@@ -36,6 +36,7 @@ const BENCHES: [&str; 14] = [
     "startup",
     "memory",
     "lbp16",
+    "emergency",
 ];
 
 #[derive(Debug, Default)]
