@@ -1,0 +1,147 @@
+//! What a block is: a step from what it sees to a verdict. No clock, no channel, no memory beyond its own.
+
+use crate::fault::{Fault, Which};
+use crate::setting::{Of, SettingError};
+use std::time::Duration;
+
+/// What a block sees in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// The value that passes through: a set-point, an output, a measurement.
+    pub value: f64,
+    /// What it is compared with, where a block does: the measured position, the second sensor, the output that drives the axis.
+    pub feedback: Option<f64>,
+    /// The time since the sample before; zero for the first.
+    pub elapsed: Duration,
+}
+
+impl Sample {
+    /// `value`, and nothing to compare it with.
+    pub const fn new(value: f64, elapsed: Duration) -> Self {
+        Self {
+            value,
+            feedback: None,
+            elapsed,
+        }
+    }
+
+    /// Beside `feedback`.
+    #[must_use]
+    pub const fn beside(mut self, feedback: f64) -> Self {
+        self.feedback = Some(feedback);
+        self
+    }
+
+    /// What of it is no finite number.
+    pub fn not_finite(&self) -> Option<Fault> {
+        if !self.value.is_finite() {
+            return Some(Fault::NotFinite {
+                which: Which::Value,
+                value: self.value,
+            });
+        }
+        let value = self.feedback.filter(|feedback| !feedback.is_finite())?;
+        Some(Fault::NotFinite {
+            which: Which::Feedback,
+            value,
+        })
+    }
+}
+
+/// What a block says to a sample. Every number in it that is to be passed on is finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[must_use = "a verdict that nobody heeds protects nobody"]
+pub enum Verdict {
+    /// It passes as it came.
+    Pass(f64),
+    /// The block has made it safe: this passes in its place.
+    Limited(f64, Fault),
+    /// It must not be relied on. What is put out in its place is said by the [`Response`](crate::Response).
+    Refused(Fault),
+}
+
+impl Verdict {
+    /// What is to be put out, when in the place of a refused value it is `neutral`.
+    pub fn or(self, neutral: f64) -> f64 {
+        match self {
+            Self::Pass(value) | Self::Limited(value, _) => value,
+            Self::Refused(_) => neutral,
+        }
+    }
+
+    /// What it found, if anything.
+    pub fn fault(&self) -> Option<Fault> {
+        match self {
+            Self::Pass(_) => None,
+            Self::Limited(_, fault) | Self::Refused(fault) => Some(*fault),
+        }
+    }
+}
+
+/// A safety block.
+///
+/// Its state and its parameters are all that it has: a step allocates nothing, waits for nothing, and takes O(1). Use one by itself, or in a
+/// [`Chain`](crate::Chain), which adds what is done about its verdicts.
+///
+/// ```
+/// use luna_safety_blocks::{Block, Limit, Sample, Verdict};
+/// use std::time::Duration;
+///
+/// let mut limit = Limit::new(-0.7, 0.7)?;
+/// let ms = Duration::from_millis(1);
+/// assert_eq!(limit.step(&Sample::new(0.5, ms)), Verdict::Pass(0.5));
+/// assert_eq!(limit.step(&Sample::new(5.0, ms)).or(0.0), 0.7);
+/// assert_eq!(limit.step(&Sample::new(f64::NAN, ms)).or(0.0), 0.0);
+/// # Ok::<(), luna_safety_blocks::SettingError>(())
+/// ```
+pub trait Block {
+    /// Judges a sample whose numbers are finite. Called by [`step`](Self::step).
+    fn judge(&mut self, sample: &Sample) -> Verdict;
+
+    /// Forgets what it has seen, but not what it has put out: as if the next sample were its first.
+    fn reset(&mut self);
+
+    /// Is told that `value` was put out in the place of what it let pass: another block, or the response to a fault, has changed it. The default does nothing.
+    fn replaced(&mut self, value: f64) {
+        let _ = value;
+    }
+
+    /// Whether `neutral` may be put out in the place of what it refuses.
+    ///
+    /// # Errors
+    ///
+    /// It is no finite number, or this block would not let it pass.
+    fn check_neutral(&self, neutral: f64) -> Result<(), SettingError> {
+        Of("block").finite("neutral", neutral).map(drop)
+    }
+
+    /// Takes in one sample. Whatever is not a number, or infinite, is refused, and not counted as seen. Real-time path: yes; O(1), no allocation.
+    fn step(&mut self, sample: &Sample) -> Verdict {
+        match sample.not_finite() {
+            Some(fault) => Verdict::Refused(fault),
+            None => self.judge(sample),
+        }
+    }
+}
+
+impl<B: Block + ?Sized> Block for Box<B> {
+    fn judge(&mut self, sample: &Sample) -> Verdict {
+        (**self).judge(sample)
+    }
+
+    fn reset(&mut self) {
+        (**self).reset();
+    }
+
+    fn replaced(&mut self, value: f64) {
+        (**self).replaced(value);
+    }
+
+    fn check_neutral(&self, neutral: f64) -> Result<(), SettingError> {
+        (**self).check_neutral(neutral)
+    }
+
+    fn step(&mut self, sample: &Sample) -> Verdict {
+        (**self).step(sample)
+    }
+}

@@ -1,0 +1,77 @@
+//! An actuator that is driven and does not move.
+
+use crate::block::{Block, Sample, Verdict};
+use crate::fault::Fault;
+use crate::lasting::Still;
+use crate::setting::{Of, SettingError};
+use std::time::Duration;
+
+/// Refuses an output that has driven an axis for a time without moving it.
+///
+/// The value is the output, the feedback the position. Driven is an output of at least `driven` in size, either way: choose what surely moves the free axis. Moved is a
+/// position further than `moved` from where it stood. Guards against a jammed mechanism, a motor or a bridge that is dead, a coupling that slips before the encoder, an encoder that
+/// stands still.
+///
+/// Bound: `time` and one more sample, from the later of the last motion and the first drive. No false alarm while an axis that is driven moves by more than `moved` in each
+/// `time`. Does not see an axis that is blocked while it is driven by less, nor which of motor and encoder is at fault. An axis that is held against a stop or a load on purpose is
+/// blocked too: leave the block out there, or let an [`EndStop`](crate::EndStop) of the same [`Chain`](crate::Chain) take the drive off.
+///
+/// What a chain puts out in the place of the output it is told: while that is neutral nothing is driven. So with [`Recovery::After`](crate::Recovery::After) a blocked axis
+/// is tried again after that time.
+///
+/// ```
+/// use luna_safety_blocks::{Block, Blocked, Sample, Verdict};
+/// use std::time::Duration;
+///
+/// let ms = Duration::from_millis(1);
+/// let mut motor = Blocked::new(0.3, 2e-3, 500 * ms)?; // duty, rad
+/// let jammed = Sample::new(-0.5, ms).beside(0.3);
+/// assert_eq!((0..).find(|_| matches!(motor.step(&jammed), Verdict::Refused(_))), Some(500));
+/// # Ok::<(), luna_safety_blocks::SettingError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Blocked {
+    driven: f64,
+    still: Still,
+}
+
+impl Blocked {
+    /// Driven by `driven` or more (the unit of the output), not moved by more than `moved` (that of the position), for `time`.
+    ///
+    /// # Errors
+    ///
+    /// `driven` is not above 0, `moved` is negative, one is not finite, or `time` is zero.
+    pub fn new(driven: f64, moved: f64, time: Duration) -> Result<Self, SettingError> {
+        let of = Of("blocked actuator");
+        Ok(Self {
+            driven: of.positive("driven", driven)?,
+            still: Still::new(of.not_negative("moved", moved)?, of.time("time", time)?),
+        })
+    }
+}
+
+impl Block for Blocked {
+    fn judge(&mut self, sample: &Sample) -> Verdict {
+        let Some(position) = sample.feedback else {
+            return Verdict::Refused(Fault::NoFeedback);
+        };
+        let output = sample.value;
+        let is_driven = output.abs() >= self.driven;
+        match self.still.step(position, is_driven, sample.elapsed) {
+            None => Verdict::Pass(output),
+            Some(time) => Verdict::Refused(Fault::Blocked {
+                output,
+                position,
+                time,
+            }),
+        }
+    }
+
+    fn reset(&mut self) {
+        self.still.reset();
+    }
+
+    fn replaced(&mut self, value: f64) {
+        self.still.drive(value.abs() >= self.driven);
+    }
+}

@@ -1,0 +1,178 @@
+//! A dead-man's key as a process.
+
+use super::Steps;
+use super::alarms::Alarms;
+use crate::dead_man::{DeadMan, judge};
+use crate::fault::{Cause, Fault};
+use crate::monitor::Monitor;
+use crate::response::{Reactor, Response};
+use crate::setting::SettingError;
+use luna::{Instant, Process, Receiver, Sender, alt};
+use std::time::Duration;
+
+/// A [`DeadMan`] between two channels: values pass while the key is held, and neutral is put out else.
+///
+/// One is put out for each value that comes, and neutral at once when the key is released or its time is over, without waiting for the next value. Key writers that
+/// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
+/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends.
+///
+/// Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation but for an emergency.
+///
+/// ```
+/// use luna::prelude::*;
+/// use luna_safety_blocks::{DeadMan, DeadManProcess, Reaction};
+/// use std::time::Duration;
+///
+/// let mut system = System::new("jog");
+/// system.virtual_clock();
+/// let main = system.executor("main").build()?;
+/// let (speed, speeds) = luna::channel();
+/// let (key, keys) = luna::channel();
+/// let (safe, outputs) = luna::channel();
+/// let grip = DeadMan::new(Duration::from_millis(50))?;
+/// main.process("dead-man").spawn(DeadManProcess::new("grip", grip, 0.0, Reaction::Neutral, speeds, keys, safe)?)?;
+/// main.process("operator").spawn(async move {
+///     key.send(1).await?;
+///     speed.send(0.2).await?; // held
+///     luna::after(Duration::from_millis(60)).await; // and not refreshed
+///     Ok(())
+/// })?;
+/// main.process("drive").spawn(async move {
+///     let start = luna::now();
+///     assert_eq!(outputs.recv().await?, 0.2);
+///     assert_eq!(outputs.recv().await?, 0.0);
+///     assert_eq!(luna::now() - start, Duration::from_millis(50));
+///     while outputs.recv().await.is_ok() {}
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[derive(Debug)]
+#[must_use = "a process protects nobody until it is spawned"]
+pub struct DeadManProcess {
+    dead_man: DeadMan,
+    reactor: Reactor,
+    values: Receiver<f64>,
+    keys: Receiver<u32>,
+    output: Sender<f64>,
+    alarms: Alarms,
+}
+
+enum Event {
+    Value(Option<f64>),
+    Key(Option<u32>),
+    Time,
+}
+
+impl DeadManProcess {
+    /// Called `name`, between `values` and `output`, with the key that comes from `keys`.
+    ///
+    /// # Errors
+    ///
+    /// `neutral` is no finite number.
+    pub fn new(
+        name: &str,
+        dead_man: DeadMan,
+        neutral: f64,
+        response: impl Into<Response>,
+        values: Receiver<f64>,
+        keys: Receiver<u32>,
+        output: Sender<f64>,
+    ) -> Result<Self, SettingError> {
+        Ok(Self {
+            dead_man,
+            reactor: Reactor::new(name, neutral, response)?,
+            values,
+            keys,
+            output,
+            alarms: Alarms::default(),
+        })
+    }
+
+    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites.
+    pub fn tell(mut self, told: Sender<Cause>) -> Self {
+        self.alarms.tell(told);
+        self
+    }
+
+    /// What others see of it, and by which they reset it.
+    pub fn monitor(&self) -> Monitor {
+        self.reactor.monitor()
+    }
+
+    async fn pass_on(&mut self) -> luna::Result<()> {
+        let mut steps = Steps::default();
+        let mut last = steps_from(&mut steps);
+        let (mut has_keys, mut was_held) = (true, false);
+        let mut newest = self.reactor.neutral();
+        loop {
+            let expires = self.dead_man.expires_in().map(|time| last + time);
+            let event = alt! {
+                _ = luna::at(expires.unwrap_or(Instant::NEVER)), if expires.is_some() => Event::Time,
+                key = self.keys.recv(), if has_keys => Event::Key(key.ok()),
+                value = self.values.recv() => match value {
+                    Err(error) if error.is_poisoned() => return Err(error.into()),
+                    value => Event::Value(value.ok()),
+                },
+            };
+            last = luna::now();
+            let elapsed = steps.elapsed(last);
+            let key = match event {
+                // Writers that are gone do not come back.
+                Event::Key(None) => {
+                    has_keys = false;
+                    Some(0)
+                }
+                Event::Key(key) => key,
+                Event::Value(_) | Event::Time => None,
+            };
+            self.reactor.take_reset();
+            let key = self.dead_man.step(key, elapsed);
+            let is_held = key.is_ok();
+            match event {
+                Event::Value(None) => return Ok(()),
+                Event::Value(Some(value)) => {
+                    newest = value;
+                    self.put_out(value, key, elapsed).await?;
+                }
+                _ if was_held && !is_held => self.put_out(newest, key, elapsed).await?,
+                _ => {}
+            }
+            was_held = is_held;
+        }
+    }
+
+    async fn put_out(
+        &mut self,
+        value: f64,
+        key: Result<(), Fault>,
+        elapsed: Duration,
+    ) -> luna::Result<()> {
+        let verdict = judge(value, key, self.reactor.neutral());
+        let (value, alarm) = self.reactor.react(verdict, value, elapsed);
+        if let Some(alarm) = alarm {
+            self.alarms.raise(alarm);
+        }
+        self.alarms.go_on()?;
+        Ok(self.output.send(value).await?)
+    }
+}
+
+/// Begins to count, and gives the instant of it.
+fn steps_from(steps: &mut Steps) -> Instant {
+    let now = luna::now();
+    steps.elapsed(now);
+    now
+}
+
+impl Process for DeadManProcess {
+    async fn run(&mut self) -> luna::Result<()> {
+        let ended = self.pass_on().await;
+        if !matches!(&ended, Err(error) if !error.is_poisoned()) {
+            // Who is gone needs no neutral.
+            let _ = self.output.send(self.reactor.neutral()).await;
+        }
+        ended
+    }
+}
