@@ -11,9 +11,9 @@ use std::fmt;
 /// Within one chain nothing is communicated and nobody is switched: put what belongs together into one, and spawn it as a process by [`process`](Self::process). Or use it
 /// by hand, in a control process of one's own.
 ///
-/// The order matters little: what is put out in the end is told to those before, so that a rate limit goes on from what the axis was given. A number that
-/// is not finite is refused by the first block, and neutral goes on from there: with a [`Limit`](crate::Limit) first, a [`RateLimit`](crate::RateLimit) behind it leads to neutral at
-/// its rate.
+/// What is put out in the end is told to those before, so that a rate limit goes on from what the axis was given. Of the order matters what stands behind a
+/// [`RateLimit`](crate::RateLimit) and what before: what comes before it, also neutral, is come to at its rate; what stands behind it acts at once. So an
+/// [`EndStop`](crate::EndStop) stands behind it. A number that is not finite is refused by the first block.
 ///
 /// ```
 /// use luna_safety_blocks::{Chain, EndStop, Limit, RateLimit, Reaction, Sample};

@@ -9,6 +9,8 @@ use crate::setting::{Of, SettingError};
 /// The value is what moves the axis (a duty, a torque, a speed): a positive one raises the position, and 0 is rest. The feedback is the position. At
 /// `high` and above no positive value passes, at `low` and below no negative one: it becomes 0. Without a position all become 0.
 ///
+/// Put it behind a [`RateLimit`](crate::RateLimit), which else would go on into the stop at its rate.
+///
 /// Guards against an axis that is driven into its stops. Bound: the same sample. It takes the drive off, and brakes nothing: leave room for the way in which
 /// the axis comes to rest, and for one sample at full speed. Does not see a position that is wrong, nor a motor that turns the wrong way.
 ///
