@@ -1,7 +1,7 @@
 //! Two channels as one, as a process.
 
-use super::Steps;
 use super::alarms::Alarms;
+use super::{Steps, put_out};
 use crate::agreement::Agreement;
 use crate::fault::{Cause, Channel};
 use crate::monitor::Monitor;
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// An [`Agreement`] between two channels and one: a value of each makes a round, for which one is put out.
 ///
 /// When one has come, the other is waited for `skew`; then it is missing in this round, and its value begins the next. When neither has come for `silence`, both are missing,
-/// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends.
+/// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends; also when its readers are gone.
 ///
 /// Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
 /// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation but for an emergency.
@@ -114,7 +114,9 @@ impl AgreementProcess {
                 self.alarms.raise(alarm);
             }
             self.alarms.go_on()?;
-            self.output.send(value).await?;
+            if !put_out(&self.output, value).await? {
+                break;
+            }
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! A chain as a process.
 
-use super::Steps;
 use super::alarms::Alarms;
+use super::{Steps, put_out};
 use crate::block::Sample;
 use crate::chain::Chain;
 use crate::fault::Cause;
@@ -65,7 +65,7 @@ const MOST_AT_ONCE: usize = 16;
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
 /// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
-/// emergency it puts out nothing. Its outputs are closed with it.
+/// emergency it puts out nothing. When its readers are gone it ends.
 ///
 /// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation but for an emergency.
 ///
@@ -227,7 +227,9 @@ impl<T: Signal> ChainProcess<T> {
             self.alarms.go_on()?;
             let signal = signal.with_value(value);
             self.last = Some(signal);
-            self.output.send(signal).await?;
+            if !put_out(&self.output, signal).await? {
+                break;
+            }
         }
         Ok(())
     }

@@ -1,20 +1,19 @@
 //! A dead-man's key as a process.
 
-use super::Steps;
 use super::alarms::Alarms;
+use super::{Steps, put_out};
 use crate::dead_man::{DeadMan, judge};
-use crate::fault::{Cause, Fault};
+use crate::fault::Cause;
 use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::SettingError;
 use luna::{Instant, Process, Receiver, Sender, alt};
-use std::time::Duration;
 
 /// A [`DeadMan`] between two channels: values pass while the key is held, and neutral is put out else.
 ///
 /// One is put out for each value that comes, and neutral at once when the key is released or its time is over, without waiting for the next value. Key writers that
 /// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
-/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends.
+/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends; also when its readers are gone.
 ///
 /// Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation but for an emergency.
 ///
@@ -134,28 +133,25 @@ impl DeadManProcess {
                 Event::Value(None) => return Ok(()),
                 Event::Value(Some(value)) => {
                     newest = value;
-                    self.put_out(value, key, elapsed).await?;
                 }
-                _ if was_held && !is_held => self.put_out(newest, key, elapsed).await?,
-                _ => {}
+                _ if was_held && !is_held => {}
+                // A key that is refreshed, or still is not held, puts out nothing.
+                _ => {
+                    was_held = is_held;
+                    continue;
+                }
             }
             was_held = is_held;
+            let verdict = judge(newest, key, self.reactor.neutral());
+            let (value, alarm) = self.reactor.react(verdict, newest, elapsed);
+            if let Some(alarm) = alarm {
+                self.alarms.raise(alarm);
+            }
+            self.alarms.go_on()?;
+            if !put_out(&self.output, value).await? {
+                return Ok(());
+            }
         }
-    }
-
-    async fn put_out(
-        &mut self,
-        value: f64,
-        key: Result<(), Fault>,
-        elapsed: Duration,
-    ) -> luna::Result<()> {
-        let verdict = judge(value, key, self.reactor.neutral());
-        let (value, alarm) = self.reactor.react(verdict, value, elapsed);
-        if let Some(alarm) = alarm {
-            self.alarms.raise(alarm);
-        }
-        self.alarms.go_on()?;
-        Ok(self.output.send(value).await?)
     }
 }
 

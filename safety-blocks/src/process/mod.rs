@@ -9,7 +9,7 @@ pub use agreement::AgreementProcess;
 pub use chain::{ChainProcess, Signal};
 pub use dead_man::DeadManProcess;
 
-use luna::Instant;
+use luna::{Instant, Sender};
 use std::time::Duration;
 
 /// The time between steps.
@@ -24,5 +24,14 @@ impl Steps {
         self.last
             .replace(now)
             .map_or(Duration::ZERO, |last| now - last)
+    }
+}
+
+/// Puts `value` out; whether somebody took it: who is gone needs no protection.
+async fn put_out<T: Send>(output: &Sender<T>, value: T) -> luna::Result<bool> {
+    match output.send(value).await {
+        Ok(()) => Ok(true),
+        Err(error) if error.is_closed() => Ok(false),
+        Err(error) => Err(error.into()),
     }
 }
