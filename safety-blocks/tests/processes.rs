@@ -485,3 +485,30 @@ fn a_dead_man_lets_go_at_its_instant_without_a_value_that_comes() {
     assert_eq!(faults[1..], [(150, Fault::HeldTooLong { time, limit })]);
     assert!(!monitor.is_held());
 }
+
+#[test]
+fn a_dead_man_recovers_by_the_time_of_values_whatever_keys_come_between() {
+    let (system, main) = system();
+    let (put, input) = luna::channel();
+    let (key, keys) = luna::channel();
+    let (output, values) = luna::channel();
+    let grip = DeadMan::new(20 * MS).unwrap();
+    let response = Response::new(Reaction::Neutral).recovery(Recovery::After(3 * MS));
+    let process = DeadManProcess::new("grip", grip, 0.0, response, input, keys, output);
+    main.process("dead-man").spawn(process.unwrap()).unwrap();
+    let seen = note(&main, values);
+    main.process("operator")
+        .spawn(async move {
+            for value in [0.1, f64::NAN, 0.3, 0.4, 0.5, 0.6, 0.7] {
+                key.send(1).await?;
+                put.send(value).await?;
+                luna::after(MS).await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    let passed: Vec<_> = taken(&seen).into_iter().map(|(_, value)| value).collect();
+    // At the end the key is released, and nothing comes any more.
+    assert_eq!(passed, [0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.7, 0.0, 0.0]);
+}

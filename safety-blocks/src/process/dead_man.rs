@@ -102,6 +102,7 @@ impl DeadManProcess {
 
     async fn pass_on(&mut self) -> luna::Result<()> {
         let mut steps = Steps::default();
+        let mut put_out_at = Steps::default();
         let mut last = steps_from(&mut steps);
         let (mut has_keys, mut was_held) = (true, false);
         let mut newest = self.reactor.neutral();
@@ -143,6 +144,8 @@ impl DeadManProcess {
             }
             was_held = is_held;
             let verdict = judge(newest, key, self.reactor.neutral());
+            // Since what was put out last: keys came in between.
+            let elapsed = put_out_at.elapsed(last);
             let (value, alarm) = self.reactor.react(verdict, newest, elapsed);
             if let Some(alarm) = alarm {
                 self.alarms.raise(alarm);
