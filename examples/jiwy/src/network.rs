@@ -44,21 +44,22 @@
 use crate::hardware::Registers;
 use crate::joystick::Playback;
 use crate::parts::calibration::Calibration;
-use crate::parts::faults::{Blocked, Fault, Plausible};
+use crate::parts::faults::{self, Fault};
 use crate::parts::pid::{Gains, Pid};
-use crate::parts::sanity::{EndStopGuard, Interventions, Limit, Slew};
+use crate::parts::sanity::{Interventions, Sanity};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
 use crate::processes::control::{Track, calibrate, control, lead, pass_on, scale_output};
 use crate::processes::operator::Joystick;
 use crate::processes::readers::{read_joystick, read_position, scale_joystick, scale_position};
 use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
-use crate::processes::sanity::{Guard, Limiter, SlewLimiter, gate, write_motor, write_register};
+use crate::processes::sanity::{Checking, gate, write_motor, write_register};
 use crate::processes::timer::{Tick, read_timer, write_timer};
 use crate::{AXES, Axis};
 use luna::prelude::*;
 use luna::{Executor, IntoProcess};
 use luna_plants::{Decoder, MotorParameters};
+use luna_safety_blocks::{EndStop, Limit, RateLimit};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -99,9 +100,9 @@ pub enum Start {
 pub struct Findings {
     /// How far it was from its set-point.
     pub tracking: OnceLock<Tracking>,
-    pub(crate) limit: OnceLock<Limit>,
-    pub(crate) slew: OnceLock<Slew>,
-    pub(crate) guard: OnceLock<EndStopGuard>,
+    pub(crate) limit: OnceLock<Sanity<Limit>>,
+    pub(crate) slew: OnceLock<Sanity<RateLimit>>,
+    pub(crate) guard: OnceLock<Sanity<EndStop>>,
 }
 
 impl Findings {
@@ -109,9 +110,9 @@ impl Findings {
     pub fn interventions(&self) -> Interventions {
         Interventions {
             not_finite: self.limit.get().map_or(0, |limit| limit.not_finite),
-            limited: self.limit.get().map_or(0, |limit| limit.limited),
-            slewed: self.slew.get().map_or(0, |slew| slew.slewed),
-            guarded: self.guard.get().map_or(0, |guard| guard.guarded),
+            limited: self.limit.get().map_or(0, |limit| limit.changed),
+            slewed: self.slew.get().map_or(0, |slew| slew.changed),
+            guarded: self.guard.get().map_or(0, |guard| guard.changed),
         }
     }
 }
@@ -291,29 +292,36 @@ impl AxisModel<'_> {
         self.add("command in", pass_on(received, to_limit))?;
         self.add(
             "limit",
-            Limiter {
-                limit: Limit::new(axis.limits.duty),
+            Checking {
+                sanity: axis.limits.limit()?,
+                angle: |command| Some(command.raw),
                 commands,
-                limited,
+                checked: limited,
                 findings: Arc::clone(&findings),
+                left: |findings| &findings.limit,
             },
         )?;
         self.add(
             "slew",
-            SlewLimiter {
-                slew: Slew::new(axis.limits.slew),
+            Checking {
+                sanity: axis.limits.slew()?,
+                angle: |command| Some(command.raw),
                 commands: to_slew,
-                slewed,
+                checked: slewed,
                 findings: Arc::clone(&findings),
+                left: |findings| &findings.slew,
             },
         )?;
         self.add(
             "end-stop guard",
-            Guard {
-                guard: EndStopGuard::new(axis.limits.guard),
+            Checking {
+                sanity: axis.limits.guard()?,
+                // There is none while it is being calibrated.
+                angle: |command| command.angle,
                 commands: to_guard,
-                guarded,
+                checked: guarded,
                 findings: Arc::clone(&findings),
+                left: |findings| &findings.guard,
             },
         )?;
         let (drive, drives) = luna::channel();
@@ -321,7 +329,7 @@ impl AxisModel<'_> {
         self.add(
             "encoder watch",
             watch_encoder(
-                Plausible::new(fastest(&axis.plant)),
+                faults::encoder(fastest(&axis.plant))?,
                 index,
                 watched_positions,
                 fault.clone(),
@@ -329,7 +337,7 @@ impl AxisModel<'_> {
         )?;
         self.add(
             "motion watch",
-            watch_motion(Blocked::default(), index, applied, fault.clone()),
+            watch_motion(faults::motion()?, index, applied, fault.clone()),
         )?;
 
         // The writers.

@@ -1,7 +1,9 @@
 //! The safety layer between the controllers and the motors (the thesis' *SanityCheck*): whatever a controller asks for, a motor
-//! gets a duty that harms neither it nor the head. Three checks, one after the other, each a process of its own in the network.
+//! gets a duty that harms neither it nor the head. Three safety blocks, one after the other, each a process of its own in the network.
 
+use luna_safety_blocks::{Block, EndStop, Limit, RateLimit, Sample, SettingError, Verdict};
 use serde::Serialize;
+use std::time::Duration;
 
 /// What the layer lets through on one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,6 +14,35 @@ pub struct Limits {
     pub slew: f64,
     /// Beyond plus and minus this measured angle (rad), no duty leads further out.
     pub guard: f64,
+}
+
+impl Limits {
+    /// Lets no duty pass that is too large.
+    ///
+    /// # Errors
+    ///
+    /// It is no limit.
+    pub fn limit(&self) -> Result<Sanity<Limit>, SettingError> {
+        Limit::new(-self.duty, self.duty).map(Sanity::new)
+    }
+
+    /// Lets a duty change only so fast, but to 0, which never harms.
+    ///
+    /// # Errors
+    ///
+    /// It is no rate.
+    pub fn slew(&self) -> Result<Sanity<RateLimit>, SettingError> {
+        RateLimit::new(self.slew)?.free_to(0.0).map(Sanity::new)
+    }
+
+    /// Lets no duty pass that leads into an end stop.
+    ///
+    /// # Errors
+    ///
+    /// It is no angle.
+    pub fn guard(&self) -> Result<Sanity<EndStop>, SettingError> {
+        EndStop::new(-self.guard, self.guard).map(Sanity::new)
+    }
 }
 
 /// How often each rule changed a duty.
@@ -27,94 +58,37 @@ pub struct Interventions {
     pub guarded: u64,
 }
 
-/// Lets no duty pass that is too large, or no number.
+/// A safety block on the duties of an axis, and how often it had something to do.
 #[derive(Debug, Clone)]
-pub struct Limit {
-    largest: f64,
-    /// Duties that were no numbers.
+pub struct Sanity<B> {
+    block: B,
+    /// Duties, or angles beside them, that were no finite numbers.
     pub not_finite: u64,
-    /// Duties that were too large.
-    pub limited: u64,
-}
-
-impl Limit {
-    /// Up to `largest` either way.
-    pub fn new(largest: f64) -> Self {
-        Self {
-            largest,
-            not_finite: 0,
-            limited: 0,
-        }
-    }
-
-    /// `duty` within the limits; 0 if it, or the `angle` that it was computed from, is no finite number. O(1); allocates nothing.
-    pub fn check(&mut self, duty: f64, angle: f64) -> f64 {
-        if !duty.is_finite() || !angle.is_finite() {
-            self.not_finite += 1;
-            return 0.0;
-        }
-        let limited = duty.clamp(-self.largest, self.largest);
-        self.limited += u64::from(limited != duty);
-        limited
-    }
-}
-
-/// Lets a duty change only so fast, but to 0, which never harms.
-#[derive(Debug, Clone)]
-pub struct Slew {
-    fastest: f64,
-    duty: f64,
     /// Duties that were changed.
-    pub slewed: u64,
+    pub changed: u64,
 }
 
-impl Slew {
-    /// By `fastest` in a second. The motor is off.
-    pub fn new(fastest: f64) -> Self {
+impl<B: Block> Sanity<B> {
+    fn new(block: B) -> Self {
         Self {
-            fastest,
-            duty: 0.0,
-            slewed: 0,
+            block,
+            not_finite: 0,
+            changed: 0,
         }
     }
 
-    /// `duty`, or what comes next to it, `sample_time` seconds after the call before. O(1); allocates nothing.
-    ///
-    /// A sample time that is not positive allows no change.
-    pub fn check(&mut self, duty: f64, sample_time: f64) -> f64 {
-        // `max` also turns a sample time that is no number into none.
-        let change = self.fastest * sample_time.max(0.0);
-        let slewed = match duty == 0.0 {
-            true => duty,
-            false => duty.clamp(self.duty - change, self.duty + change),
-        };
-        self.slewed += u64::from(slewed != duty);
-        self.duty = slewed;
-        slewed
-    }
-}
-
-/// Lets no duty pass that leads into an end stop.
-#[derive(Debug, Clone)]
-pub struct EndStopGuard {
-    from: f64,
-    /// Duties that were made 0.
-    pub guarded: u64,
-}
-
-impl EndStopGuard {
-    /// Beyond plus and minus `from` (rad).
-    pub fn new(from: f64) -> Self {
-        Self { from, guarded: 0 }
-    }
-
-    /// `duty`, or 0 if it leads further out at the measured `angle` (rad). O(1); allocates nothing.
-    pub fn check(&mut self, duty: f64, angle: f64) -> f64 {
-        let leads_out = angle.abs() >= self.from && duty * angle > 0.0;
-        self.guarded += u64::from(leads_out);
-        match leads_out {
-            true => 0.0,
-            false => duty,
+    /// What becomes of `duty`, `elapsed` after the call before: 0 if it, or the measured `angle` (rad), is no finite number. O(1); allocates nothing.
+    pub fn check(&mut self, duty: f64, angle: f64, elapsed: Duration) -> f64 {
+        match self.block.step(&Sample::new(duty, elapsed).beside(angle)) {
+            Verdict::Pass(duty) => duty,
+            Verdict::Limited(duty, _) => {
+                self.changed += 1;
+                duty
+            }
+            Verdict::Refused(_) => {
+                self.not_finite += 1;
+                0.0
+            }
         }
     }
 }
@@ -124,28 +98,28 @@ mod tests {
     use super::*;
     use luna_plants::{Motor, PAN};
 
-    const SAMPLE_TIME: f64 = 1e-3;
+    const MS: Duration = Duration::from_millis(1);
+    const LIMITS: Limits = Limits {
+        duty: 0.2,
+        slew: 100.0,
+        guard: 1.3,
+    };
 
     #[test]
     fn harmless_duty_passes_unchanged() {
-        let (mut limit, mut slew, mut guard) =
-            (Limit::new(0.8), Slew::new(100.0), EndStopGuard::new(1.3));
+        let (mut limit, mut slew, mut guard) = layer();
         for n in 0..1000 {
-            let duty = 0.5 * (f64::from(n) * 0.01).sin();
-            assert_eq!(
-                guard.check(slew.check(limit.check(duty, 1.0), SAMPLE_TIME), 1.0),
-                duty
-            );
+            let duty = 0.1 * (f64::from(n) * 0.01).sin();
+            let limited = limit.check(duty, 1.0, MS);
+            assert_eq!(guard.check(slew.check(limited, 1.0, MS), 1.0, MS), duty);
         }
-        assert_eq!(
-            (limit.not_finite, limit.limited, slew.slewed, guard.guarded),
-            (0, 0, 0, 0)
-        );
+        let counts = (limit.not_finite, limit.changed, slew.changed, guard.changed);
+        assert_eq!(counts, (0, 0, 0, 0));
     }
 
     #[test]
     fn not_finite_is_zero_and_counted() {
-        let mut limit = Limit::new(0.8);
+        let (mut limit, ..) = layer();
         let cases = [
             (f64::NAN, 0.0),
             (f64::INFINITY, 0.0),
@@ -154,55 +128,36 @@ mod tests {
             (0.1, f64::INFINITY),
         ];
         for (duty, angle) in cases {
-            assert_eq!(limit.check(duty, angle), 0.0);
+            assert_eq!(limit.check(duty, angle, MS), 0.0);
         }
-        assert_eq!((limit.not_finite, limit.limited), (5, 0));
+        assert_eq!((limit.not_finite, limit.changed), (5, 0));
     }
 
     #[test]
-    fn duty_is_limited_both_ways() {
-        let mut limit = Limit::new(0.8);
-        assert_eq!((limit.check(5.0, 0.0), limit.check(-5.0, 0.0)), (0.8, -0.8));
-        assert_eq!(limit.limited, 2);
+    fn off_is_at_once_and_on_is_not() {
+        let (_, mut slew, _) = layer();
+        assert_eq!(slew.check(0.2, 0.0, MS), 0.1);
+        assert_eq!(slew.check(0.2, 0.0, MS), 0.2);
+        assert_eq!(slew.check(0.0, 0.0, MS), 0.0);
+        assert_eq!(slew.changed, 1);
     }
 
-    #[test]
-    fn slew_is_limited_by_time_but_to_zero() {
-        let mut slew = Slew::new(100.0);
-        for expected in [0.1, 0.2, 0.3] {
-            assert!((slew.check(0.8, SAMPLE_TIME) - expected).abs() < 1e-12);
-        }
-        assert!((slew.check(-0.8, 2.0 * SAMPLE_TIME) - 0.1).abs() < 1e-12);
-        assert_eq!(slew.slewed, 4);
-        for sample_time in [0.0, -1.0, f64::NAN] {
-            assert!((slew.check(0.8, sample_time) - 0.1).abs() < 1e-12);
-        }
-        assert_eq!(slew.check(0.0, SAMPLE_TIME), 0.0);
-        assert_eq!(slew.slewed, 7);
-    }
-
-    #[test]
-    fn end_stop_guard_blocks_one_direction() {
-        let mut guard = EndStopGuard::new(1.3);
-        assert_eq!(guard.check(0.1, 1.3), 0.0);
-        assert_eq!(guard.check(-0.1, 1.4), -0.1);
-        assert_eq!(guard.check(-0.1, -1.3), 0.0);
-        assert_eq!(guard.check(0.1, -1.4), 0.1);
-        assert_eq!(guard.guarded, 2);
+    fn layer() -> (Sanity<Limit>, Sanity<RateLimit>, Sanity<EndStop>) {
+        let made = (LIMITS.limit(), LIMITS.slew(), LIMITS.guard());
+        (made.0.unwrap(), made.1.unwrap(), made.2.unwrap())
     }
 
     #[test]
     fn guard_keeps_a_controller_gone_mad_off_the_stop_at_low_speed() {
-        let (mut limit, mut slew, mut guard) =
-            (Limit::new(0.2), Slew::new(100.0), EndStopGuard::new(1.3));
+        let (mut limit, mut slew, mut guard) = layer();
         let mut plant = Motor::new(PAN);
         for _ in 0..5000 {
             let angle = plant.state().angle;
-            let duty = slew.check(limit.check(1.0, angle), SAMPLE_TIME);
-            plant.drive(guard.check(duty, angle), SAMPLE_TIME);
+            let duty = slew.check(limit.check(1.0, angle, MS), angle, MS);
+            plant.drive(guard.check(duty, angle, MS), 1e-3);
         }
         assert!(plant.state().angle > 1.3);
         assert!(plant.state().angle < PAN.end_stop);
-        assert!(guard.guarded > 0);
+        assert!(guard.changed > 0);
     }
 }

@@ -1,13 +1,14 @@
 //! The whole of Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
 
 use super::pid::{Gains, Pid};
-use super::sanity::{EndStopGuard, Interventions, Limit, Slew};
+use super::sanity::Interventions;
 use super::set_point::SetPoint;
 use super::tracking::Tracking;
 use crate::joystick::Recording;
 use crate::{AXES, Axis};
 use luna_plants::Motor;
 use luna_plants::{Decoder, Encoder};
+use std::time::Duration;
 
 /// Plays the built-in recording once; a duty reaches the motor one sample after its measurement.
 fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
@@ -20,11 +21,10 @@ fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
     let mut plant = Motor::new(axis.plant);
     let mut set_point = SetPoint::new(axis.max_speed);
     let mut pid = Pid::new(Gains::place(&axis.plant, axis.tuning, sample_time));
-    let (mut limit, mut slew, mut guard) = (
-        Limit::new(axis.limits.duty),
-        Slew::new(axis.limits.slew),
-        EndStopGuard::new(axis.limits.guard),
-    );
+    let mut limit = axis.limits.limit().unwrap();
+    let mut slew = axis.limits.slew().unwrap();
+    let mut guard = axis.limits.guard().unwrap();
+    let period = Duration::from_secs_f64(sample_time);
     let (mut tracking, mut duty) = (Tracking::default(), 0.0);
     for n in 0..cycles {
         // The joystick is read at 100 Hz, whatever the rate of control.
@@ -33,15 +33,15 @@ fn play(axis: &Axis, rate: f64) -> (Tracking, Interventions) {
         let target = set_point.follow(wanted, sample_time);
         let angle = decoder.angle(encoder.count(plant.state().angle));
         tracking.add(target - angle);
-        let asked = limit.check(pid.update(target, angle, sample_time), angle);
-        let next = guard.check(slew.check(asked, sample_time), angle);
+        let asked = limit.check(pid.update(target, angle, sample_time), angle, period);
+        let next = guard.check(slew.check(asked, angle, period), angle, period);
         plant.drive(std::mem::replace(&mut duty, next), sample_time);
     }
     let interventions = Interventions {
         not_finite: limit.not_finite,
-        limited: limit.limited,
-        slewed: slew.slewed,
-        guarded: guard.guarded,
+        limited: limit.changed,
+        slewed: slew.changed,
+        guarded: guard.changed,
     };
     (tracking, interventions)
 }

@@ -9,6 +9,7 @@ use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
 use luna::prelude::*;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What is wanted of an axis.
 #[derive(Debug, Clone, Copy)]
@@ -25,8 +26,8 @@ pub(crate) struct Demand {
     goal: Goal,
     /// In rad; from wherever its encoder counts, while it is being calibrated.
     angle: f64,
-    /// Since the cycle before, in s.
-    elapsed: f64,
+    /// Since the cycle before.
+    elapsed: Duration,
 }
 
 /// What a motor is asked for.
@@ -38,8 +39,8 @@ pub(crate) struct Command {
     pub(crate) angle: Option<f64>,
     /// As measured, in rad, from wherever the encoder counts.
     pub(crate) raw: f64,
-    /// Since the cycle before, in s.
-    pub(crate) elapsed: f64,
+    /// Since the cycle before.
+    pub(crate) elapsed: Duration,
 }
 
 /// Looks for the end stops, then says where the axis is and passes on where it is to be.
@@ -53,7 +54,7 @@ pub(crate) async fn calibrate(
 ) -> luna::Result<()> {
     while let Ok(Position { raw, elapsed }) = positions.recv().await {
         let target = targets.recv().await?;
-        let (goal, angle) = match calibration.step(raw, elapsed) {
+        let (goal, angle) = match calibration.step(raw, elapsed.as_secs_f64()) {
             Ok(Step::Drive(duty)) => (Goal::Drive(duty), raw),
             Ok(Step::At(angle)) => (Goal::Be(target), angle),
             Err(error) => {
@@ -85,7 +86,7 @@ pub(crate) async fn lead(
                 set_point.begin_at(demand.angle);
                 calibrated = true;
             }
-            demand.goal = Goal::Be(set_point.follow(wanted, demand.elapsed));
+            demand.goal = Goal::Be(set_point.follow(wanted, demand.elapsed.as_secs_f64()));
         }
         led.send(demand).await?;
     }
@@ -110,7 +111,8 @@ pub(crate) async fn control(
             Goal::Drive(duty) => (duty, None, angle),
             Goal::Be(target) => {
                 errors.send(target - angle).await?;
-                (pid.update(target, angle, elapsed), Some(angle), angle)
+                let duty = pid.update(target, angle, elapsed.as_secs_f64());
+                (duty, Some(angle), angle)
             }
         };
         voltages

@@ -22,11 +22,10 @@ impl Slots {
         Self { last: None, first }
     }
 
-    /// Seconds from the slot before to the one at `deadline`.
-    pub(crate) fn elapsed(&mut self, deadline: Instant) -> f64 {
+    /// From the slot before to the one at `deadline`.
+    pub(crate) fn elapsed(&mut self, deadline: Instant) -> Duration {
         self.last
             .replace(deadline)
             .map_or(self.first, |last| deadline - last)
-            .as_secs_f64()
     }
 }

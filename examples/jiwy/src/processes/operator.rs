@@ -23,7 +23,7 @@ impl Process for Joystick {
         let mut slots = Slots::new(Duration::ZERO);
         let mut time = 0.0;
         loop {
-            time += slots.elapsed(tick.next().await.deadline);
+            time += slots.elapsed(tick.next().await.deadline).as_secs_f64();
             let deflection = self.playback.at(time);
             for (axis, stick) in AXES.iter().zip(&self.sticks) {
                 if stick.send((axis.stick)(deflection)).await.is_err() {

@@ -4,12 +4,13 @@ use super::timer::Tick;
 use crate::Axis;
 use luna::prelude::*;
 use luna_plants::Decoder;
+use std::time::Duration;
 
 /// What the encoder's counter read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Count {
     count: i32,
-    elapsed: f64,
+    elapsed: Duration,
 }
 
 /// Where an axis is, counted from wherever its encoder was switched on.
@@ -17,8 +18,8 @@ pub(crate) struct Count {
 pub(crate) struct Position {
     /// In rad.
     pub(crate) raw: f64,
-    /// Since the cycle before, in s.
-    pub(crate) elapsed: f64,
+    /// Since the cycle before.
+    pub(crate) elapsed: Duration,
 }
 
 /// Reads the counter's register in each cycle.

@@ -3,19 +3,20 @@
 use super::control::Command;
 use super::readers::Position;
 use crate::AXES;
-use crate::parts::faults::{Blocked, Fault, Plausible};
+use crate::parts::faults::Fault;
 use luna::prelude::*;
+use luna_safety_blocks::{Block, Blocked, MaxRate, Sample, Verdict};
 
 /// Notices an encoder that says what cannot be.
 pub(crate) async fn watch_encoder(
-    mut plausible: Plausible,
+    mut plausible: MaxRate,
     axis: usize,
     positions: Receiver<Position>,
     faults: Sender<(usize, Fault)>,
 ) -> luna::Result<()> {
     while let Ok(Position { raw, elapsed }) = positions.recv().await {
-        if let Err(fault) = plausible.check(raw, elapsed) {
-            faults.send((axis, fault)).await?;
+        if let Verdict::Refused(found) = plausible.step(&Sample::new(raw, elapsed)) {
+            faults.send((axis, Fault::Found(found))).await?;
         }
     }
     Ok(())
@@ -29,10 +30,11 @@ pub(crate) async fn watch_motion(
     faults: Sender<(usize, Fault)>,
 ) -> luna::Result<()> {
     while let Ok(command) = commands.recv().await {
+        let sample = Sample::new(command.duty, command.elapsed).beside(command.raw);
         if command.angle.is_some()
-            && let Err(fault) = blocked.check(command.duty, command.raw, command.elapsed)
+            && let Verdict::Refused(found) = blocked.step(&sample)
         {
-            faults.send((axis, fault)).await?;
+            faults.send((axis, Fault::Found(found))).await?;
         }
     }
     Ok(())

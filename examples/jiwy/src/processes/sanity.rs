@@ -2,75 +2,36 @@
 
 use super::control::Command;
 use crate::network::Findings;
-use crate::parts::sanity::{EndStopGuard, Limit, Slew};
+use crate::parts::sanity::Sanity;
 use luna::prelude::*;
-use std::sync::Arc;
+use luna_safety_blocks::Block;
+use std::sync::{Arc, OnceLock};
 
-/// Limits duties, and lets none pass that is no number.
-pub(crate) struct Limiter {
-    pub(crate) limit: Limit,
+/// One block of the safety layer.
+pub(crate) struct Checking<B> {
+    pub(crate) sanity: Sanity<B>,
+    /// The angle that the block is shown beside a duty; where there is none the duty passes.
+    pub(crate) angle: fn(&Command) -> Option<f64>,
     pub(crate) commands: Receiver<Command>,
-    pub(crate) limited: Sender<Command>,
+    pub(crate) checked: Sender<Command>,
     pub(crate) findings: Arc<Findings>,
+    /// Where it leaves in them what it has found.
+    pub(crate) left: fn(&Findings) -> &OnceLock<Sanity<B>>,
 }
 
-impl Process for Limiter {
+impl<B: Block + Clone> Process for Checking<B> {
     async fn run(&mut self) -> luna::Result<()> {
         while let Ok(mut command) = self.commands.recv().await {
-            command.duty = self.limit.check(command.duty, command.raw);
-            self.limited.send(command).await?;
-        }
-        Ok(())
-    }
-
-    fn post_run(&mut self) {
-        let _ = self.findings.limit.set(self.limit.clone());
-    }
-}
-
-/// Lets duties change only so fast.
-pub(crate) struct SlewLimiter {
-    pub(crate) slew: Slew,
-    pub(crate) commands: Receiver<Command>,
-    pub(crate) slewed: Sender<Command>,
-    pub(crate) findings: Arc<Findings>,
-}
-
-impl Process for SlewLimiter {
-    async fn run(&mut self) -> luna::Result<()> {
-        while let Ok(mut command) = self.commands.recv().await {
-            command.duty = self.slew.check(command.duty, command.elapsed);
-            self.slewed.send(command).await?;
-        }
-        Ok(())
-    }
-
-    fn post_run(&mut self) {
-        let _ = self.findings.slew.set(self.slew.clone());
-    }
-}
-
-/// Lets nothing drive a calibrated axis into its end stops.
-pub(crate) struct Guard {
-    pub(crate) guard: EndStopGuard,
-    pub(crate) commands: Receiver<Command>,
-    pub(crate) guarded: Sender<Command>,
-    pub(crate) findings: Arc<Findings>,
-}
-
-impl Process for Guard {
-    async fn run(&mut self) -> luna::Result<()> {
-        while let Ok(mut command) = self.commands.recv().await {
-            if let Some(angle) = command.angle {
-                command.duty = self.guard.check(command.duty, angle);
+            if let Some(angle) = (self.angle)(&command) {
+                command.duty = self.sanity.check(command.duty, angle, command.elapsed);
             }
-            self.guarded.send(command).await?;
+            self.checked.send(command).await?;
         }
         Ok(())
     }
 
     fn post_run(&mut self) {
-        let _ = self.findings.guard.set(self.guard.clone());
+        let _ = (self.left)(&self.findings).set(self.sanity.clone());
     }
 }
 

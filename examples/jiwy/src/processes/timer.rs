@@ -7,8 +7,8 @@ use std::time::Duration;
 /// A cycle begins.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tick {
-    /// Since the cycle before, in s.
-    pub(crate) elapsed: f64,
+    /// Since the cycle before.
+    pub(crate) elapsed: Duration,
 }
 
 /// Begins `cycles` cycles, for pan and for tilt.
