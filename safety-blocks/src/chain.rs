@@ -114,12 +114,30 @@ impl Chain {
             // Of a chain without blocks, or at its end.
             false => self.neutral,
         };
+        self.put_out(out)
+    }
+
+    /// Tells the blocks that this is put out.
+    fn put_out(&mut self, out: f64) -> f64 {
         for link in &mut self.links {
             if link.passed != out {
                 link.block.replaced(out);
+                link.passed = out;
             }
         }
         out
+    }
+
+    /// Puts out neutral, whatever the blocks say.
+    pub(crate) fn put_out_neutral(&mut self) -> f64 {
+        self.put_out(self.neutral)
+    }
+
+    /// The system's safe state is over: who led to it looks anew.
+    pub(crate) fn rearm(&self) {
+        for link in &self.links {
+            link.reactor.rearm();
+        }
     }
 }
 

@@ -189,20 +189,20 @@ impl std::error::Error for Fault {}
 ///
 /// In the error of [`System::run`](luna::System::run) it is the source in [`Error::Other`](luna::Error::Other).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cause {
+pub struct Finding {
     /// The block's name, as the set-up gave it.
     pub block: Arc<str>,
     /// What it found.
     pub fault: Fault,
 }
 
-impl fmt::Display for Cause {
+impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "safety block `{}`: {}", self.block, self.fault)
     }
 }
 
-impl std::error::Error for Cause {
+impl std::error::Error for Finding {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         Some(&self.fault)
     }

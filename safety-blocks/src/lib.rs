@@ -75,7 +75,7 @@ pub use block::{Block, Sample, Verdict};
 pub use blocks::{Blocked, Disagreement, EndStop, Frozen, Limit, MaxRate, Noise, Range, RateLimit};
 pub use chain::Chain;
 pub use dead_man::DeadMan;
-pub use fault::{Cause, Channel, Fault, Which};
+pub use fault::{Channel, Fault, Finding, Which};
 pub use monitor::Monitor;
 pub use process::{AgreementProcess, ChainProcess, DeadManProcess, Signal};
 pub use response::{Alarm, Reaction, Reactor, Recovery, Response};

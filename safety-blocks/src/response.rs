@@ -1,7 +1,7 @@
 //! What is done about a verdict.
 
 use crate::block::Verdict;
-use crate::fault::{Cause, Fault};
+use crate::fault::{Fault, Finding};
 use crate::lasting::Lasting;
 use crate::monitor::Monitor;
 use crate::setting::{Of, SettingError};
@@ -11,11 +11,15 @@ use std::time::Duration;
 /// What a fault leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Reaction {
-    /// It is told, and what came passes on, but for what is no finite number: in its place neutral is put out.
+    /// It is told, and what came passes on, but for what is no finite number: in its place neutral is put out. The first one of a block is a
+    /// [warning](luna::Safety::warn) of the system.
     Warn,
-    /// Neutral is put out until the block has [recovered](Recovery).
+    /// Neutral is put out until the block has [recovered](Recovery). The first time is a warning of the system too.
     Neutral,
-    /// It is an emergency ([`luna::emergency`]) with a [`Cause`], which ends the system. Nothing is put out any more.
+    /// The system enters its [safe state](luna::Safety::enter_safe_state): the processes of all blocks put out neutral, but those of
+    /// [sensors](crate::ChainProcess::of_sensor), until somebody [resets](luna::Safety::reset) it. If the fault is still there then, it is found anew.
+    SafeState,
+    /// It is an emergency ([`luna::emergency`]) with a [`Finding`], which ends the system. Nothing is put out any more.
     Emergency,
 }
 
@@ -48,12 +52,12 @@ pub struct Response {
 }
 
 impl Response {
-    /// This reaction. It is recovered from by a reset alone, a warning at the first good sample. Limiting is no fault.
+    /// This reaction. It is recovered from by a reset alone; a warning, and what led to a safe state, at the first good sample. Limiting is no fault.
     pub const fn new(reaction: Reaction) -> Self {
         Self {
             reaction,
             recovery: match reaction {
-                Reaction::Warn => Recovery::After(Duration::ZERO),
+                Reaction::Warn | Reaction::SafeState => Recovery::After(Duration::ZERO),
                 Reaction::Neutral | Reaction::Emergency => Recovery::Reset,
             },
             limited_for: None,
@@ -85,9 +89,11 @@ impl From<Reaction> for Response {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
     /// Who found what.
-    pub cause: Cause,
+    pub finding: Finding,
     /// What it leads to.
     pub reaction: Reaction,
+    /// Whether it is the block's first, or the first since a reset.
+    pub is_first: bool,
 }
 
 /// Turns verdicts into what is put out.
@@ -101,6 +107,7 @@ pub struct Reactor {
     limited: Lasting,
     good: Lasting,
     is_bad: bool,
+    has_alarmed: bool,
     monitor: Monitor,
 }
 
@@ -122,6 +129,7 @@ impl Reactor {
             limited: Lasting::default(),
             good: Lasting::default(),
             is_bad: false,
+            has_alarmed: false,
             monitor: Monitor::default(),
         })
     }
@@ -145,12 +153,19 @@ impl Reactor {
     pub fn take_reset(&mut self) -> bool {
         let is_asked = self.monitor.take_reset();
         if is_asked {
-            self.is_bad = false;
+            (self.is_bad, self.has_alarmed) = (false, false);
             self.limited.reset();
             self.good.reset();
             self.monitor.tell_held(false);
         }
         is_asked
+    }
+
+    /// The system's safe state is over: who led to it looks anew.
+    pub(crate) fn rearm(&self) {
+        if self.response.reaction == Reaction::SafeState {
+            self.monitor.reset();
+        }
     }
 
     /// What is put out upon `verdict` on `came`, `elapsed` after the one before: always a finite number. And the alarm, when a fault begins.
@@ -179,11 +194,12 @@ impl Reactor {
             None => {}
         }
         let alarm = fault.filter(|_| has_begun).map(|fault| Alarm {
-            cause: Cause {
+            finding: Finding {
                 block: self.name.clone(),
                 fault,
             },
             reaction: self.response.reaction,
+            is_first: !std::mem::replace(&mut self.has_alarmed, true),
         });
         let is_held = self.is_bad && self.response.reaction != Reaction::Warn;
         self.monitor.tell_held(is_held);

@@ -2,8 +2,8 @@
 
 use luna::prelude::*;
 use luna_safety_blocks::{
-    Agreement, AgreementProcess, Blocked, Cause, Chain, DeadMan, DeadManProcess, Disagreement,
-    EndStop, Frozen, Limit, MaxRate, Noise, Range, RateLimit, Reaction, Recovery, Response,
+    Agreement, AgreementProcess, Blocked, Chain, DeadMan, DeadManProcess, Disagreement, EndStop,
+    Finding, Frozen, Limit, MaxRate, Noise, Range, RateLimit, Reaction, Recovery, Response,
     Timeout, Vote,
 };
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
@@ -90,7 +90,7 @@ fn all() -> Chain {
 
 /// The calls of the executor's thread while `values` come at the end of a network that `build` makes, and how many causes were told.
 fn calls(
-    build: impl FnOnce(&luna::Executor, [Receiver<f64>; 2], Receiver<u32>, Sender<f64>, Sender<Cause>),
+    build: impl FnOnce(&luna::Executor, [Receiver<f64>; 2], Receiver<u32>, Sender<f64>, Sender<Finding>),
 ) -> (u64, u32) {
     let mut system = System::new("allocation");
     system.virtual_clock();

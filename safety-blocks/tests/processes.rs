@@ -4,7 +4,7 @@ use luna::prelude::*;
 use luna::{Instant, RecvError};
 use luna_plants::{Motor, PAN, PlantLink};
 use luna_safety_blocks::{
-    Agreement, AgreementProcess, Cause, Chain, DeadMan, DeadManProcess, EndStop, Fault, Limit,
+    Agreement, AgreementProcess, Chain, DeadMan, DeadManProcess, EndStop, Fault, Finding, Limit,
     RateLimit, Reaction, Recovery, Response, Signal, Timeout, Vote,
 };
 use std::sync::{Arc, Mutex};
@@ -95,7 +95,7 @@ fn poison_passes_behind_a_last_neutral_and_a_sensor_ends_silently() {
         let (output, values) = luna::channel();
         let chain = limited().process(input, output);
         let chain = match is_silent {
-            true => chain.ends_silently(),
+            true => chain.of_sensor(),
             false => chain,
         };
         main.process("chain").spawn(chain).unwrap();
@@ -230,7 +230,7 @@ fn who_is_told_hears_of_each_fault_once_and_resets_it() {
     let (system, main) = system();
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();
-    let (told, causes) = luna::buffered::<Cause>(Buffer::overwrite_oldest(4));
+    let (told, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(4));
     let limit = Limit::new(-1.0, 1.0).unwrap();
     let chain = Chain::new(0.0)
         .unwrap()
@@ -330,7 +330,7 @@ fn a_signal_brings_its_feedback_and_its_time_and_keeps_the_rest() {
 }
 
 /// A motor that two controllers drive through a vote, of which B fails after 300 ms: what came of it, and when.
-fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Cause)>, Instant, f64) {
+fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Finding)>, Instant, f64) {
     let (system, main) = system();
     let ((a, from_a), (b, from_b)) = (luna::channel::<f64>(), luna::channel());
     let (safe, duties) = luna::buffered(Buffer::overwrite_oldest(1));

@@ -16,7 +16,7 @@ use luna::Instant;
 use luna::prelude::*;
 use luna_plants::{Motor, MotorParameters, MotorState, PAN, Plant, PlantError, PlantLink, Port};
 use luna_safety_blocks::{
-    Blocked, Cause, Chain, Disagreement, EndStop, Limit, MaxRate, Noise, RateLimit, Reaction,
+    Blocked, Chain, Disagreement, EndStop, Finding, Limit, MaxRate, Noise, RateLimit, Reaction,
     Recovery, Response, Timeout,
 };
 use std::sync::{Arc, Mutex};
@@ -69,9 +69,9 @@ pub(crate) const TROUBLES: [Trouble; 9] = [
 #[derive(Debug)]
 pub(crate) struct Outcome {
     /// What the blocks found, and how long after it went wrong.
-    pub(crate) alarms: Vec<(Duration, Cause)>,
+    pub(crate) alarms: Vec<(Duration, Finding)>,
     /// When the functions of the emergency ran, if there was one, and with what the run ended.
-    pub(crate) emergency: Option<(Duration, Cause)>,
+    pub(crate) emergency: Option<(Duration, Finding)>,
     /// How long after it went wrong the encoders were further apart than is tolerated, if they were.
     pub(crate) apart: Option<Duration>,
     /// How long after it went wrong the motor first got so much that a free axis moves.
@@ -268,7 +268,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
     let (safe, duties) = register();
     let (wanted, asked) = luna::channel();
     let (duty, computed) = luna::channel();
-    let (told, causes) = luna::buffered::<Cause>(Buffer::overwrite_oldest(64));
+    let (told, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(64));
 
     // The blocks.
     let feedback_within = 3 * MS;
@@ -280,7 +280,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
         of_encoder
             .feedback(second_readings, feedback_within)?
             .tell(told.clone())
-            .ends_silently(),
+            .of_sensor(),
     )?;
     let silence = Response::new(Reaction::Neutral).recovery(Recovery::After(Duration::ZERO));
     let (of_motor, _) = output()?.process(computed, safe).timeout(
@@ -399,7 +399,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
 }
 
 /// What a block raised the emergency with.
-fn cause_of(error: &luna::Error) -> Option<Cause> {
+fn cause_of(error: &luna::Error) -> Option<Finding> {
     match error {
         luna::Error::Process { source, .. } => cause_of(source),
         luna::Error::Other(other) => other.get().downcast_ref().cloned(),

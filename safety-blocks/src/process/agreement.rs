@@ -3,7 +3,7 @@
 use super::alarms::Alarms;
 use super::{Steps, put_out};
 use crate::agreement::Agreement;
-use crate::fault::{Cause, Channel};
+use crate::fault::{Channel, Finding};
 use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::{Of, SettingError};
@@ -15,8 +15,9 @@ use std::time::Duration;
 /// When one has come, the other is waited for `skew`; then it is missing in this round, and its value begins the next. When neither has come for `silence`, both are missing,
 /// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends; also when its readers are gone.
 ///
-/// Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
-/// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation but for an emergency.
+/// While the system is in a safe state it puts out neutral. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
+/// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation, but one for the first alarm,
+/// for a safe state, and for an emergency.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -89,7 +90,7 @@ impl AgreementProcess {
     }
 
     /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites.
-    pub fn tell(mut self, told: Sender<Cause>) -> Self {
+    pub fn tell(mut self, told: Sender<Finding>) -> Self {
         self.alarms.tell(told);
         self
     }
@@ -100,9 +101,13 @@ impl AgreementProcess {
     }
 
     async fn pass_on(&mut self) -> luna::Result<()> {
+        self.alarms.begin();
         let mut steps = Steps::default();
         while let Some([a, b]) = self.round().await {
             let elapsed = steps.elapsed(luna::now());
+            if self.alarms.safe_state_is_over() {
+                self.reactor.rearm();
+            }
             if self.reactor.take_reset() {
                 self.agreement.reset();
             }
@@ -114,6 +119,10 @@ impl AgreementProcess {
                 self.alarms.raise(alarm);
             }
             self.alarms.go_on()?;
+            let value = match self.alarms.is_safe_state() {
+                true => self.reactor.neutral(),
+                false => value,
+            };
             if !put_out(&self.output, value).await? {
                 break;
             }

@@ -4,7 +4,7 @@ use super::alarms::Alarms;
 use super::{Steps, put_out};
 use crate::block::Sample;
 use crate::chain::Chain;
-use crate::fault::Cause;
+use crate::fault::Finding;
 use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::{Of, SettingError};
@@ -65,9 +65,11 @@ const MOST_AT_ONCE: usize = 16;
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
 /// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
-/// emergency it puts out nothing. When its readers are gone it ends.
+/// emergency it puts out nothing. While the system is in a [safe state](luna::Safety::is_safe_state), whoever brought it there, it puts out neutral for each value that
+/// comes. When its readers are gone it ends.
 ///
-/// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation but for an emergency.
+/// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
+/// for a safe state, and for an emergency.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -105,7 +107,7 @@ pub struct ChainProcess<T = f64> {
     feedback: Option<Feedback>,
     timeout: Option<Front<T>>,
     alarms: Alarms,
-    ends_silently: bool,
+    is_of_sensor: bool,
     /// What was put out last.
     last: Option<T>,
 }
@@ -136,7 +138,7 @@ impl Chain {
             feedback: None,
             timeout: None,
             alarms: Alarms::default(),
-            ends_silently: false,
+            is_of_sensor: false,
             last: None,
         }
     }
@@ -164,14 +166,15 @@ impl<T: Signal> ChainProcess<T> {
     }
 
     /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites. Nobody waits for who reads it.
-    pub fn tell(mut self, told: Sender<Cause>) -> Self {
+    pub fn tell(mut self, told: Sender<Finding>) -> Self {
         self.alarms.tell(told);
         self
     }
 
-    /// Puts out no neutral when its writers are gone: for what is measured, of which nothing is better than something made up.
-    pub fn ends_silently(mut self) -> Self {
-        self.ends_silently = true;
+    /// Is for what is measured, of which nothing is better than something made up: puts out no neutral when its writers are gone, nor because the system
+    /// is in a safe state.
+    pub fn of_sensor(mut self) -> Self {
+        self.is_of_sensor = true;
         self
     }
 }
@@ -206,12 +209,19 @@ impl<T: Signal + From<f64>> ChainProcess<T> {
 
 impl<T: Signal> ChainProcess<T> {
     async fn pass_on(&mut self) -> luna::Result<()> {
+        self.alarms.begin();
         let mut steps = Steps::default();
         if let Some(front) = &mut self.timeout {
             front.begin(luna::now());
         }
         while let Some(signal) = self.next().await? {
             let now = luna::now();
+            if self.alarms.safe_state_is_over() {
+                self.chain.rearm();
+                if let Some(front) = &self.timeout {
+                    front.reactor.rearm();
+                }
+            }
             // The time of the clock goes on in any case.
             let by_clock = steps.elapsed(now);
             let feedback = &mut self.feedback;
@@ -223,8 +233,11 @@ impl<T: Signal> ChainProcess<T> {
                 elapsed: signal.elapsed().unwrap_or(by_clock),
             };
             let (chain, alarms) = (&mut self.chain, &mut self.alarms);
-            let value = chain.step(&sample, |alarm| alarms.raise(alarm));
-            self.alarms.go_on()?;
+            let mut value = chain.step(&sample, |alarm| alarms.raise(alarm));
+            alarms.go_on()?;
+            if !self.is_of_sensor && alarms.is_safe_state() {
+                value = chain.put_out_neutral();
+            }
             let signal = signal.with_value(value);
             self.last = Some(signal);
             if !put_out(&self.output, signal).await? {
@@ -300,7 +313,7 @@ impl<T: Signal> Process for ChainProcess<T> {
         let ended = self.pass_on().await;
         let is_over = matches!(&ended, Err(error) if !error.is_poisoned());
         if let Some(last) = self.last
-            && !self.ends_silently
+            && !self.is_of_sensor
             && !is_over
         {
             // Who is gone needs no neutral.
