@@ -512,3 +512,82 @@ fn a_dead_man_recovers_by_the_time_of_values_whatever_keys_come_between() {
     // At the end the key is released, and nothing comes any more.
     assert_eq!(passed, [0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.7, 0.0, 0.0]);
 }
+
+#[test]
+fn in_a_safe_state_all_outputs_are_neutral_until_it_is_reset_and_a_fault_that_stays_leads_to_it_again()
+ {
+    let (system, main) = system();
+    let safety = system.safety();
+    let ((bad, from_bad), (good, from_good)) = (luna::channel::<f64>(), luna::channel::<f64>());
+    let ((first, firsts), (second, seconds)) = (luna::channel(), luna::channel());
+    let limit = Limit::new(-1.0, 1.0).unwrap();
+    let stops = Chain::new(0.0)
+        .unwrap()
+        .then("first", limit, Reaction::SafeState)
+        .unwrap();
+    main.process("first")
+        .spawn(stops.process(from_bad, first))
+        .unwrap();
+    main.process("second")
+        .spawn(limited().process(from_good, second))
+        .unwrap();
+    main.process("writer")
+        .spawn(async move {
+            let round = async |value, expected: [f64; 2]| {
+                bad.send(value).await?;
+                let put_out = firsts.recv().await?;
+                good.send(0.5).await?;
+                assert_eq!([put_out, seconds.recv().await?], expected);
+                Ok::<(), luna::Error>(())
+            };
+            let reset =
+                || luna::off_path(|| safety.reset(luna::Error::other("looked at"))).unwrap();
+            round(0.1, [0.1, 0.5]).await?;
+            round(f64::NAN, [0.0, 0.0]).await?;
+            round(0.1, [0.0, 0.0]).await?;
+            reset();
+            round(0.2, [0.2, 0.5]).await?;
+            for _ in 0..2 {
+                round(f64::NAN, [0.0, 0.0]).await?;
+                assert!(safety.is_safe_state());
+                // It is still there.
+                reset();
+            }
+            round(f64::NAN, [0.0, 0.0]).await?;
+            let state = luna::off_path(|| safety.state().to_string());
+            assert!(
+                state.contains("safety block `first`: the value is NaN"),
+                "{state}"
+            );
+            luna::off_path(|| drop(state));
+            drop((bad, good));
+            // Its end.
+            assert_eq!((firsts.recv().await?, seconds.recv().await?), (0.0, 0.0));
+            Ok(())
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(report.safety.state.degree, luna::Degree::SafeState);
+}
+
+#[test]
+fn the_first_warning_of_a_block_is_one_of_the_system() {
+    let (system, main) = system();
+    let (put, input) = luna::channel::<f64>();
+    let (output, values) = luna::channel();
+    main.process("chain")
+        .spawn(limited().process(input, output))
+        .unwrap();
+    let _seen = note(&main, values);
+    main.process("writer")
+        .spawn(async move {
+            for value in [f64::NAN, 0.1, f64::NAN, 0.1] {
+                put.send(value).await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(report.safety.state.degree, luna::Degree::Warning);
+    assert_eq!(report.safety.state.events.len(), 1);
+}

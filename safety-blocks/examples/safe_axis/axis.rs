@@ -78,6 +78,8 @@ pub(crate) struct Outcome {
     pub(crate) driven: Option<Duration>,
     /// When the duty was 0 for the last time before it was not, counted from when it went wrong: the motor has been off since.
     pub(crate) off_since: Option<Duration>,
+    /// Whether the system was in its safe state at the end.
+    pub(crate) is_safe_state: bool,
     /// The furthest that the axis was from the middle, in rad.
     pub(crate) furthest: f64,
     /// Where it was at the end.
@@ -234,7 +236,7 @@ fn encoder() -> luna::Result<Chain> {
 }
 
 fn output() -> luna::Result<Chain> {
-    let pressed = Response::new(Reaction::Warn).limited_for(PRESSED);
+    let pressed = Response::new(Reaction::SafeState).limited_for(PRESSED);
     Ok(Chain::new(0.0)?
         .then("duty limit", Limit::new(-0.7, 0.7)?, Reaction::Neutral)?
         .then(
@@ -371,7 +373,9 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
         *at_emergency.lock().unwrap() = Some(luna::now());
     });
 
+    let safety = system.safety();
     let ended = system.run();
+    let is_safe_state = safety.degree() == luna::Degree::SafeState;
     let begun: Instant = start.lock().unwrap().expect("the operator has begun");
     let since = |instant: Instant| instant - (begun + WHEN);
     let emergency = match ended {
@@ -393,6 +397,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
         apart,
         driven,
         off_since,
+        is_safe_state,
         furthest,
         end,
     })

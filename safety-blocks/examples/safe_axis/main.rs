@@ -16,6 +16,12 @@ fn main() -> luna::Result<()> {
         }
         match &outcome.emergency {
             Some((after, cause)) => println!("  after {after:?}, emergency: {cause}"),
+            None if outcome.is_safe_state => {
+                println!(
+                    "  it ran to its end in a safe state, at {:.3} rad",
+                    outcome.end.angle
+                );
+            }
             None => println!("  it ran to its end, at {:.3} rad", outcome.end.angle),
         }
         for (what, after) in [

@@ -42,6 +42,8 @@ impl Alarms {
             }
             (Reaction::SafeState, Some(safety)) => {
                 luna::off_path(|| safety.enter_safe_state(Error::other(finding)));
+                // It may be left before the next look.
+                self.was_safe_state = true;
             }
             (Reaction::Emergency, _) => {
                 let error = luna::off_path(|| luna::emergency(Error::other(finding)));
