@@ -177,6 +177,15 @@ impl Reactor {
         came: f64,
         elapsed: Duration,
     ) -> (f64, Option<Alarm>) {
+        self.monitor.count(&verdict);
+        // What nearly all samples are.
+        if let Verdict::Pass(value) = verdict
+            && !self.is_bad
+            && value.is_finite()
+        {
+            self.limited.reset();
+            return (value, None);
+        }
         let fault = self.fault_of(verdict, elapsed);
         let has_begun = fault.is_some() && !self.is_bad;
         match fault {
@@ -218,7 +227,6 @@ impl Reactor {
     }
 
     fn fault_of(&mut self, verdict: Verdict, elapsed: Duration) -> Option<Fault> {
-        self.monitor.count(&verdict);
         let is_limited = matches!(verdict, Verdict::Limited(..));
         let limited = self.limited.step(is_limited, elapsed);
         match verdict {

@@ -65,7 +65,7 @@ const MOST_AT_ONCE: usize = 16;
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
 /// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
-/// emergency it puts out nothing. While the system is in a [safe state](luna::Safety::is_safe_state), whoever brought it there, it puts out neutral for each value that
+/// emergency it puts out nothing. While the system is in a [safe state](crate::Reaction::SafeState), whoever brought it there, it puts out neutral for each value that
 /// comes. When its readers are gone it ends.
 ///
 /// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
