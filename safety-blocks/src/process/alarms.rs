@@ -69,3 +69,76 @@ impl Alarms {
         std::mem::replace(&mut self.was_safe_state, is_safe_state) && !is_safe_state
     }
 }
+//! What a process does with an alarm: the one place that knows how the rest of the system is told.
+
+use crate::fault::Finding;
+use crate::response::{Alarm, Reaction};
+use luna::{Error, Safety, Sender};
+
+/// Who is told.
+#[derive(Debug, Default)]
+pub(super) struct Alarms {
+    told: Option<Sender<Finding>>,
+    /// The system's, while the body runs.
+    safety: Option<Safety>,
+    was_safe_state: bool,
+    /// What the process is to end with.
+    emergency: Option<Error>,
+}
+
+impl Alarms {
+    pub(super) fn tell(&mut self, told: Sender<Finding>) {
+        self.told = Some(told);
+    }
+
+    /// The body begins.
+    pub(super) fn begin(&mut self) {
+        self.safety = luna::safety();
+    }
+
+    pub(super) fn raise(&mut self, alarm: Alarm) {
+        let Alarm {
+            finding,
+            reaction,
+            is_first,
+        } = alarm;
+        if let Some(told) = &self.told {
+            // Who does not look misses it: nobody waits for that.
+            let _ = told.try_send(finding.clone());
+        }
+        // An error is memory: taken once for a warning of a block, and where all is over in any case.
+        match (reaction, &self.safety) {
+            (Reaction::Warn | Reaction::Neutral, Some(safety)) if is_first => {
+                luna::off_path(|| safety.warn(Error::other(finding)));
+            }
+            (Reaction::SafeState, Some(safety)) => {
+                luna::off_path(|| safety.enter_safe_state(Error::other(finding)));
+                // It may be left before the next look.
+                self.was_safe_state = true;
+            }
+            (Reaction::Emergency, _) => {
+                let error = luna::off_path(|| luna::emergency(Error::other(finding)));
+                self.emergency.get_or_insert(error);
+            }
+            _ => {}
+        }
+    }
+
+    /// # Errors
+    ///
+    /// An emergency was raised: the process is to end with it.
+    pub(super) fn go_on(&mut self) -> luna::Result<()> {
+        self.emergency.take().map_or(Ok(()), Err)
+    }
+
+    /// Whether the system is in a safe state, whoever brought it there: outputs are to be neutral.
+    pub(super) fn is_safe_state(&self) -> bool {
+        self.safety.as_ref().is_some_and(Safety::is_safe_state)
+    }
+
+    /// Whether a safe state was left since the call before: who brought the system there is to look anew.
+    pub(super) fn safe_state_is_over(&mut self) -> bool {
+        let is_safe_state = self.is_safe_state();
+        std::mem::replace(&mut self.was_safe_state, is_safe_state) && !is_safe_state
+    }
+}

@@ -333,3 +333,338 @@ impl<T> fmt::Debug for ChainProcess<T> {
             .finish_non_exhaustive()
     }
 }
+//! A chain as a process.
+
+use super::alarms::Alarms;
+use super::{Steps, put_out};
+use crate::block::Sample;
+use crate::chain::Chain;
+use crate::fault::Finding;
+use crate::monitor::Monitor;
+use crate::response::{Reactor, Response};
+use crate::setting::{Of, SettingError};
+use crate::timeout::Timeout;
+use luna::{Instant, Process, Receiver, RecvTimeoutError, Sender};
+use std::fmt;
+use std::time::Duration;
+
+/// What a chain's channels carry: a number, or something with one in it.
+///
+/// ```
+/// use luna_safety_blocks::Signal;
+/// use std::time::Duration;
+///
+/// #[derive(Clone, Copy)]
+/// struct Command { duty: f64, angle: f64 }
+///
+/// impl Signal for Command {
+///     fn value(&self) -> f64 { self.duty }
+///     fn with_value(self, duty: f64) -> Self { Self { duty, ..self } }
+///     fn feedback(&self) -> Option<f64> { Some(self.angle) }
+/// }
+/// # assert_eq!(Command { duty: 0.1, angle: 0.2 }.with_value(0.0).feedback(), Some(0.2));
+/// ```
+pub trait Signal: Copy + Send + 'static {
+    /// What the blocks judge.
+    fn value(&self) -> f64;
+
+    /// The same with another value.
+    #[must_use]
+    fn with_value(self, value: f64) -> Self;
+
+    /// What it brings with it to be compared with. The default is nothing: then it comes by [`ChainProcess::feedback`].
+    fn feedback(&self) -> Option<f64> {
+        None
+    }
+
+    /// The time since the one before, if it says so. The default is nothing: then it is the time between their arrivals.
+    fn elapsed(&self) -> Option<Duration> {
+        None
+    }
+}
+
+impl Signal for f64 {
+    fn value(&self) -> f64 {
+        *self
+    }
+
+    fn with_value(self, value: f64) -> Self {
+        value
+    }
+}
+
+/// How many values of the feedback are taken at a time: a register has one.
+const MOST_AT_ONCE: usize = 16;
+
+/// A [`Chain`] between two channels: what comes is judged and put out, one for one.
+///
+/// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
+/// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
+/// emergency it puts out nothing. While the system is in a [safe state](crate::Reaction::SafeState), whoever brought it there, it puts out neutral for each value that
+/// comes. When its readers are gone it ends.
+///
+/// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
+/// for a safe state, and for an emergency.
+///
+/// ```
+/// use luna::prelude::*;
+/// use luna_safety_blocks::{Chain, Limit, Reaction};
+///
+/// let chain = Chain::new(0.0)?.then("limit", Limit::new(-0.7, 0.7)?, Reaction::Warn)?;
+/// let limited = chain.monitor("limit").unwrap();
+/// let (duty, asked) = luna::channel();
+/// let (safe, duties) = luna::channel();
+/// let mut system = System::new("axis");
+/// let main = system.executor("main").build()?;
+/// main.process("safety").spawn(chain.process(asked, safe))?;
+/// main.process("controller").spawn(async move {
+///     for wanted in [0.5, 3.0, f64::NAN] {
+///         duty.send(wanted).await?;
+///     }
+///     Ok(())
+/// })?;
+/// main.process("motor").spawn(async move {
+///     for expected in [0.5, 0.7, 0.0, 0.0] { // and neutral at the end
+///         assert_eq!(duties.recv().await?, expected);
+///     }
+///     assert!(duties.recv().await.is_err());
+///     Ok(())
+/// })?;
+/// system.run()?;
+/// assert_eq!((limited.passed(), limited.limited(), limited.refused()), (1, 1, 1));
+/// # Ok::<(), luna::Error>(())
+/// ```
+#[must_use = "a process protects nobody until it is spawned"]
+pub struct ChainProcess<T = f64> {
+    chain: Chain,
+    input: Receiver<T>,
+    output: Sender<T>,
+    feedback: Option<Feedback>,
+    timeout: Option<Front<T>>,
+    alarms: Alarms,
+    is_of_sensor: bool,
+    /// What was put out last.
+    last: Option<T>,
+}
+
+/// Where the feedback comes from.
+struct Feedback {
+    values: Receiver<f64>,
+    oldest: Duration,
+    newest: Option<(f64, Instant)>,
+}
+
+/// The timeout before the chain.
+struct Front<T> {
+    timeout: Timeout,
+    reactor: Reactor,
+    steps: Steps,
+    deadline: Instant,
+    make: fn(f64) -> T,
+}
+
+impl Chain {
+    /// A process with this chain between `input` and `output`.
+    pub fn process<T: Signal>(self, input: Receiver<T>, output: Sender<T>) -> ChainProcess<T> {
+        ChainProcess {
+            chain: self,
+            input,
+            output,
+            feedback: None,
+            timeout: None,
+            alarms: Alarms::default(),
+            is_of_sensor: false,
+            last: None,
+        }
+    }
+}
+
+impl<T: Signal> ChainProcess<T> {
+    /// Takes the feedback from `values`, for signals that bring none: with each value the newest that has come, if it came at most `oldest` ago. Give it a register
+    /// ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)); it is looked at, never waited for. The age is counted from when this process took it out.
+    ///
+    /// # Errors
+    ///
+    /// `oldest` is zero.
+    pub fn feedback(
+        mut self,
+        values: Receiver<f64>,
+        oldest: Duration,
+    ) -> Result<Self, SettingError> {
+        let oldest = Of("feedback").time("oldest", oldest)?;
+        self.feedback = Some(Feedback {
+            values,
+            oldest,
+            newest: None,
+        });
+        Ok(self)
+    }
+
+    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites. Nobody waits for who reads it.
+    pub fn tell(mut self, told: Sender<Finding>) -> Self {
+        self.alarms.tell(told);
+        self
+    }
+
+    /// Is for what is measured, of which nothing is better than something made up: puts out no neutral when its writers are gone, nor because the system
+    /// is in a safe state.
+    pub fn of_sensor(mut self) -> Self {
+        self.is_of_sensor = true;
+        self
+    }
+}
+
+impl<T: Signal + From<f64>> ChainProcess<T> {
+    /// Wakes up when nothing has come for the time of `timeout`, before the chain. It is called `name`. By `response` its
+    /// fall-back is put out in the place of neutral, or with a warning what came last; and again at its [repetition](Timeout::repeat), through the chain.
+    ///
+    /// Gives what others see of it, too.
+    ///
+    /// # Errors
+    ///
+    /// The fall-back is no finite number, which `timeout` has seen to.
+    pub fn timeout(
+        mut self,
+        name: &str,
+        timeout: Timeout,
+        response: impl Into<Response>,
+    ) -> Result<(Self, Monitor), SettingError> {
+        let reactor = Reactor::new(name, timeout.fallback(), response)?;
+        let monitor = reactor.monitor();
+        self.timeout = Some(Front {
+            timeout,
+            reactor,
+            steps: Steps::default(),
+            deadline: Instant::NEVER,
+            make: T::from,
+        });
+        Ok((self, monitor))
+    }
+}
+
+impl<T: Signal> ChainProcess<T> {
+    async fn pass_on(&mut self) -> luna::Result<()> {
+        self.alarms.begin();
+        let mut steps = Steps::default();
+        if let Some(front) = &mut self.timeout {
+            front.begin(luna::now());
+        }
+        while let Some(signal) = self.next().await? {
+            let now = luna::now();
+            if self.alarms.safe_state_is_over() {
+                self.chain.rearm();
+                if let Some(front) = &self.timeout {
+                    front.reactor.rearm();
+                }
+            }
+            // The time of the clock goes on in any case.
+            let by_clock = steps.elapsed(now);
+            let feedback = &mut self.feedback;
+            let sample = Sample {
+                value: signal.value(),
+                feedback: signal
+                    .feedback()
+                    .or_else(|| feedback.as_mut().and_then(|feedback| feedback.at(now))),
+                elapsed: signal.elapsed().unwrap_or(by_clock),
+            };
+            let (chain, alarms) = (&mut self.chain, &mut self.alarms);
+            let mut value = chain.step(&sample, |alarm| alarms.raise(alarm));
+            alarms.go_on()?;
+            if !self.is_of_sensor && alarms.is_safe_state() {
+                value = chain.put_out_neutral();
+            }
+            let signal = signal.with_value(value);
+            self.last = Some(signal);
+            if !put_out(&self.output, signal).await? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// What comes next, or the fall-back; nothing when the writers are gone.
+    async fn next(&mut self) -> luna::Result<Option<T>> {
+        let Some(front) = &mut self.timeout else {
+            return match self.input.recv().await {
+                Ok(signal) => Ok(Some(signal)),
+                Err(error) if error.is_closed() => Ok(None),
+                Err(error) => Err(error.into()),
+            };
+        };
+        let came = match self.input.recv_deadline(front.deadline).await {
+            Ok(signal) => Some(signal),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Closed) => return Ok(None),
+            Err(RecvTimeoutError::Poisoned) => return Err(luna::Error::Poisoned),
+        };
+        let signal = front.step(came, luna::now(), &mut self.alarms);
+        self.alarms.go_on()?;
+        Ok(Some(signal))
+    }
+}
+
+impl<T: Signal> Front<T> {
+    fn begin(&mut self, now: Instant) {
+        self.steps.elapsed(now);
+        self.deadline = now + self.timeout.time();
+    }
+
+    fn step(&mut self, came: Option<T>, now: Instant, alarms: &mut Alarms) -> T {
+        if self.reactor.take_reset() {
+            self.timeout.reset();
+        }
+        let elapsed = self.steps.elapsed(now);
+        let verdict = self.timeout.step(came.map(|came| came.value()), elapsed);
+        // With a warning alone the last one holds.
+        let (value, alarm) = self.reactor.react(verdict, self.timeout.last(), elapsed);
+        if let Some(alarm) = alarm {
+            alarms.raise(alarm);
+        }
+        self.deadline = now
+            + match came {
+                Some(_) => self.timeout.time(),
+                None => self.timeout.repetition(),
+            };
+        came.unwrap_or_else(|| (self.make)(value)).with_value(value)
+    }
+}
+
+impl Feedback {
+    /// The newest, if it is not too old at `now`.
+    fn at(&mut self, now: Instant) -> Option<f64> {
+        for _ in 0..MOST_AT_ONCE {
+            match self.values.try_recv() {
+                Ok(value) => self.newest = Some((value, now)),
+                Err(_) => break,
+            }
+        }
+        let (value, came) = self.newest?;
+        (now - came <= self.oldest).then_some(value)
+    }
+}
+
+impl<T: Signal> Process for ChainProcess<T> {
+    async fn run(&mut self) -> luna::Result<()> {
+        let ended = self.pass_on().await;
+        let is_over = matches!(&ended, Err(error) if !error.is_poisoned());
+        if let Some(last) = self.last
+            && !self.is_of_sensor
+            && !is_over
+        {
+            // Who is gone needs no neutral.
+            let _ = self
+                .output
+                .send(last.with_value(self.chain.neutral()))
+                .await;
+        }
+        ended
+    }
+}
+
+impl<T> fmt::Debug for ChainProcess<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ChainProcess")
+            .field("chain", &self.chain)
+            .finish_non_exhaustive()
+    }
+}
