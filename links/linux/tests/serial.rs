@@ -343,3 +343,38 @@ fn another_process_that_has_the_port_is_named() {
     // And when it has gone, the port is free.
     serial::open(&system.devices(), &path, &settings()).unwrap();
 }
+
+/// The kernel cannot wait for it, since it never has to be waited for.
+#[test]
+fn a_file_that_is_always_ready_is_read_while_others_run() {
+    use luna::devices::Sharing;
+    use luna_links::Transport;
+    let _watch = watchdog();
+    struct Zeros(File);
+    impl Transport for Zeros {
+        fn file(&self) -> std::io::Result<std::os::fd::OwnedFd> {
+            Ok(self.0.try_clone()?.into())
+        }
+    }
+    let mut system = System::new("zeros");
+    let opened = system
+        .devices()
+        .open("/dev/zero", "source of zeros", Sharing::Shared, || {
+            Ok(Zeros(File::open("/dev/zero").unwrap()))
+        });
+    let zeros = opened.unwrap();
+    let (sender, numbers) = luna::channel::<[u8; 1000]>();
+    let main = system.executor("main").build().unwrap();
+    let input = reader(&zeros, sender, Framing::fixed(1000)).unwrap();
+    main.process("in").spawn(input).unwrap();
+    main.process("user")
+        .spawn(async move {
+            for _ in 0..100 {
+                assert_eq!(numbers.recv().await?, [0; 1000]);
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    drop(zeros);
+}
