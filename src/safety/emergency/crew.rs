@@ -215,8 +215,13 @@ impl EmergencyThread {
     /// [`Emergency::is_safe`] says for good whether there was one.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.join();
+        self.heard()
+    }
+
+    /// The signal that was heard, before the end was certain.
+    fn heard(&self) -> Option<i32> {
         let heard = self.emergency.crew.heard.load(Ordering::Relaxed);
-        (heard != 0).then_some(heard as i32)
+        (heard != 0 && self.emergency.has_begun()).then_some(heard as i32)
     }
 
     fn join(&mut self) {
@@ -237,9 +242,8 @@ impl EmergencyThread {
             }
         }
         if let Some(signals) = self.signals.take() {
-            let was_heard = crew.heard.load(Ordering::Relaxed) != 0;
             // One that came too late for the functions does what it does after the end.
-            signals.give_back(!was_heard);
+            signals.give_back(self.heard().is_none());
         }
     }
 }
