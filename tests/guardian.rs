@@ -55,7 +55,10 @@ mod linux {
         for (name, test) in [
             ("killed at random instants", killed as fn(&Path)),
             ("an orderly end", orderly),
-            ("an emergency that went well, and one that did not", emergencies),
+            (
+                "an emergency that went well, and one that did not",
+                emergencies,
+            ),
             ("a guardian that is lost", lost),
             ("guardians that do not start", not_started),
         ] {

@@ -16,11 +16,13 @@ const CONTROL: &str = "control";
 /// Runs the demo and prints what came of it. Gives whether the run was complete.
 pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, Failure> {
     let recording = match &arguments.joystick {
-        Some(path) => Recording::read(path).map_err(|error| {
-            let path = path.clone();
-            Failure::Joystick { path, error }
-        })?,
-        None => Recording::built_in(),
+        Some(path) if !crate::joystick::is_device(path) => {
+            Recording::read(path).map_err(|error| {
+                let path = path.clone();
+                Failure::Joystick { path, error }
+            })?
+        }
+        _ => Recording::built_in(),
     };
     let settings = Settings {
         period: arguments.period(),
@@ -38,6 +40,11 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         system.virtual_clock();
     }
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
+    if let Some(path) = &arguments.joystick
+        && crate::joystick::is_device(path)
+    {
+        crate::joystick::follow(&mut system, &executors.operator, path).map_err(Failure::Luna)?;
+    }
     let machine = hardware::simulated(&mut system, &executors.mechanism, settings.period)
         .map_err(Failure::Luna)?;
     let findings =
