@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{PLACES, watchdog};
+use common::{PLACES, skip, watchdog};
 use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnLoss, Sharing};
 use luna::prelude::*;
 use luna::{Degree, End, Error};
@@ -286,6 +286,29 @@ fn one_that_was_lost_may_be_opened_again_while_the_system_runs() {
         [vec!["closed"], vec!["closed"], vec!["brake", "closed"]]
     );
     assert_eq!(devices.list().len(), 1);
+}
+
+/// A device that only root may open, by its own rules. CI runs this as a plain user too.
+#[cfg(target_os = "linux")]
+#[test]
+fn without_permission_the_error_says_what_gives_it() {
+    use luna::devices::Node;
+    let path = std::path::Path::new("/dev/cpu_dma_latency");
+    if !path.exists() {
+        return skip("there is no /dev/cpu_dma_latency");
+    }
+    match Node::new("latency").group("realtime").open(path, false) {
+        Err(DeviceError::NoPermission { device, remedy }) => {
+            assert_eq!(device, "/dev/cpu_dma_latency");
+            let rule = r#"KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660""#;
+            assert!(
+                remedy.contains(rule) || remedy.contains("usermod"),
+                "{remedy}"
+            );
+        }
+        Ok(_) => skip("this user may open /dev/cpu_dma_latency"),
+        Err(other) => panic!("{other}"),
+    }
 }
 
 #[test]

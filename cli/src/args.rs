@@ -55,7 +55,7 @@ pub(crate) struct Demo {
     pub(crate) rate: u32,
     #[command(flatten)]
     pub(crate) place: Place,
-    /// A recording with the columns time (s), pan and tilt (-1 to 1) [default: one within the program]
+    /// A recording with the columns time (s), pan and tilt (-1 to 1), or an input device (/dev/input/event0) [default: a recording within the program]
     #[arg(long, value_name = "FILE")]
     pub(crate) joystick: Option<PathBuf>,
     /// On a virtual clock: time jumps to the next cycle when all is computed, and every run is the same

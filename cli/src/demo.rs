@@ -23,11 +23,13 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         return replay::replay(path, arguments);
     }
     let recording = match &arguments.joystick {
-        Some(path) => Recording::read(path).map_err(|error| {
-            let path = path.clone();
-            Failure::Joystick { path, error }
-        })?,
-        None => Recording::built_in(),
+        Some(path) if !crate::joystick::is_device(path) => {
+            Recording::read(path).map_err(|error| {
+                let path = path.clone();
+                Failure::Joystick { path, error }
+            })?
+        }
+        _ => Recording::built_in(),
     };
     let settings = Settings {
         period: arguments.period(),
@@ -46,6 +48,11 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     }
     replay::record(&mut system, arguments);
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
+    if let Some(path) = &arguments.joystick
+        && crate::joystick::is_device(path)
+    {
+        crate::joystick::follow(&mut system, &executors.operator, path).map_err(Failure::Luna)?;
+    }
     let (registers, machine) = card::machine(
         arguments.card.as_ref(),
         &mut system,

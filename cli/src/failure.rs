@@ -63,7 +63,10 @@ impl Failure {
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
             )) => 2,
-            Self::Card(_) | Self::Luna(_) | Self::Output(_) => 1,
+            Self::Card(_) | // One that cannot be opened; what is lost later is the error of a process.
+            #[cfg(unix)]
+            Self::Luna(luna::Error::Device(_)) => 2,
+            Self::Luna(_) | Self::Output(_) => 1,
         }
     }
 }

@@ -9,6 +9,8 @@ mod doctor;
 mod failure;
 mod histogram_text;
 mod jitter;
+#[cfg_attr(not(target_os = "linux"), path = "no_joystick.rs")]
+mod joystick;
 mod output;
 mod place;
 mod report;

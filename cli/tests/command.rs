@@ -256,6 +256,10 @@ fn bad_values_end_with_2_and_say_why() {
             &["demo", "--joystick", "/no/such/file.csv"],
             "/no/such/file.csv",
         ),
+        (
+            &["demo", "--joystick", "/dev/null"],
+            "`/dev/null` is no input device",
+        ),
         (&["jitter", "--interval", "0"], "--interval"),
         (
             &[

@@ -21,6 +21,13 @@ pub struct Deflection {
     pub tilt: f64,
 }
 
+/// The ends of the process called `joystick`, for one that [stands in](luna::System::stand_in) for it: where it tells pan and tilt how far they are deflected, −1 to 1.
+#[derive(Debug)]
+pub struct Sticks(
+    /// Of pan, and of tilt.
+    pub [luna::Sender<f64>; 2],
+);
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sample {
     time: f64,

@@ -43,7 +43,7 @@
 //! **No allocation** after the start: values are `Copy`, state lies in the processes, results are handed over in `post_run`.
 
 use crate::hardware::{self, Registers};
-use crate::joystick::Playback;
+use crate::joystick::{Playback, Sticks};
 use crate::parts::calibration::Calibration;
 use crate::parts::faults::{self, Fault};
 use crate::parts::pid::{Gains, Pid};
@@ -189,10 +189,14 @@ pub fn build(
         .process("safety")
         .priority(level::SAFETY)
         .spawn(keep_safe(faults, [pan_stop, tilt_stop]))?;
-    executors.operator.process(JOYSTICK).spawn(Joystick {
-        playback: joystick,
-        sticks: [pan_stick, tilt_stick],
-    })?;
+    // A set-up may let a real one stand in for it.
+    executors.operator.process(JOYSTICK).replaceable(
+        Sticks([pan_stick, tilt_stick]),
+        |Sticks(sticks)| Joystick {
+            playback: joystick,
+            sticks,
+        },
+    )?;
     Ok([pan, tilt])
 }
 

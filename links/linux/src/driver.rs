@@ -111,6 +111,8 @@ pub struct Driver<D, Q, A> {
 }
 
 type Answers<A> = Receiver<luna::Result<A>>;
+type Serve<D, Q, A> = Box<dyn FnMut(&mut D, Q) -> luna::Result<A> + Send>;
+type MakeSafe<D> = Box<dyn FnMut(&mut D) + Send>;
 
 enum Job<Q> {
     Serve(Q),
@@ -121,8 +123,8 @@ enum Job<Q> {
 /// What the thread does.
 struct Work<D, Q, A> {
     driver: D,
-    serve: Box<dyn FnMut(&mut D, Q) -> luna::Result<A> + Send>,
-    make_safe: Option<Box<dyn FnMut(&mut D) + Send>>,
+    serve: Serve<D, Q, A>,
+    make_safe: Option<MakeSafe<D>>,
     jobs: Receiver<Job<Q>>,
     done: Sender<luna::Result<A>>,
     is_safe: Sender<()>,

@@ -3,7 +3,7 @@
 //! One packet is one record, of at most as many bytes as the framing says ([`Framing::packets`](luna::external::Framing::packets)). A packet that is empty, too long, or does not decode is
 //! broken; one that nobody takes at the other side is [counted](crate::Counts::refused), and no loss of the device: UDP promises nothing. What comes
 //! while the channel is not read waits in the kernel's buffer, and is dropped there when that is full. Let a channel of set-points overwrite its oldest value, and let the
-//! receiver time out.
+//! receiver time out. Where others than the peer can send, let broken packets be [dropped](crate::OnBad::Drop): else anybody can end the link with one.
 //!
 //! ```
 //! use luna::external::Framing;

@@ -24,6 +24,8 @@ pub(crate) struct Wire {
     calls: u32,
     /// Whether the last read took all there was, so that the next one would be in vain.
     is_drained: bool,
+    /// Whether the system cannot wait for it, because it never has to be waited for: `/dev/zero`, a file on a disk.
+    is_always_ready: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +43,7 @@ impl Wire {
             file: file.into(),
             calls: 0,
             is_drained: false,
+            is_always_ready: false,
         })
     }
 
@@ -57,10 +60,13 @@ impl Wire {
             self.give_way(ended.as_mut()).await?;
             match file::read(&self.file, to) {
                 Ok(count) => {
-                    self.is_drained = count < to.len();
+                    self.is_drained = count < to.len() && !self.is_always_ready;
                     return Ok(count);
                 }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => self.is_drained = true,
+                // What claims to be always ready, and is not, would be asked for ever.
+                Err(error) if error.kind() == ErrorKind::WouldBlock && !self.is_always_ready => {
+                    self.is_drained = true;
+                }
                 // What a terminal says whose other side has hung up.
                 Err(error) if self.is_terminal && error.raw_os_error() == Some(EIO) => {
                     return Ok(0);
@@ -91,7 +97,7 @@ impl Wire {
             match file::write(&self.file, &bytes[written..]) {
                 Ok(0) => return failed(written, ErrorKind::WriteZero.into()),
                 Ok(count) => written += count,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                Err(error) if error.kind() == ErrorKind::WouldBlock && !self.is_always_ready => {
                     self.wait(Direction::Out, ended.as_mut(), patience).await?;
                 }
                 Err(error) => return failed(written, error),
@@ -111,24 +117,25 @@ impl Wire {
             Direction::Out => writable(&self.file),
         });
         let mut time = pin!(until(patience.map(|patience| luna::now() + patience)));
-        poll_fn(|cx| {
+        let waited = poll_fn(|cx| {
             if let Poll::Ready(end) = ended.as_mut().poll(cx) {
                 return Poll::Ready(Err(Stop::from(end)));
             }
-            match ready.as_mut().poll(cx) {
-                Poll::Ready(Ok(())) => return Poll::Ready(Ok(())),
-                // Always ready: the read or write will tell.
-                Poll::Ready(Err(FileError::Refused(ReactorError::AlwaysReady { .. }))) => {
-                    return Poll::Ready(Err(LinkError::HungUp.into()));
-                }
-                Poll::Ready(Err(error)) => return Poll::Ready(Err(LinkError::Wait(error).into())),
-                Poll::Pending => {}
+            if let Poll::Ready(waited) = ready.as_mut().poll(cx) {
+                return Poll::Ready(Ok(waited));
             }
             let limit = patience.unwrap_or_default();
             let stalled = |()| Err(LinkError::Stalled { limit }.into());
             time.as_mut().poll(cx).map(stalled)
         })
         .await?;
+        match waited {
+            Ok(()) => {}
+            Err(FileError::Refused(ReactorError::AlwaysReady { .. })) => {
+                self.is_always_ready = true;
+            }
+            Err(error) => return Err(LinkError::Wait(error).into()),
+        }
         self.is_drained = false;
         self.calls = 0;
         Ok(())

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{counter, run_to_loss, skip, watchdog};
+use common::{counter, run_to_loss, watchdog};
 use luna::devices::{Device, DeviceState, OnLoss, Sharing};
 use luna::prelude::*;
 use luna::{CallError, Error};
@@ -245,6 +245,7 @@ fn the_thread_ends_with_the_link() {
 /// A driver as they are written for `embedded-hal`: it knows the trait alone.
 #[cfg(feature = "i2c")]
 mod i2c {
+    use super::common::skip;
     use super::*;
     use embedded_hal::i2c::{ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation};
     use luna_links::i2c::{self, Settings};

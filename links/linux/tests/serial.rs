@@ -13,6 +13,7 @@ use luna_links::serial::{self, Settings};
 use luna_links::{OnBad, reader, writer};
 use std::fs::File;
 use std::io::{Read, Write};
+use std::os::fd::AsRawFd;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -260,6 +261,20 @@ fn an_emergency_command_gets_out_before_what_was_queued() {
     drop(port);
 }
 
+nix::ioctl_read_bad!(
+    /// Whether a terminal lets nobody else open it.
+    get_exclusive,
+    nix::libc::TIOCGEXCL,
+    i32
+);
+
+fn is_claimed(terminal: &File) -> bool {
+    let mut claimed = 0;
+    // SAFETY: the call writes one number, and the descriptor is open.
+    unsafe { get_exclusive(terminal.as_raw_fd(), &mut claimed) }.unwrap();
+    claimed != 0
+}
+
 #[test]
 fn a_port_is_one_device_by_whatever_name() {
     let _watch = watchdog();
@@ -291,7 +306,10 @@ fn a_port_is_one_device_by_whatever_name() {
         ),
         "{elsewhere:?}"
     );
+    // And to programs that look at no lock the terminal itself says so (but to root, as who this may run).
+    assert!(is_claimed(&near));
     drop(port);
+    assert!(!is_claimed(&near));
     // Closed: it can be opened again, by its other name.
     drop(serial::open(&devices, link.to_str().unwrap(), &settings()).unwrap());
     std::fs::remove_file(&link).unwrap();
@@ -342,4 +360,39 @@ fn another_process_that_has_the_port_is_named() {
     }
     // And when it has gone, the port is free.
     serial::open(&system.devices(), &path, &settings()).unwrap();
+}
+
+/// The kernel cannot wait for it, since it never has to be waited for.
+#[test]
+fn a_file_that_is_always_ready_is_read_while_others_run() {
+    use luna::devices::Sharing;
+    use luna_links::Transport;
+    let _watch = watchdog();
+    struct Zeros(File);
+    impl Transport for Zeros {
+        fn file(&self) -> std::io::Result<std::os::fd::OwnedFd> {
+            Ok(self.0.try_clone()?.into())
+        }
+    }
+    let mut system = System::new("zeros");
+    let opened = system
+        .devices()
+        .open("/dev/zero", "source of zeros", Sharing::Shared, || {
+            Ok(Zeros(File::open("/dev/zero").unwrap()))
+        });
+    let zeros = opened.unwrap();
+    let (sender, numbers) = luna::channel::<[u8; 1000]>();
+    let main = system.executor("main").build().unwrap();
+    let input = reader(&zeros, sender, Framing::fixed(1000)).unwrap();
+    main.process("in").spawn(input).unwrap();
+    main.process("user")
+        .spawn(async move {
+            for _ in 0..100 {
+                assert_eq!(numbers.recv().await?, [0; 1000]);
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    drop(zeros);
 }

@@ -86,11 +86,14 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let server = std::thread::spawn(move || {
-        // Three connections: one that is cut off in a record, one that is closed at once, and one that is good.
+        // Three connections: one that is cut off in a record, one that is reset, and one that is good.
         let (mut first, _) = listener.accept().unwrap();
         first.write_all(b"whole\nhal").unwrap();
         drop(first);
-        let (second, _) = listener.accept().unwrap();
+        let (mut second, _) = listener.accept().unwrap();
+        second.write_all(b"reset me\n").unwrap();
+        // What is closed with something unread is reset.
+        second.peek(&mut [0]).unwrap();
         drop(second);
         let (mut third, _) = listener.accept().unwrap();
         third.write_all(b"again\n").unwrap();
@@ -111,6 +114,8 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
     main.process("client")
         .spawn(async move {
             assert_eq!(replies.recv().await?.text(), Ok("whole"));
+            assert_eq!(replies.recv().await?.text(), Ok("reset me"));
+            requests.send(text("never read")).await?;
             assert_eq!(replies.recv().await?.text(), Ok("again"));
             requests.send(text("hello")).await?;
             Ok(())

@@ -6,7 +6,6 @@ use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Process, Receiver};
 use luna_platform::path::{self, Call};
-use std::future::Future;
 use std::io;
 
 /// Makes a process that sets outputs as values come from `receiver`'s channel, each at once.
@@ -73,34 +72,33 @@ impl Writer {
 }
 
 impl Process for Writer {
-    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        async {
-            let (Some(pins), Some(receiver)) = (&self.pins, self.receiver.take()) else {
-                return Err(LinkError::NotPrepared.into());
+    async fn run(&mut self) -> luna::Result<()> {
+        let (Some(pins), Some(receiver)) = (&self.pins, self.receiver.take()) else {
+            return Err(LinkError::NotPrepared.into());
+        };
+        loop {
+            let levels = match receiver.recv().await {
+                Ok(levels) => levels,
+                Err(error) if error.is_closed() => return Ok(()),
+                Err(error) => return Err(error.into()),
             };
-            loop {
-                let levels = match receiver.recv().await {
-                    Ok(levels) => levels,
-                    Err(error) if error.is_closed() => return Ok(()),
-                    Err(error) => return Err(error.into()),
-                };
-                match path::expected(Call::File, || pins.set(levels)) {
-                    Ok(()) => self.counts.record(),
-                    Err(error)
-                        if matches!(
-                            error.kind(),
-                            io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied
-                        ) =>
-                    {
-                        return Err(luna::Error::other(error));
-                    }
-                    Err(error) => {
-                        return Err(pins.lost(LinkError::Write {
-                            record: self.counts.records() + 1,
-                            written: 0,
-                            error: error.into(),
-                        }));
-                    }
+            match path::expected(Call::File, || pins.set(levels)) {
+                Ok(()) => self.counts.record(),
+                // Of whoever sent it, or an emergency: the chip is all right.
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied
+                    ) =>
+                {
+                    return Err(luna::Error::other(error));
+                }
+                Err(error) => {
+                    return Err(pins.lost(LinkError::Write {
+                        record: self.counts.records() + 1,
+                        written: 0,
+                        error: error.into(),
+                    }));
                 }
             }
         }
