@@ -13,6 +13,19 @@ use std::time::{Duration, Instant};
 const CHUNK: u8 = 64;
 
 /// Exchanges packets with a card and waits for the answers: for set-up and tools. Not for the real-time path.
+///
+/// ```no_run
+/// use hostmot2::{Client, Layout, Selection};
+///
+/// let mut client = Client::connect("192.168.1.121:27181".parse()?)?;
+/// let description = client.describe()?;
+/// println!("{description}");
+/// let layout = Layout::new(&description, &Selection { encoders: 2, pwms: 2, ..Selection::default() })?;
+/// for packet in layout.set_up()? {
+///     client.confirmed(&packet)?;
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Client {
     socket: UdpSocket,

@@ -57,6 +57,23 @@ impl fmt::Display for Lost {
 impl std::error::Error for Lost {}
 
 /// Follows one counter.
+///
+/// ```
+/// use hostmot2::RawEncoder;
+/// use hostmot2::encoder::{Lost, Stamps, Tracker};
+/// use std::time::Duration;
+///
+/// let (mut tracker, mut stamps, ms) = (Tracker::new(100_000.0), Stamps::new(1e6), Duration::from_millis(1));
+/// let says = |count, stamp| RawEncoder { count, stamp, index: None, quadrature_error: false };
+/// stamps.update(0, ms);
+/// assert_eq!(tracker.update(says(65_530, 0), &stamps, ms)?.position, 0);
+/// stamps.update(1_000, ms);
+/// let read = tracker.update(says(14, 1_000), &stamps, ms)?; // it has wrapped
+/// assert_eq!((read.position, read.rate), (20, 20_000.0));
+/// stamps.update(2_000, ms);
+/// assert_eq!(tracker.update(says(5_000, 2_000), &stamps, ms), Err(Lost::Jumped { by: 4_986 }));
+/// # Ok::<(), Lost>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Tracker {
     /// The most counts a second.

@@ -22,6 +22,29 @@ const STAMPS_PER_SECOND: u32 = 1_000_000;
 /// [`neutral_request`](Self::neutral_request) ends it: it takes the card's outputs away in such a way that no write packet that is still under way gives them back.
 ///
 /// Making one allocates; all that a cycle needs does not.
+///
+/// ```
+/// use hostmot2::lbp16::Packet;
+/// use hostmot2::{EchoState, Layout, SequenceWindow};
+///
+/// /// One cycle: what is sent by `send`, and what comes by `receive`.
+/// fn cycle(layout: &Layout, number: u32, duty: f64, send: fn(&[u8]), receive: fn(&mut [u8]) -> usize) -> Option<u16> {
+///     let (mut packet, mut outputs) = (Packet::new(), layout.outputs_at_rest());
+///     outputs.set_duty(0, duty);
+///     outputs.set_enabled(0, true);
+///     layout.write_request(number, &outputs, &mut packet).ok()?;
+///     send(packet.bytes());
+///     layout.read_request(number, &mut packet).ok()?;
+///     send(packet.bytes());
+///     let mut bytes = [0; 1472];
+///     let length = receive(&mut bytes);
+///     let answer = layout.decode(&bytes[..length]).ok()?;
+///     let is_ours = answer.sequence == number && answer.is_driving() && !answer.has_bitten;
+///     let written = answer.echo_state(SequenceWindow { first: 0, last: number });
+///     (is_ours && written == EchoState::UpToDate).then_some(answer.encoder(0)?.count)
+/// }
+/// # let _ = cycle;
+/// ```
 #[derive(Debug, Clone)]
 pub struct Layout {
     pub(crate) encoders: Vec<Registers>,

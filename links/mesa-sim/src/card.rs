@@ -226,6 +226,10 @@ impl Card {
 
     fn read(&self, command: &Command, at: u16, to: &mut [u8], now: u64) {
         if command.space == Space::HostMot2 && !command.info {
+            if let (Ok(whole), 0) = (<&mut [u8; 4]>::try_from(&mut *to), at & 3) {
+                *whole = self.read_register(at, now).to_le_bytes();
+                return;
+            }
             // Registers have 32 bits: narrower ones are parts of them.
             for (number, byte) in to.iter_mut().enumerate() {
                 let at = at.wrapping_add(number as u16);

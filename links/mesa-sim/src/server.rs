@@ -229,7 +229,7 @@ fn tick(shared: &Shared) {
         let now = now();
         while state.under_way.peek().is_some_and(|next| next.due <= now) {
             if let Some(next) = state.under_way.pop() {
-                state.deliver(next.bytes, next.peer, next.is_answer, shared);
+                state.deliver(&next.bytes, next.peer, next.is_answer, shared);
             }
         }
         state.advance(now);
@@ -259,7 +259,7 @@ impl State {
             false => self.network.send(),
         };
         let mut go = |after: Duration| match after {
-            Duration::ZERO => self.deliver(bytes.to_vec(), peer, is_answer, shared),
+            Duration::ZERO => self.deliver(bytes, peer, is_answer, shared),
             after => {
                 self.number += 1;
                 self.under_way.push(UnderWay {
@@ -283,19 +283,19 @@ impl State {
     }
 
     /// A datagram leaves it.
-    fn deliver(&mut self, bytes: Vec<u8>, peer: SocketAddr, is_answer: bool, shared: &Shared) {
+    fn deliver(&mut self, bytes: &[u8], peer: SocketAddr, is_answer: bool, shared: &Shared) {
         let now = now();
         if now < self.silent_until {
             self.traffic.lost += 1;
         } else if is_answer {
             self.traffic.answers += 1;
             // Nobody may be there to take it.
-            let _ = shared.socket.send_to(&bytes, peer);
+            let _ = shared.socket.send_to(bytes, peer);
         } else {
             self.traffic.requests += 1;
             self.advance(now);
             let mut answer = std::mem::take(&mut self.answer);
-            if self.card.handle(&bytes, now, &mut answer).is_err() {
+            if self.card.handle(bytes, now, &mut answer).is_err() {
                 self.traffic.malformed += 1;
             }
             if !answer.is_empty() {

@@ -4,6 +4,7 @@ use crate::process::{Actuators, CardProcess, Sensors};
 use crate::{Bucket, Card, Reading, Sample};
 use hostmot2::{ClientError, Layout, LayoutError, OutputPin, Selection};
 use luna::{Receiver, Sender};
+use std::any::Any;
 use std::fmt;
 use std::io;
 use std::time::Duration;
@@ -23,6 +24,7 @@ pub struct Link {
     selection: Selection,
     pub(crate) sensors: Sensors,
     pub(crate) actuators: Actuators,
+    kept: Vec<Box<dyn Any + Send>>,
 }
 
 /// Why a link cannot be made.
@@ -73,6 +75,7 @@ impl Link {
             selection: Selection::default(),
             sensors: Sensors::default(),
             actuators: Actuators::default(),
+            kept: Vec::new(),
         }
     }
 
@@ -172,6 +175,12 @@ impl Link {
         self
     }
 
+    /// Keeps `what` until the process has ended and the outputs are off: what says that the card is in use, such as the handle of who manages devices.
+    pub fn keep(&mut self, what: impl Send + 'static) -> &mut Self {
+        self.kept.push(Box::new(what));
+        self
+    }
+
     /// Puts the card into the state that the link begins with (no outputs yet), and makes the process of it. For set-up: blocks, and allocates.
     ///
     /// # Errors
@@ -221,6 +230,7 @@ impl Link {
             checks_quadrature: self.checks_quadrature,
             sensors: self.sensors,
             actuators: self.actuators,
+            kept: self.kept,
         };
         CardProcess::new(parts, layout, client.into_socket(), sequence, port_width)
     }

@@ -3,6 +3,19 @@
 use luna::Instant;
 
 /// A value of the card, and how old it is.
+///
+/// ```
+/// use luna_mesa::{Reading, Sample};
+///
+/// /// Goes on for three cycles without an answer, and then stops.
+/// fn duty(sample: &Sample<Reading>, target: f64) -> f64 {
+///     match sample.stale_cycles() {
+///         0..=3 => 1e-4 * (target - sample.held().position as f64),
+///         _ => 0.0,
+///     }
+/// }
+/// # let _ = duty;
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<T> {
     pub(crate) value: T,

@@ -126,7 +126,9 @@ fn an_emergency_takes_the_outputs_away_for_good() {
     let (duty, duties) = register();
     let (count, counts) = samples();
     let mut link = patient(&server);
+    let in_use = Arc::new(());
     link.pwm(0, duties).encoder(0, common::FASTEST, count);
+    link.keep(in_use.clone());
     let process = link.process().unwrap();
     let neutral = process.neutral();
     let mut system = System::new("test");
@@ -145,8 +147,10 @@ fn an_emergency_takes_the_outputs_away_for_good() {
             Err(luna::emergency(luna::Error::other("enough")))
         })
         .unwrap();
+    assert_eq!(Arc::strong_count(&in_use), 2);
     assert!(system.run().is_err());
     assert!(neutral.is_engaged());
+    assert_eq!(Arc::strong_count(&in_use), 1);
     wait_until(&server, SimCard::is_neutral);
     // Whatever of the cycles may still come: the pins stay inputs.
     let mut client = hostmot2::Client::connect(server.address()).unwrap();

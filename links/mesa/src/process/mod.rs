@@ -14,6 +14,7 @@ use hostmot2::{EchoState, Layout, Outputs, SequenceWindow};
 use luna::{Error, Process};
 use luna_platform::clock::Clock;
 use readings::Readings;
+use std::any::Any;
 use std::fmt;
 use std::future::Future;
 use std::net::UdpSocket;
@@ -42,6 +43,7 @@ pub(crate) struct Parts {
     pub(crate) checks_quadrature: bool,
     pub(crate) sensors: Sensors,
     pub(crate) actuators: Actuators,
+    pub(crate) kept: Vec<Box<dyn Any + Send>>,
 }
 
 /// What a cycle works on.
@@ -128,9 +130,10 @@ impl Process for CardProcess {
         }
     }
 
-    /// The outputs are off whatever has ended it.
+    /// The outputs are off whatever has ended it; then others may have the card.
     fn post_run(&mut self) {
         self.neutral.engage();
+        self.parts.kept.clear();
     }
 }
 
