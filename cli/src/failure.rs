@@ -35,6 +35,20 @@ pub(crate) enum Failure {
         /// Those that are there.
         online: Vec<usize>,
     },
+    /// A recording cannot be read at all.
+    Recording {
+        /// Of the recording.
+        path: PathBuf,
+        /// Why.
+        error: String,
+    },
+    /// What a recording is converted to cannot be written.
+    Converted {
+        /// Of the output.
+        path: PathBuf,
+        /// Why.
+        error: String,
+    },
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -48,6 +62,8 @@ impl Failure {
             Self::Joystick { .. }
             | Self::Histogram { .. }
             | Self::Root { .. }
+            | Self::Recording { .. }
+            | Self::Converted { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
@@ -64,6 +80,9 @@ impl fmt::Display for Failure {
                 write!(f, "joystick recording {}: {error}", path.display())
             }
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
+            Self::Recording { path, error } | Self::Converted { path, error } => {
+                write!(f, "{}: {error}", path.display())
+            }
             Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
             Self::Core { core, online } => write!(
                 f,
