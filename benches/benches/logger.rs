@@ -20,19 +20,23 @@ use tracing_appender::non_blocking::NonBlockingBuilder;
 const SAMPLE: &str = "record a sample, one core";
 const UNIT: &str = "ns/sample";
 /// Samples of a block: all have room.
-const SAMPLES: u64 = 20_000;
+const SAMPLES: u64 = 10_000;
 
 fn file(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("luna-bench-{}-{name}", std::process::id()))
 }
 
 /// Times `record` for each number while a recording to a file is under way; nothing may be lost.
-fn recorded<T>(samples: u64, make: fn() -> T, record: fn(&T, u64)) -> Duration {
+fn recorded<T>(
+    samples: u64,
+    make: impl Fn() -> T + Sync,
+    record: impl Fn(&T, u64) + Sync,
+) -> Duration {
     on_core(one_core(), || {
         let file = file("recording");
         let hub = Hub::new("bench", Default::default());
         let room = Recording::to_file(&file)
-            .room_for_samples(4 * SAMPLES as usize)
+            .room_for_samples(2 * SAMPLES as usize)
             .room_for_messages(128 * SAMPLES as usize);
         let recorder = Recorder::start(&hub, room).expect("the folder can be written to");
         hub.enter_thread();
