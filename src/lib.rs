@@ -103,3 +103,7 @@ struct Guide;
 #[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]
 struct TimePage;
+
+#[cfg(all(doctest, feature = "logger"))]
+#[doc = include_str!("../docs/logger.md")]
+struct LoggerPage;
