@@ -113,3 +113,7 @@ struct SafetyPage;
 #[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]
 struct TimePage;
+
+#[cfg(all(doctest, feature = "logger"))]
+#[doc = include_str!("../docs/logger.md")]
+struct LoggerPage;

@@ -278,3 +278,63 @@ fn a_process_that_comes_late_registers_and_records() {
         assert_eq!((signal.recorded, signal.lost), (3, 0));
     }
 }
+
+/// The example of the contract, unchanged, recorded by who starts it.
+#[cfg(unix)]
+#[test]
+fn the_examples_signal_is_in_its_recording() {
+    use nix::sys::signal::{Signal as Number, kill};
+    use nix::unistd::Pid;
+    use std::path::Path;
+    use std::process::{Command, Stdio};
+
+    let _watchdog = watchdog();
+    // Beside the folder of the tests.
+    let own = std::env::current_exe().unwrap();
+    let built = own.parent().and_then(Path::parent).unwrap();
+    let example = built.join("examples/process_phases");
+    if !example.exists() {
+        eprintln!(
+            "skipped: {} is not there; `cargo test` builds it",
+            example.display()
+        );
+        return;
+    }
+    let name = format!("luna-process-phases-{}.luna", std::process::id());
+    let file = std::env::temp_dir().join(name);
+    let mut child = Command::new(example)
+        .env("LUNA_RECORD", &file)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Until a good part of it is there; the file is read while it is written.
+    loop {
+        let bytes = std::fs::read(&file).unwrap_or_default();
+        let mut samples = 0;
+        if let Ok(mut reader) = Reader::new(&bytes[..]) {
+            while let Ok(Some(record)) = reader.next() {
+                samples += u32::from(matches!(record, Record::Sample { .. }));
+            }
+        }
+        if samples >= 200 {
+            break;
+        }
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it has ended too early"
+        );
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    kill(Pid::from_raw(child.id() as i32), Number::SIGTERM).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let report = String::from_utf8(output.stdout).unwrap();
+    assert!(report.contains("samples of 1 signals"), "{report}");
+    let content = content(&std::fs::read(&file).unwrap());
+    std::fs::remove_file(file).unwrap();
+    assert_eq!(content.signals, ["drive/output"]);
+    assert!(content.samples.len() >= 200);
+    for (n, (_, _, value)) in content.samples.iter().enumerate() {
+        assert_eq!(*value, (n as f64 * 0.001).sin());
+    }
+    assert!(content.samples.is_sorted_by_key(|(_, time, _)| *time));
+}

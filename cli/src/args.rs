@@ -1,6 +1,6 @@
 //! The command line.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use luna::Policy;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -39,6 +39,8 @@ pub(crate) enum Command {
     Jitter(Jitter),
     /// Says whether this machine is fit for hard real time, and what to do about what is not
     Doctor(Doctor),
+    /// Makes CSV, an MCAP file or a Perfetto trace of a recording
+    Convert(Convert),
 }
 
 /// Beside the measured one: as many as a system sets room aside for, with some to spare.
@@ -149,6 +151,46 @@ pub(crate) struct Doctor {
     /// Print one JSON object and nothing else
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// The options of `luna convert`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Convert {
+    /// The recording, as `System::record_to` or LUNA_RECORD has made it
+    pub(crate) file: PathBuf,
+    /// What to make of it
+    #[arg(long, value_name = "FORMAT")]
+    pub(crate) to: Format,
+    /// Where to write [default: beside the recording]
+    #[arg(long, short, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+    /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty cell
+    #[arg(long)]
+    pub(crate) hold: bool,
+}
+
+/// What a recording can be made to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// A row for each instant, a column for each signal; messages in a second file
+    Csv,
+    /// For Foxglove, Lichtblick and PlotJuggler
+    #[cfg(feature = "mcap")]
+    Mcap,
+    /// For ui.perfetto.dev
+    Perfetto,
+}
+
+impl Format {
+    /// How its files' names end.
+    pub(crate) fn extension(self) -> &'static str {
+        match self {
+            Format::Csv => "csv",
+            #[cfg(feature = "mcap")]
+            Format::Mcap => "mcap",
+            Format::Perfetto => "perfetto-trace",
+        }
+    }
 }
 
 /// Where the measured processes run, and how they are reported.

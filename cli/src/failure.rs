@@ -45,6 +45,20 @@ pub(crate) enum Failure {
     },
     /// The card cannot be had.
     Card(Box<dyn std::error::Error + Send + Sync>),
+    /// A recording cannot be read at all.
+    Recording {
+        /// Of the recording.
+        path: PathBuf,
+        /// Why.
+        error: String,
+    },
+    /// What a recording is converted to cannot be written.
+    Converted {
+        /// Of the output.
+        path: PathBuf,
+        /// Why.
+        error: String,
+    },
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -59,6 +73,8 @@ impl Failure {
             | Self::Recording { .. }
             | Self::Histogram { .. }
             | Self::Root { .. }
+            | Self::Recording { .. }
+            | Self::Converted { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
@@ -79,6 +95,9 @@ impl fmt::Display for Failure {
             }
             Self::Recording { path, error } => write!(f, "--replay {}: {error}", path.display()),
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
+            Self::Recording { path, error } | Self::Converted { path, error } => {
+                write!(f, "{}: {error}", path.display())
+            }
             Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
             Self::Core { core, online } => write!(
                 f,

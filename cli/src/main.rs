@@ -4,6 +4,7 @@ mod alloc;
 mod args;
 mod beside;
 mod card;
+mod convert;
 mod demo;
 mod doctor;
 mod failure;
@@ -30,6 +31,7 @@ fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments, &ALLOCATOR).map(of_a_run),
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR).map(of_a_run),
         Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
     };
     match outcome {
         Ok(code) => code,

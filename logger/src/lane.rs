@@ -68,7 +68,24 @@ impl Ring {
     fn push(&self, entry: &[u64]) -> bool {
         // SAFETY: by the invariant nobody else has a reference now.
         let producer = unsafe { &mut *self.0.get() };
-        producer.push_entire_slice(entry).is_ok()
+        let Ok(mut chunk) = producer.write_chunk_uninit(entry.len()) else {
+            return false;
+        };
+        let (first, second) = chunk.as_mut_slices();
+        // Nearly always in one piece, whose length the compiler then knows: so few stores need no call to copy them.
+        if first.len() == entry.len() {
+            for (place, word) in first.iter_mut().zip(entry) {
+                place.write(*word);
+            }
+        } else {
+            let places = first.iter_mut().chain(second);
+            for (place, word) in places.zip(entry) {
+                place.write(*word);
+            }
+        }
+        // SAFETY: all of its places, which are as many as the entry has words, are written.
+        unsafe { chunk.commit_all() };
+        true
     }
 }
 

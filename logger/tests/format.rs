@@ -121,7 +121,7 @@ fn steps() -> impl Strategy<Value = Vec<(u8, u32, u64, bool)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn what_was_written_is_read(steps in steps(), bytes in any::<[u8; 24]>()) {

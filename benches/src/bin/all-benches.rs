@@ -21,7 +21,7 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 15] = [
+const BENCHES: [&str; 16] = [
     "commstime",
     "switch",
     "rendezvous",
@@ -37,6 +37,7 @@ const BENCHES: [&str; 15] = [
     "memory",
     "lbp16",
     "emergency",
+    "logger",
 ];
 
 #[derive(Debug, Default)]

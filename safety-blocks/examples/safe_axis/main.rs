@@ -16,38 +16,6 @@ fn main() -> luna::Result<()> {
         }
         match &outcome.emergency {
             Some((after, cause)) => println!("  after {after:?}, emergency: {cause}"),
-            None => println!("  it ran to its end, at {:.3} rad", outcome.end.angle),
-        }
-        for (what, after) in [
-            ("the encoders were too far apart", outcome.apart),
-            ("the motor was driven hard", outcome.driven),
-            ("the motor was off for good", outcome.off_since),
-        ] {
-            if let Some(after) = after {
-                println!("  ({what} from {after:?} on)");
-            }
-        }
-    }
-    Ok(())
-}
-//! A motor axis, what can go wrong with it, and what its safety blocks make of that. On virtual time, so that each run is the same.
-
-mod axis;
-
-use axis::{TROUBLES, run};
-
-fn main() -> luna::Result<()> {
-    for trouble in TROUBLES {
-        let outcome = run(trouble)?;
-        println!(
-            "{trouble:?}: at most {:.3} rad from the middle",
-            outcome.furthest
-        );
-        for (after, cause) in &outcome.alarms {
-            println!("  after {after:?}: {cause}");
-        }
-        match &outcome.emergency {
-            Some((after, cause)) => println!("  after {after:?}, emergency: {cause}"),
             None if outcome.is_safe_state => {
                 println!(
                     "  it ran to its end in a safe state, at {:.3} rad",

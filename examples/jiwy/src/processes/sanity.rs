@@ -6,7 +6,6 @@ use crate::parts::sanity::Sanity;
 use luna::prelude::*;
 use luna::record::{self, Value};
 use luna_safety_blocks::Block;
-use luna_safety_blocks::Block;
 use std::sync::{Arc, OnceLock};
 
 /// One block of the safety layer.

@@ -1,0 +1,95 @@
+//! `luna convert`: a recording in formats that other programs read.
+//!
+//! `recording` reads it, `csv`, `mcap` and `perfetto` write. Each holds in memory what the signals are, and a bounded number of samples.
+
+mod csv;
+#[cfg(feature = "mcap")]
+mod mcap;
+mod perfetto;
+mod protobuf;
+mod recording;
+
+use crate::args::{Convert, Format};
+use crate::failure::Failure;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Converts as the command line asks.
+pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
+    let input = &arguments.file;
+    let output = arguments
+        .output
+        .clone()
+        .unwrap_or_else(|| input.with_extension(arguments.to.extension()));
+    // Also by another name: the recording would be gone before it is read.
+    let is_same = |one: &Path, other: &Path| {
+        one == other
+            || one
+                .canonicalize()
+                .is_ok_and(|one| Ok(one) == other.canonicalize().map_err(drop))
+    };
+    if is_same(input, &output) {
+        return Err(Failure::Converted {
+            path: output,
+            error: "it is the recording itself; choose another with --output".to_owned(),
+        });
+    }
+    // What cannot be read leaves no output.
+    recording::check(input)?;
+    let converted = match arguments.to {
+        Format::Csv => csv::write(input, &output, arguments.hold)?,
+        Format::Perfetto => perfetto::write(input, &output)?,
+        #[cfg(feature = "mcap")]
+        Format::Mcap => mcap::write(input, &output)?,
+    };
+    println!(
+        "{}: {} samples of {} signals, {} messages",
+        output.display(),
+        converted.samples,
+        converted.signals,
+        converted.messages
+    );
+    if converted.lost > 0 {
+        println!(
+            "{} samples and messages were lost while it was recorded",
+            converted.lost
+        );
+    }
+    Ok(match converted.damage {
+        None => ExitCode::SUCCESS,
+        Some(error) => {
+            eprintln!(
+                "luna: {}: {error}; what comes before is converted",
+                input.display()
+            );
+            // A recording that only ends early is what a killed program leaves.
+            ExitCode::from(u8::from(!error.is_truncated()))
+        }
+    })
+}
+
+/// What was converted.
+#[derive(Debug, Default)]
+struct Converted {
+    samples: u64,
+    signals: usize,
+    messages: u64,
+    lost: u64,
+    damage: Option<luna_logger::format::ReadError>,
+}
+
+/// A new file to write.
+fn create(path: &Path) -> Result<BufWriter<File>, Failure> {
+    File::create(path).map(BufWriter::new).map_err(broken(path))
+}
+
+/// The failure of writing `path`.
+fn broken<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> Failure {
+    let path = PathBuf::from(path);
+    move |error| Failure::Converted {
+        path: path.clone(),
+        error: error.to_string(),
+    }
+}

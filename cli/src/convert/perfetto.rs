@@ -1,0 +1,152 @@
+//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread a track with its messages as instants.
+//!
+//! Field numbers are those of `perfetto_trace.proto`; they never change.
+
+use super::protobuf::Message;
+use super::recording::each;
+use super::{Converted, broken, create};
+use crate::failure::Failure;
+use luna_logger::format::{Record, SignalInfo, Value};
+use std::collections::HashSet;
+use std::io::Write;
+use std::path::Path;
+
+/// Everything is of one writer.
+const SEQUENCE: u64 = 1;
+
+/// The system as a process of the trace.
+const PROCESS: u64 = 1;
+
+/// Tracks of threads are numbered from here, and behind those the tracks of signals.
+const THREADS: u64 = 1 << 8;
+const SIGNALS: u64 = 1 << 40;
+
+/// `TrackEvent.Type`
+const INSTANT: u64 = 3;
+const COUNTER: u64 = 4;
+
+pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
+    let mut file = create(output)?;
+    let failed = broken(output);
+    let mut is_first = true;
+    let mut described = HashSet::new();
+    let converted = each(input, |record| {
+        let mut put = |packet: Message| {
+            let packet = packet.number(10, SEQUENCE);
+            // The first says that nothing before it is needed to understand what follows.
+            let packet = if std::mem::take(&mut is_first) {
+                packet.number(13, 1)
+            } else {
+                packet
+            };
+            let framed = Message::default().message(1, &packet);
+            file.write_all(framed.as_bytes()).map_err(&failed)
+        };
+        match record {
+            Record::Session { system, .. } => {
+                let process = Message::default().number(1, PROCESS).text(6, system);
+                put(track(PROCESS, None, |track| track.message(3, &process)))
+            }
+            Record::Thread { number, name } => {
+                // Thread 1 is the process' main thread, which it names.
+                let thread = Message::default()
+                    .number(1, PROCESS)
+                    .number(2, u64::from(*number) + 2)
+                    .text(5, name);
+                let uuid = THREADS + u64::from(*number);
+                put(track(uuid, Some(PROCESS), |track| {
+                    track.message(4, &thread)
+                }))
+            }
+            Record::Signal(info) => {
+                if !described.insert(info.number) {
+                    return Ok(());
+                }
+                (0..info.elements).try_for_each(|element| put(counter(info, element)))
+            }
+            Record::Sample {
+                signal,
+                time,
+                values,
+            } => values.iter().enumerate().try_for_each(|(element, value)| {
+                let event = Message::default()
+                    .number(9, COUNTER)
+                    .number(11, signal_track(*signal, element));
+                let event = match value {
+                    Value::Bool(value) => event.number(30, value.into()),
+                    Value::Signed(value) => event.number(30, value as u64),
+                    // A counter of the trace is signed.
+                    Value::Unsigned(value) if value > i64::MAX as u64 => {
+                        event.double(44, value as f64)
+                    }
+                    Value::Unsigned(value) => event.number(30, value),
+                    Value::Float(value) => event.double(44, value),
+                };
+                put(Message::default().number(8, *time).message(11, &event))
+            }),
+            Record::Message {
+                thread,
+                time,
+                level,
+                target,
+                text,
+                ..
+            } => {
+                let from = Message::default().text(10, "target").text(6, target);
+                let event = Message::default()
+                    .number(9, INSTANT)
+                    .number(11, THREADS + u64::from(*thread))
+                    .text(22, level.name())
+                    .text(23, text)
+                    .message(4, &from);
+                put(Message::default().number(8, *time).message(11, &event))
+            }
+            Record::Event(event) => {
+                let argument =
+                    |name: &str, value: u64| Message::default().text(10, name).number(3, value);
+                let told = Message::default()
+                    .number(9, INSTANT)
+                    .number(11, THREADS + u64::from(event.thread))
+                    .text(23, &format!("event {}", event.code))
+                    .message(4, &argument("subject", event.subject.into()))
+                    .message(4, &argument("first", event.arguments[0]))
+                    .message(4, &argument("second", event.arguments[1]));
+                put(Message::default().number(8, event.time).message(11, &told))
+            }
+            _ => Ok(()),
+        }
+    })?;
+    file.flush().map_err(&failed)?;
+    Ok(converted)
+}
+
+/// A packet that describes a track.
+fn track(uuid: u64, parent: Option<u64>, more: impl FnOnce(Message) -> Message) -> Message {
+    let described = Message::default().number(1, uuid);
+    let described = match parent {
+        Some(parent) => described.number(5, parent),
+        None => described,
+    };
+    Message::default().message(60, &more(described))
+}
+
+fn counter(info: &SignalInfo<'_>, element: u8) -> Message {
+    let name = if info.elements > 1 {
+        format!("{}[{element}]", info.name)
+    } else {
+        info.name.to_owned()
+    };
+    let counter = match info.unit {
+        "" => Message::default(),
+        unit => Message::default().text(6, unit),
+    };
+    let uuid = signal_track(info.number, element.into());
+    track(uuid, Some(PROCESS), |track| {
+        track.text(2, &name).message(8, &counter)
+    })
+}
+
+fn signal_track(signal: u32, element: usize) -> u64 {
+    // A signal has at most 16 elements.
+    SIGNALS + u64::from(signal) * 16 + element as u64
+}

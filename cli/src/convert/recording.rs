@@ -1,0 +1,72 @@
+//! A recording, read record by record.
+
+use super::Converted;
+use crate::failure::Failure;
+use luna_logger::format::{Losing, ReadError, Reader, Record};
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// A recording that can be opened.
+fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
+    let failed = |error: ReadError| Failure::Recording {
+        path: path.to_owned(),
+        error: error.to_string(),
+    };
+    let file = File::open(path).map_err(|error| Failure::Recording {
+        path: path.to_owned(),
+        error: error.to_string(),
+    })?;
+    Reader::new(BufReader::with_capacity(1 << 16, file)).map_err(failed)
+}
+
+/// Whether it is a recording that this program can read.
+pub(super) fn check(path: &Path) -> Result<(), Failure> {
+    open(path).map(drop)
+}
+
+/// Calls `take` with each record that can be read, and counts them.
+pub(super) fn each(
+    path: &Path,
+    mut take: impl FnMut(&Record<'_>) -> Result<(), Failure>,
+) -> Result<Converted, Failure> {
+    let mut reader = open(path)?;
+    let mut converted = Converted::default();
+    let mut signals = std::collections::HashSet::new();
+    let mut lost: HashMap<Losing, u64> = HashMap::new();
+    loop {
+        let record = match reader.next() {
+            Ok(Some(record)) => record,
+            Ok(None) => break,
+            Err(error) => {
+                converted.damage = Some(error);
+                break;
+            }
+        };
+        match &record {
+            Record::Sample { .. } => converted.samples += 1,
+            Record::Message { .. } => converted.messages += 1,
+            Record::Signal(info) => {
+                signals.insert(info.number);
+            }
+            Record::Losses { of, lost: number } => {
+                lost.insert(*of, *number);
+            }
+            _ => {}
+        }
+        take(&record)?;
+    }
+    converted.signals = signals.len();
+    converted.lost = lost.values().sum();
+    Ok(converted)
+}
+
+/// The time of a record, if it has one that something happened at.
+pub(super) fn time(record: &Record<'_>) -> Option<u64> {
+    match record {
+        Record::Sample { time, .. } | Record::Message { time, .. } => Some(*time),
+        Record::Event(event) => Some(event.time),
+        _ => None,
+    }
+}

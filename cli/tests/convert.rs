@@ -1,0 +1,322 @@
+//! `luna convert`: what it makes is read by the formats' own readers.
+
+use luna_logger::Level;
+use luna_logger::format::{ClockBase, Losing, Record, SignalInfo, Type, Values, Writer};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn luna(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("output is text")
+}
+
+/// A folder that this test alone has, and a recording in it.
+fn recording(test: &str) -> (PathBuf, PathBuf) {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("convert-{test}"));
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("run.luna");
+    fs::write(&file, bytes()).unwrap();
+    (folder, file)
+}
+
+/// The clock's origin, the first sample's time, and the time of day at the origin.
+const BASE: u64 = 50_000_000_000;
+const UNIX: i64 = 1_700_000_000_000_000_000;
+
+/// Two threads, three signals, one of them a vector; a sample out of order, two at one instant; messages; losses.
+fn bytes() -> Vec<u8> {
+    let mut writer = Writer::new(Vec::new()).unwrap();
+    let signal = |number, element_type, elements, name, unit| {
+        Record::Signal(SignalInfo {
+            number,
+            element_type,
+            elements,
+            name,
+            unit,
+            description: "for the test",
+        })
+    };
+    let force = |number: f64| number.to_le_bytes();
+    let place = [1i16, -2].map(i16::to_le_bytes).concat();
+    let sample = |signal, after: u64, of, bytes| Record::Sample {
+        signal,
+        time: BASE + after,
+        values: Values::from_bytes(of, bytes),
+    };
+    let message = |after: u64, level, text| Record::Message {
+        thread: 1,
+        time: BASE + after,
+        level,
+        process: 7,
+        truncated: false,
+        target: "arm",
+        text,
+    };
+    for record in [
+        Record::Session {
+            system: "test",
+            clock: ClockBase::Monotonic,
+            written_by: "a test",
+        },
+        Record::Epoch {
+            time: BASE,
+            unix: UNIX,
+        },
+        Record::Thread {
+            number: 0,
+            name: "control",
+        },
+        Record::Thread {
+            number: 1,
+            name: "console",
+        },
+        signal(0, Type::F64, 1, "arm/force", "N"),
+        signal(1, Type::I16, 2, "arm/place", ""),
+        signal(2, Type::Bool, 1, "arm/\"ok\", or so", ""),
+        sample(0, 0, Type::F64, &force(0.1)),
+        sample(0, 2_000_000, Type::F64, &force(-2.5e-7)),
+        sample(1, 1_000_000, Type::I16, &place),
+        sample(2, 1_000_000, Type::Bool, &[1]),
+        message(1_500_000, Level::Warn, "too \"hot\", stop"),
+        sample(0, 3_000_000, Type::F64, &force(f64::NAN)),
+        sample(0, 3_000_000, Type::F64, &force(4.0)),
+        message(4_000_000, Level::Info, "two\nlines"),
+        Record::Losses {
+            of: Losing::Signal(0),
+            lost: 3,
+        },
+        Record::Losses {
+            of: Losing::Signal(0),
+            lost: 5,
+        },
+        Record::End {
+            time: BASE + 4_000_000,
+        },
+    ] {
+        writer.put(&record).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn csv_has_a_row_for_each_instant() {
+    let (folder, file) = recording("csv");
+    let output = luna(&["convert", path(&file), "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(
+        said.contains("6 samples of 3 signals, 2 messages"),
+        "{said}"
+    );
+    assert!(said.contains("5 samples and messages were lost"), "{said}");
+    let head = "time [s],arm/force [N],arm/place[0],arm/place[1],\"arm/\"\"ok\"\", or so\"\n";
+    let rows = "0.000000000,0.1,,,\n\
+                0.001000000,,1,-2,1\n\
+                0.002000000,-0.00000025,,,\n\
+                0.003000000,NaN,,,\n\
+                0.003000000,4,,,\n";
+    assert_eq!(
+        fs::read_to_string(folder.join("run.csv")).unwrap(),
+        format!("{head}{rows}")
+    );
+    let messages = fs::read_to_string(folder.join("run.messages.csv")).unwrap();
+    let expected = "time,level,thread,process,target,text\n\
+                    0.001500000,WARN,console,7,arm,\"too \"\"hot\"\", stop\"\n\
+                    0.004000000,INFO,console,7,arm,\"two\nlines\"\n";
+    assert_eq!(messages, expected);
+
+    let held = folder.join("held.csv");
+    let output = luna(&[
+        "convert",
+        path(&file),
+        "--to",
+        "csv",
+        "--hold",
+        "-o",
+        path(&held),
+    ]);
+    assert_eq!(output.status.code(), Some(0));
+    let rows = "0.000000000,0.1,,,\n\
+                0.001000000,0.1,1,-2,1\n\
+                0.002000000,-0.00000025,1,-2,1\n\
+                0.003000000,4,1,-2,1\n";
+    assert_eq!(fs::read_to_string(held).unwrap(), format!("{head}{rows}"));
+}
+
+#[cfg(feature = "mcap")]
+#[test]
+fn mcap_is_read_by_the_readers_of_its_format() {
+    let (folder, file) = recording("mcap");
+    let output = luna(&["convert", path(&file), "--to", "mcap"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let bytes = fs::read(folder.join("run.mcap")).unwrap();
+    // With the checksums of all sections.
+    let messages: Vec<_> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(Result::unwrap)
+        .map(|message| {
+            let content: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+            assert_eq!(message.channel.message_encoding, "json");
+            let schema = message.channel.schema.clone().unwrap();
+            assert_eq!(schema.encoding, "jsonschema");
+            let described: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
+            assert_eq!(described["type"], "object");
+            for name in content.as_object().unwrap().keys() {
+                assert!(
+                    described["properties"].get(name).is_some(),
+                    "{name} in {described}"
+                );
+            }
+            let after = message.log_time - UNIX as u64;
+            (message.channel.topic.clone(), after, content)
+        })
+        .collect();
+    let of = |topic: &str| -> Vec<_> {
+        let all = messages.iter().filter(|message| message.0 == topic);
+        all.map(|(_, after, content)| (*after, content["value"].to_string()))
+            .collect()
+    };
+    let expected = [
+        (0, "0.1"),
+        (2_000_000, "-2.5e-7"),
+        (3_000_000, "null"),
+        (3_000_000, "4.0"),
+    ];
+    assert_eq!(
+        of("/arm/force"),
+        expected.map(|(after, value)| (after, value.to_owned()))
+    );
+    assert_eq!(of("/arm/place"), [(1_000_000, "[1,-2]".to_owned())]);
+    assert_eq!(of("/arm/\"ok\", or so"), [(1_000_000, "true".to_owned())]);
+    let log: Vec<_> = messages
+        .iter()
+        .filter(|message| message.0 == "/luna/log")
+        .collect();
+    assert_eq!(log.len(), 2);
+    assert_eq!(log[0].2["message"], "too \"hot\", stop");
+    assert_eq!(
+        (&log[0].2["level"], &log[0].2["name"]),
+        (&3.into(), &"console: arm".into())
+    );
+    assert_eq!(log[0].2["timestamp"]["nsec"], 1_500_000);
+    let lost = messages
+        .iter()
+        .rfind(|message| message.0 == "/luna/losses")
+        .unwrap();
+    assert_eq!(
+        (&lost.2["of"], &lost.2["lost"]),
+        (&"/arm/force".into(), &5.into())
+    );
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    assert_eq!(summary.stats.unwrap().message_count, 10);
+    let unit = summary
+        .channels
+        .values()
+        .find(|channel| channel.topic == "/arm/force")
+        .unwrap();
+    assert_eq!(unit.metadata["unit"], "N");
+}
+
+/// The Python package `perfetto` brings the trace's own schema. `.ci/run` installs it and names a Python that has it.
+#[test]
+fn perfetto_traces_are_read_by_their_own_schema() {
+    let (folder, file) = recording("perfetto");
+    let output = luna(&["convert", path(&file), "--to", "perfetto"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let trace = folder.join("run.perfetto-trace");
+    assert!(fs::metadata(&trace).unwrap().len() > 500);
+    let Some(python) = std::env::var_os("LUNA_PERFETTO_PYTHON") else {
+        eprintln!(
+            "skipped: the trace's schema: set LUNA_PERFETTO_PYTHON to a Python with the package `perfetto`"
+        );
+        return;
+    };
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_trace.py");
+    let read = Command::new(python)
+        .args([script, path(&trace)])
+        .output()
+        .unwrap();
+    assert!(read.status.success(), "{}", text(&read.stderr));
+    let expected = "process 1 test\n\
+                    thread control\n\
+                    thread console\n\
+                    counter arm/force [N]: 0=0.1 2000000=-2.5e-07 3000000=nan 3000000=4.0\n\
+                    counter arm/place[0] []: 1000000=1\n\
+                    counter arm/place[1] []: 1000000=-2\n\
+                    counter arm/\"ok\", or so []: 1000000=1\n\
+                    instant console WARN 1500000 too \"hot\", stop (target=arm)\n\
+                    instant console INFO 4000000 two lines (target=arm)\n";
+    assert_eq!(text(&read.stdout), expected);
+}
+
+#[test]
+fn a_truncated_recording_is_converted_as_far_as_it_goes() {
+    let (folder, file) = recording("truncated");
+    let mut whole = bytes();
+    let length = whole.len();
+    // A second block, of which the end is missing.
+    let second = whole[16..].to_vec();
+    whole.extend_from_slice(&second[..second.len() - 9]);
+    fs::write(&file, &whole).unwrap();
+    for to in ["csv", "perfetto"] {
+        let output = luna(&["convert", path(&file), "--to", to]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert!(text(&output.stdout).contains("6 samples"));
+        let said = text(&output.stderr);
+        assert!(said.contains(&format!("(at byte {length})")), "{said}");
+    }
+    // Damaged is another thing.
+    whole[length + 20] ^= 1;
+    whole.extend_from_slice(&[0; 9]);
+    fs::write(&file, &whole).unwrap();
+    let output = luna(&["convert", path(&file), "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        text(&output.stderr).contains("damaged"),
+        "{}",
+        text(&output.stderr)
+    );
+    assert!(folder.join("run.csv").exists());
+}
+
+#[test]
+fn what_is_no_recording_is_refused_and_nothing_is_written() {
+    let (folder, file) = recording("refused");
+    let other = folder.join("other.luna");
+    fs::write(&other, "time,value\n0,1\n").unwrap();
+    let output = luna(&["convert", path(&other), "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        text(&output.stderr).contains("no recording of LUNA"),
+        "{}",
+        text(&output.stderr)
+    );
+    assert!(!folder.join("other.csv").exists());
+    let output = luna(&["convert", "/no/such/file", "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(2));
+    let before = fs::read(&file).unwrap();
+    let output = luna(&["convert", path(&file), "--to", "csv", "-o", path(&file)]);
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(fs::read(&file).unwrap(), before);
+    assert_eq!(
+        luna(&["convert", path(&file)]).status.code(),
+        Some(2),
+        "--to is missing"
+    );
+    assert_eq!(
+        luna(&["convert", path(&file), "--to", "png"]).status.code(),
+        Some(2)
+    );
+}

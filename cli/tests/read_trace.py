@@ -1,0 +1,52 @@
+"""Reads a Perfetto trace by the schema of the package `perfetto`, and prints what is in it. A part of the tests of `luna convert`."""
+
+import sys
+
+from perfetto.protos.perfetto.trace import perfetto_trace_pb2 as schema
+
+trace = schema.Trace()
+with open(sys.argv[1], "rb") as file:
+    trace.ParseFromString(file.read())
+
+assert trace.packet, "there is nothing in it"
+# Whatever the schema does not know stays behind as an unknown field, and is missing in what the known ones make.
+assert trace.packet[0].sequence_flags & schema.TracePacket.SEQ_INCREMENTAL_STATE_CLEARED
+assert all(packet.trusted_packet_sequence_id == 1 for packet in trace.packet)
+
+tracks = {}
+counters = {}
+events = []
+start = min(packet.timestamp for packet in trace.packet if packet.HasField("track_event"))
+for packet in trace.packet:
+    kind = packet.WhichOneof("data")
+    if kind == "track_descriptor":
+        track = packet.track_descriptor
+        assert track.uuid not in tracks
+        assert track.HasField("process") or tracks[track.parent_uuid].HasField("process")
+        tracks[track.uuid] = track
+        if track.HasField("process"):
+            print("process", track.process.pid, track.process.process_name)
+        elif track.HasField("thread"):
+            assert track.thread.pid == 1
+            print("thread", track.thread.thread_name)
+        elif track.HasField("counter"):
+            counters[track.uuid] = []
+    elif kind == "track_event":
+        event = packet.track_event
+        at = packet.timestamp - start
+        if event.type == schema.TrackEvent.TYPE_COUNTER:
+            value = getattr(event, event.WhichOneof("counter_value_field"))
+            counters[event.track_uuid].append(f"{at}={value}")
+        else:
+            assert event.type == schema.TrackEvent.TYPE_INSTANT
+            thread = tracks[event.track_uuid].thread.thread_name
+            notes = ", ".join(f"{note.name}={note.string_value}" for note in event.debug_annotations)
+            text = " ".join(event.name.split())
+            events.append(f"instant {thread} {' '.join(event.categories)} {at} {text} ({notes})")
+    else:
+        sys.exit(f"unexpected: {kind}")
+
+for uuid, values in counters.items():
+    track = tracks[uuid]
+    print(f"counter {track.name} [{track.counter.unit_name}]: {' '.join(values)}")
+print("\n".join(events))
