@@ -46,7 +46,7 @@ pub(crate) enum Failure {
     /// The card cannot be had.
     Card(Box<dyn std::error::Error + Send + Sync>),
     /// A recording cannot be read at all.
-    Recording {
+    Log {
         /// Of the recording.
         path: PathBuf,
         /// Why.
@@ -73,13 +73,14 @@ impl Failure {
             | Self::Recording { .. }
             | Self::Histogram { .. }
             | Self::Root { .. }
-            | Self::Recording { .. }
+            | Self::Log { .. }
             | Self::Converted { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
             )) => 2,
-            Self::Card(_) | // One that cannot be opened; what is lost later is the error of a process.
+            Self::Card(_) => 2,
+            // One that cannot be opened; what is lost later is the error of a process.
             #[cfg(unix)]
             Self::Luna(luna::Error::Device(_)) => 2,
             Self::Luna(_) | Self::Output(_) => 1,
@@ -95,7 +96,7 @@ impl fmt::Display for Failure {
             }
             Self::Recording { path, error } => write!(f, "--replay {}: {error}", path.display()),
             Self::Histogram { path, error } => write!(f, "histogram {}: {error}", path.display()),
-            Self::Recording { path, error } | Self::Converted { path, error } => {
+            Self::Log { path, error } | Self::Converted { path, error } => {
                 write!(f, "{}: {error}", path.display())
             }
             Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),

@@ -10,11 +10,11 @@ use std::path::Path;
 
 /// A recording that can be opened.
 fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
-    let failed = |error: ReadError| Failure::Recording {
+    let failed = |error: ReadError| Failure::Log {
         path: path.to_owned(),
         error: error.to_string(),
     };
-    let file = File::open(path).map_err(|error| Failure::Recording {
+    let file = File::open(path).map_err(|error| Failure::Log {
         path: path.to_owned(),
         error: error.to_string(),
     })?;
