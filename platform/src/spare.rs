@@ -47,6 +47,12 @@ impl<T> Spare<T> {
         }
     }
 
+    /// Whether references to `of` are kept.
+    #[inline]
+    pub fn keeps(&self, of: &Arc<T>) -> bool {
+        ptr::eq(self.of.get(), Arc::as_ptr(of))
+    }
+
     /// From now on references to `of` are kept, and those that were are released.
     pub fn keep(&self, of: &Arc<T>) {
         self.release();
@@ -57,7 +63,7 @@ impl<T> Spare<T> {
     #[inline]
     pub fn another(&self, of: &Arc<T>) -> Arc<T> {
         let count = self.count.get();
-        if count == 0 || !ptr::eq(self.of.get(), Arc::as_ptr(of)) {
+        if count == 0 || !self.keeps(of) {
             return of.clone();
         }
         self.count.set(count - 1);
@@ -68,7 +74,7 @@ impl<T> Spare<T> {
     /// Takes a reference that is no longer needed, if it is one that is kept, and drops it otherwise. O(1).
     #[inline]
     pub fn give_back(&self, one: Arc<T>) {
-        if ptr::eq(self.of.get(), Arc::as_ptr(&one)) && self.count.get() < MOST {
+        if self.keeps(&one) && self.count.get() < MOST {
             mem::forget(one);
             self.count.set(self.count.get() + 1);
         }

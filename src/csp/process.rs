@@ -19,8 +19,9 @@ use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
+use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering, fence};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// A process with three phases.
@@ -335,20 +336,42 @@ impl Common {
 }
 
 /// What the framework gives a body on its way.
+///
+/// # Invariants
+///
+/// Whoever has the verdict keeps it, for this body alone, until the body is gone; or for ever, if the body may never go.
 pub(crate) struct Frame {
-    verdict: Arc<Verdict>,
+    verdict: NonNull<Verdict>,
     /// Given back with the frame.
     common: ManuallyDrop<Arc<Common>>,
 }
 
+// SAFETY: a verdict may be referred to from any thread, and so may what bodies have in common.
+unsafe impl Send for Frame {}
+
 impl Frame {
-    pub(crate) fn new(common: &Arc<Common>, verdict: Arc<Verdict>) -> Self {
+    /// # Safety
+    ///
+    /// The caller keeps to the type's invariant.
+    pub(crate) unsafe fn new(common: &Arc<Common>, verdict: &Arc<Verdict>) -> Self {
         Self {
-            verdict,
+            verdict: NonNull::from(&**verdict),
             common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
         }
     }
+
+    fn verdict(&self) -> &Verdict {
+        // SAFETY: the invariant: the body has this frame, so it is not gone.
+        unsafe { self.verdict.as_ref() }
+    }
 }
+
+/// A frame may go to any thread because of these.
+const _: () = {
+    const fn shared<T: Send + Sync>() {}
+    shared::<Verdict>();
+    shared::<Arc<Common>>();
+};
 
 impl Drop for Frame {
     fn drop(&mut self) {
@@ -389,12 +412,9 @@ impl Verdict {
         is_said.then(|| self.ended.lock().take())?
     }
 
-    /// Whether it can be another body's: it was left by its own without a word.
-    pub(crate) fn is_unused(self: &Arc<Self>) -> bool {
-        // Who asks has the only reference that is left, so nobody makes another. The fence orders what the body did with its own before what comes.
-        let is_alone = Arc::strong_count(self) == 1;
-        fence(Ordering::Acquire);
-        is_alone && !self.is_said.load(Ordering::Relaxed)
+    /// Whether its body has gone without a word, so that it can be another's.
+    pub(crate) fn is_unused(&self) -> bool {
+        !self.is_said.load(Ordering::Relaxed)
     }
 }
 
@@ -461,7 +481,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
                 // That it returned without an error is what nothing said means.
                 if !matches!(ended, Ok(Ok(()))) {
                     frame
-                        .verdict
+                        .verdict()
                         .say(ended.map_or_else(Ended::Failed, Ended::Returned));
                     // It is to be said of soon, and its own end is told to nobody who is not listening for any.
                     frame.common.living.announce_next();

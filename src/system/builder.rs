@@ -5,8 +5,9 @@ use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_executors::{ProcessHandle, ProcessSpec};
-use luna_platform::current::{LEVELS, ProcessId};
+use luna_platform::current::{self, LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
+use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, Policy};
 use std::fmt;
 use std::sync::Arc;
@@ -134,6 +135,11 @@ impl ExecutorBuilder {
     }
 }
 
+thread_local! {
+    /// What spawns on this thread referred to the system by.
+    static SPARE_PLANS: Spare<Plan> = const { Spare::new() };
+}
+
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
 /// keep one to spawn others.
 #[derive(Clone)]
@@ -145,7 +151,8 @@ pub struct Executor {
 impl Executor {
     /// A process to be, on this executor.
     pub fn process(&self, name: &str) -> ProcessBuilder {
-        ProcessBuilder::new(self.plan.clone(), name, Ok(Place::Executor(self.number)))
+        let plan = SPARE_PLANS.with(|spare| spare.another(&self.plan));
+        ProcessBuilder::new(plan, name, Ok(Place::Executor(self.number)))
     }
 
     /// A spawned process of this system, from when it runs. Not for the real-time path, as [`System::process_handle`](crate::System::process_handle).
@@ -353,7 +360,17 @@ impl ProcessBuilder {
     /// ```
     pub fn start<M>(self, process: impl IntoProcess<M>) -> Result<ProcessHandle> {
         let (system, plan) = self.planned(process)?;
-        system.start_process(plan)
+        let handle = system.start_process(plan)?;
+        // Only of a system that runs, and on a thread that runs processes, which ends some time: what waits to be started does not wait for that.
+        if current::home().is_some() {
+            SPARE_PLANS.with(|spare| {
+                if !spare.keeps(&system) {
+                    spare.keep(&system);
+                }
+                spare.give_back(system);
+            });
+        }
+        Ok(handle)
     }
 
     #[inline]

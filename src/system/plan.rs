@@ -120,7 +120,7 @@ impl<B: Build> ProcessPlan<B> {
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
     pub(crate) handle: ProcessHandle,
-    /// Until its end was noted.
+    /// Until its end was noted: its body refers to it.
     verdict: Option<Arc<Verdict>>,
     seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
@@ -296,7 +296,8 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        let frame = Frame::new(common, verdict.clone());
+        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
+        let frame = unsafe { Frame::new(common, &verdict) };
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
         let member = Member::new(announced.handle(), verdict, on, ledger, resident);
@@ -332,7 +333,8 @@ impl Running {
         };
         let common = &self.common;
         let verdict = Verdict::new();
-        let frame = Frame::new(common, verdict.clone());
+        // SAFETY: as in `announce`; if the thread does not start there is no body.
+        let frame = unsafe { Frame::new(common, &verdict) };
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }

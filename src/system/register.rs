@@ -209,16 +209,19 @@ impl Register {
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
         let verdict = member.take_verdict();
         let said = verdict.as_ref().and_then(|verdict| verdict.take());
-        if let Some(verdict) = verdict
-            && verdict.is_unused()
-            && self.verdicts.len() < VERDICTS
-        {
-            self.verdicts.push(verdict);
+        let has_left_body = member.handle.has_left_body();
+        match verdict {
+            // The body that was left refers to it.
+            Some(verdict) if has_left_body => std::mem::forget(verdict),
+            Some(verdict) if verdict.is_unused() && self.verdicts.len() < VERDICTS => {
+                self.verdicts.push(verdict);
+            }
+            _ => {}
         }
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
-        if member.handle.has_left_body() {
+        if has_left_body {
             // The body that was left may still be found by others, and refers to it.
             std::mem::forget(resident.take());
         }
