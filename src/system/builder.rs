@@ -9,6 +9,7 @@ use luna_platform::current::{self, LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, Policy};
+use std::cell::RefCell;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -138,6 +139,8 @@ impl ExecutorBuilder {
 thread_local! {
     /// What spawns on this thread referred to the system by.
     static SPARE_PLANS: Spare<Plan> = const { Spare::new() };
+    /// The name that was shared last.
+    static SHARED_NAME: RefCell<Option<Arc<str>>> = const { RefCell::new(None) };
 }
 
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
@@ -214,7 +217,10 @@ impl ProcessBuilder {
     fn new(plan: Arc<Plan>, name: &str, place: Result<Place>) -> Self {
         Self {
             plan,
-            name: Arc::from(name),
+            name: SHARED_NAME.with_borrow(|shared| match shared {
+                Some(shared) if **shared == *name => shared.clone(),
+                _ => Arc::from(name),
+            }),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,
             timed: false,
@@ -247,6 +253,13 @@ impl ProcessBuilder {
     /// ```
     pub fn one_of_many(mut self) -> Self {
         self.shares_name = true;
+        // The next one of them is likely to be made on this thread.
+        SHARED_NAME.with_borrow_mut(|shared| {
+            let is_there = shared.as_ref().is_some_and(|there| *there == self.name);
+            if !is_there {
+                *shared = Some(self.name.clone());
+            }
+        });
         self
     }
 

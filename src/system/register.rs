@@ -3,6 +3,9 @@
 //! A process is found by its number, and one that ends is told by its number too, so that nothing here takes longer for the number of the others. What is
 //! remembered is bounded: of those that were spawned on an executor while the system ran, only the last that have ended are kept; the rest is counted.
 
+mod by_id;
+
+use self::by_id::ById;
 use super::plan::Member;
 use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
@@ -10,7 +13,7 @@ use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::Emergency;
 use luna_executors::{Exit, Living, ProcessHandle};
 use luna_platform::current::ProcessId;
-use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
@@ -57,9 +60,6 @@ impl Hasher for Spread {
     }
 }
 
-/// By the numbers of processes.
-pub(super) type ById<T> = HashMap<ProcessId, T, BuildHasherDefault<Spread>>;
-
 /// What is still to be done for one that has ended, without the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
@@ -101,7 +101,7 @@ pub(crate) struct Register {
 impl Default for Register {
     fn default() -> Self {
         Self {
-            members: ById::default(),
+            members: ById::new(),
             names: HashSet::default(),
             started: 0,
             overseen: BTreeSet::new(),
@@ -166,7 +166,7 @@ impl Register {
     /// Looks at all that live, since some may have ended whose ends were not told yet. O(their number).
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
-        let have_ended = |(&id, one): (&ProcessId, &Member)| {
+        let have_ended = |(id, one): (ProcessId, &Member)| {
             let has_ended = !one.buried && one.handle.exit().is_some();
             has_ended.then_some((one.order, id))
         };
@@ -189,7 +189,7 @@ impl Register {
 
     fn note_end(&mut self, id: ProcessId, emergency: &Emergency) {
         self.count_looks(1);
-        let Some(member) = self.members.get_mut(&id) else {
+        let Some(member) = self.members.get_mut(id) else {
             // Else its end was noted before it was told.
             if !self.forgotten.contains(id.get()) {
                 self.premature.insert(id);
@@ -255,7 +255,7 @@ impl Register {
         let Some(id) = self.ended.pop_front() else {
             return;
         };
-        let Some(member) = self.members.get(&id) else {
+        let Some(member) = self.members.get(id) else {
             return;
         };
         if let Some(ledger) = member.ledger() {
@@ -266,7 +266,7 @@ impl Register {
             }
             self.overseen.remove(&(member.order, id));
         }
-        if let Some(member) = self.members.remove(&id) {
+        if let Some(member) = self.members.remove(id) {
             if !member.shares_name {
                 self.names.remove(member.name());
             }
@@ -293,11 +293,11 @@ impl Register {
     }
 
     pub(super) fn handle(&self, id: ProcessId) -> Option<ProcessHandle> {
-        self.members.get(&id).map(|member| member.handle.clone())
+        self.members.get(id).map(|member| member.handle.clone())
     }
 
     pub(super) fn name(&self, id: ProcessId) -> Option<&str> {
-        self.members.get(&id).map(Member::name)
+        self.members.get(id).map(Member::name)
     }
 
     /// Whether a process of this number has ended and was forgotten.
@@ -308,7 +308,7 @@ impl Register {
     /// All who are remembered, in the order of their start. O(n log n).
     pub(super) fn in_order(&self) -> Vec<(ProcessId, &Member)> {
         self.count_looks(self.members.len());
-        let mut all: Vec<_> = self.members.iter().map(|(&id, one)| (id, one)).collect();
+        let mut all: Vec<_> = self.members.iter().collect();
         all.sort_unstable_by_key(|(_, one)| one.order);
         all
     }
@@ -319,7 +319,7 @@ impl Register {
         let members = &self.members;
         self.overseen
             .iter()
-            .filter_map(|(_, id)| Some((*id, members.get(id)?)))
+            .filter_map(|(_, id)| Some((*id, members.get(*id)?)))
     }
 
     /// Those whose end nobody has learnt of.
