@@ -192,6 +192,25 @@ mod running {
         assert_eq!(*lock.lock(), 1001);
     }
 
+    #[test]
+    fn a_lock_that_is_made_by_a_home_favours_it_and_one_of_a_plain_thread_nobody() {
+        assert!(!HomeLock::favouring_this_home(0).is_favouring());
+        let _home = enter();
+        if !earn(&HomeLock::new(0)) {
+            assert!(!HomeLock::favouring_this_home(0).is_favouring());
+            return;
+        }
+        let lock = HomeLock::favouring_this_home(0);
+        assert!(lock.is_favouring());
+        *lock.lock() += 1;
+        assert!(lock.is_favouring());
+        std::thread::scope(|scope| {
+            scope.spawn(|| *lock.lock() += 1);
+        });
+        assert!(!lock.is_favouring());
+        assert_eq!(*lock.lock(), 2);
+    }
+
     /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]

@@ -99,7 +99,8 @@ impl<T> ById<T> {
         self.pages.iter().flat_map(|(&page, entries)| {
             let entries = entries.entries.iter().enumerate();
             entries.filter_map(move |(place, entry)| {
-                let number = page * PAGE as u32 + place as u32 + 1;
+                // The last place of all is nobody's.
+                let number = (page * PAGE as u32 + place as u32).wrapping_add(1);
                 Some((ProcessId::from_number(number)?, entry.as_ref()?))
             })
         })
