@@ -255,35 +255,34 @@ impl Register {
         let Some(id) = self.ended.pop_front() else {
             return;
         };
-        let Some(member) = self.members.get(id) else {
+        let Some(member) = self.members.remove(id) else {
             return;
         };
         if let Some(ledger) = member.ledger() {
             if ledger.has_news() || ledger.emergency().is_some() {
                 // There is something to be said of it yet.
+                self.members.insert(id, member);
                 self.ended.push_back(id);
                 return;
             }
             self.overseen.remove(&(member.order, id));
         }
-        if let Some(member) = self.members.remove(id) {
-            if !member.shares_name {
-                self.names.remove(member.name());
-            }
-            let overruns = member.ledger().map_or(0, |ledger| {
-                ledger.reports().iter().map(|one| one.overruns).sum()
+        if !member.shares_name {
+            self.names.remove(member.name());
+        }
+        let overruns = member.ledger().map_or(0, |ledger| {
+            ledger.reports().iter().map(|one| one.overruns).sum()
+        });
+        self.earlier
+            .count(&member.handle, member.has_failed, overruns);
+        self.forgotten.insert(id.get());
+        if member.has_failed {
+            self.funerals.push_back(Funeral {
+                resident: None,
+                was_sentenced: false,
+                error: None,
+                forgotten: Some(member.handle),
             });
-            self.earlier
-                .count(&member.handle, member.has_failed, overruns);
-            self.forgotten.insert(id.get());
-            if member.has_failed {
-                self.funerals.push_back(Funeral {
-                    resident: None,
-                    was_sentenced: false,
-                    error: None,
-                    forgotten: Some(member.handle),
-                });
-            }
         }
     }
 
@@ -372,7 +371,7 @@ impl Register {
             + self.premature.len()
             + self.funerals.len()
             + self.ended.len()
-            + self.forgotten.0.len()
+            + self.forgotten.len()
     }
 }
 
@@ -411,33 +410,61 @@ fn process_report(member: &Member) -> ProcessReport {
     }
 }
 
-/// A set of numbers as stretches without a gap, each from its first to its last: those of processes that come and go are few.
+/// A set of numbers as stretches, each from its first to its last: those of processes that come and go are few.
 #[derive(Default)]
-struct Numbers(BTreeMap<u32, u32>);
+struct Numbers {
+    /// Without a gap in a stretch, and with one between two.
+    stretches: BTreeMap<u32, u32>,
+    /// The stretch that grows: most numbers follow the one before.
+    latest: Option<(u32, u32)>,
+}
 
 impl Numbers {
     fn insert(&mut self, number: u32) {
-        let mut first = number;
-        let mut last = number;
-        if let Some((&before, &its_last)) = self.0.range(..=number).next_back() {
-            if its_last >= number {
-                return;
-            }
-            if its_last + 1 == number {
-                first = before;
+        match &mut self.latest {
+            Some((_, last)) if last.checked_add(1) == Some(number) => *last = number,
+            _ => {
+                self.close();
+                self.latest = Some((number, number));
             }
         }
-        if let Some(next) = number.checked_add(1)
-            && let Some(its_last) = self.0.remove(&next)
+    }
+
+    /// Puts the latest stretch among the others.
+    fn close(&mut self) {
+        let Some((mut first, mut last)) = self.latest.take() else {
+            return;
+        };
+        if let Some((&before, &its_last)) = self.stretches.range(..=first).next_back()
+            && its_last.saturating_add(1) >= first
         {
-            last = its_last;
+            first = before;
+            last = last.max(its_last);
         }
-        self.0.insert(first, last);
+        while let Some((&next, &its_last)) = self
+            .stretches
+            .range(first..=last.saturating_add(1))
+            .next_back()
+            .filter(|(next, _)| **next != first)
+        {
+            self.stretches.remove(&next);
+            last = last.max(its_last);
+        }
+        self.stretches.insert(first, last);
     }
 
     fn contains(&self, number: u32) -> bool {
-        let before = self.0.range(..=number).next_back();
-        before.is_some_and(|(_, &last)| last >= number)
+        let is_latest = self
+            .latest
+            .is_some_and(|(first, last)| (first..=last).contains(&number));
+        let before = self.stretches.range(..=number).next_back();
+        is_latest || before.is_some_and(|(_, &last)| last >= number)
+    }
+
+    /// How many stretches there are.
+    #[cfg(test)]
+    fn len(&self) -> usize {
+        self.stretches.len() + usize::from(self.latest.is_some())
     }
 }
 

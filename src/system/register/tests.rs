@@ -7,14 +7,26 @@ fn stretches_of_numbers_grow_together() {
     for number in [5, 7, 1, u32::MAX, 6, 2, 6] {
         numbers.insert(number);
     }
-    let stretches: Vec<_> = numbers.0.iter().map(|(&a, &b)| (a, b)).collect();
+    for is_closed in [false, true] {
+        if is_closed {
+            numbers.close();
+        }
+        for number in [1, 2, 5, 6, 7, u32::MAX] {
+            assert!(numbers.contains(number));
+        }
+        for number in [0, 3, 4, 8, u32::MAX - 1] {
+            assert!(!numbers.contains(number));
+        }
+    }
+    let stretches: Vec<_> = numbers.stretches.iter().map(|(&a, &b)| (a, b)).collect();
     assert_eq!(stretches, [(1, 2), (5, 7), (u32::MAX, u32::MAX)]);
-    for number in [1, 2, 5, 6, 7, u32::MAX] {
-        assert!(numbers.contains(number));
+    // One that swallows others.
+    for number in [3, 4, 5, 6, 7, 8, 9] {
+        numbers.insert(number);
     }
-    for number in [0, 3, 4, 8, u32::MAX - 1] {
-        assert!(!numbers.contains(number));
-    }
+    numbers.close();
+    let stretches: Vec<_> = numbers.stretches.iter().map(|(&a, &b)| (a, b)).collect();
+    assert_eq!(stretches, [(1, 9), (u32::MAX, u32::MAX)]);
 }
 
 /// A process that is buried.
