@@ -319,9 +319,13 @@ impl Record {
     ///
     /// That.
     pub(crate) unsafe fn set_process(&self, process: NonNull<Process>) {
-        let shown = self.shown.lock();
-        self.seen.0.store(process.as_ptr(), Ordering::Release);
-        drop(shown);
+        let before = {
+            let mut shown = self.shown.lock();
+            self.seen.0.store(process.as_ptr(), Ordering::Release);
+            shown.waker.take()
+        };
+        // Here, and not on the real-time path.
+        drop(before);
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
