@@ -281,3 +281,36 @@ fn a_process_that_somebody_cancelled_has_failed() {
         }
     );
 }
+
+#[test]
+fn a_threads_processor_time_is_told_where_there_is_one() {
+    use luna_platform::usage::processor_time;
+    const BUSY: Duration = Duration::from_millis(5);
+
+    for is_virtual in [false, true] {
+        let mut system = System::new("busy");
+        if is_virtual {
+            system.virtual_clock();
+        }
+        let main = system.executor("main").build().unwrap();
+        let busy = || async {
+            let begin = processor_time();
+            while processor_time()
+                .zip(begin)
+                .is_some_and(|(now, begin)| now - begin < BUSY)
+            {}
+            Ok(())
+        };
+        main.process("on an executor").spawn(busy()).unwrap();
+        let alone = system.thread("alone").process("on a thread");
+        alone.spawn(busy()).unwrap();
+        let report = system.run().unwrap();
+        assert_eq!(report.threads.len(), 2);
+        for thread in &report.threads {
+            match thread.processor_time {
+                Some(time) => assert!(!is_virtual && time >= BUSY, "{}: {time:?}", thread.name),
+                None => assert!(is_virtual || processor_time().is_none(), "{}", thread.name),
+            }
+        }
+    }
+}

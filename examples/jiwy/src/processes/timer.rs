@@ -11,19 +11,20 @@ pub(crate) struct Tick {
     pub(crate) elapsed: Duration,
 }
 
-/// Begins `cycles` cycles, for pan and for tilt at once.
+/// Begins `cycles` cycles, for pan and for tilt.
 pub(crate) async fn write_timer(
     period: Duration,
     cycles: u64,
-    [pan, tilt]: [Sender<Tick>; 2],
+    ticks: [Sender<Tick>; 2],
 ) -> luna::Result<()> {
     let mut tick = luna::periodic(crate::network::LOOP, period)?;
     let mut slots = Slots::new(period);
     for _ in 0..cycles {
         // Slots are what counts, not when the process woke up; a missed one is part of the elapsed time.
         let elapsed = slots.elapsed(tick.next().await.deadline);
-        // Not one after the other: a send lets the axis run first, through its whole cycle.
-        luna::par!(pan.send(Tick { elapsed }), tilt.send(Tick { elapsed })).await?;
+        for axis in &ticks {
+            axis.send(Tick { elapsed }).await?;
+        }
     }
     Ok(())
 }
