@@ -29,7 +29,7 @@ pub(crate) struct Plan {
     members: Mutex<Members>,
     stand_ins: Mutex<StandIns>,
     #[cfg(unix)]
-    devices: crate::devices::Devices,
+    devices: Arc<crate::devices::Devices>,
     tree: Arc<Tree>,
     emergency: Arc<Emergency>,
 }
@@ -455,7 +455,7 @@ impl Plan {
     }
 
     #[cfg(unix)]
-    pub(crate) fn devices(&self) -> &crate::devices::Devices {
+    pub(crate) fn devices(&self) -> &Arc<crate::devices::Devices> {
         &self.devices
     }
 
