@@ -99,5 +99,9 @@ pub use csp::par as __par;
 struct Guide;
 
 #[cfg(doctest)]
+#[doc = include_str!("../docs/safety.md")]
+struct SafetyPage;
+
+#[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]
 struct TimePage;

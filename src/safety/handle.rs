@@ -144,7 +144,7 @@ impl fmt::Debug for Safety {
     }
 }
 
-/// A function that was registered by [`Safety::on_emergency`]. Dropping this changes nothing.
+/// A function that a driver has registered by its [handle](Safety). Dropping this changes nothing.
 pub struct SafetyFunction {
     emergency: Arc<Emergency>,
     number: usize,

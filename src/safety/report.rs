@@ -4,7 +4,7 @@ use super::emergency::{FunctionOutcome, FunctionReport};
 use super::state::{Degree, SafetyState};
 use std::fmt;
 
-/// What became of a system's safety: in [`Report::safety`](crate::Report::safety).
+/// How safe a system was, and how it went with its functions, in [`Report::safety`](crate::Report::safety).
 ///
 /// ```
 /// use luna::{Degree, FunctionOutcome, prelude::*};

@@ -21,7 +21,7 @@ use luna_benches::{
 };
 
 /// In the order of the page.
-const BENCHES: [&str; 13] = [
+const BENCHES: [&str; 14] = [
     "commstime",
     "switch",
     "rendezvous",
@@ -35,6 +35,7 @@ const BENCHES: [&str; 13] = [
     "spawn",
     "startup",
     "memory",
+    "emergency",
 ];
 
 #[derive(Debug, Default)]

@@ -23,10 +23,11 @@ impl Watch {
         // SAFETY: a plain system call; what it returns is a new descriptor, or an error.
         let opened = unsafe { libc::syscall(libc::SYS_pidfd_open, parent.as_raw(), 0) };
         let descriptor = match Errno::result(opened) {
-            // The number was not given to somebody else before it was opened, if it still is the parent's.
-            // SAFETY: it is open, and nobody else's.
             Ok(number) => {
-                Some(unsafe { OwnedFd::from_raw_fd(number as i32) }).filter(|_| getppid() == parent)
+                // SAFETY: it is open, and nobody else's.
+                let descriptor = unsafe { OwnedFd::from_raw_fd(number as i32) };
+                // The number was not given to somebody else before it was opened, if it still is the parent's.
+                (getppid() == parent).then_some(descriptor)
             }
             Err(Errno::ESRCH) => None,
             Err(error) => return Err(error.into()),

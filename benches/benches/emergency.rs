@@ -1,0 +1,276 @@
+//! `emergency`: from a trigger until the first emergency function begins, for each kind of trigger, idle and under load, beside the wake-up of a thread of the same priority that sleeps until a deadline, as
+//! cyclictest measures it, in the same minutes.
+//!
+//! Under SCHED_FIFO where it is given: as root, or with CAP_SYS_NICE. Each sample is a system of its own. A block is a second; a figure is the median of the blocks' percentiles.
+
+use std::{
+    cell::Cell,
+    panic,
+    rc::Rc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use luna::{Error, Instant, Policy, System};
+use luna_benches::harness::{Case, Goal, is_quick, run};
+use luna_platform::thread::{self, Attributes, EMERGENCY_PRIORITY, Thread};
+
+const NAMES: [[&str; 2]; 2] = [
+    [
+        "to the first emergency function, idle",
+        "to the first emergency function, idle, 99 of 100",
+    ],
+    [
+        "to the first emergency function, under load",
+        "to the first emergency function, under load, 99 of 100",
+    ],
+];
+const SLEEPER: &str = "sleeping thread of that priority";
+
+/// The goal: so many times the sleeping thread's wake-up.
+const FACTOR: f64 = 1.2;
+/// How urgent the process is that triggers, and the load.
+const PRIORITY: u8 = 80;
+const LOAD_PRIORITY: u8 = 40;
+/// How long all sleep before a trigger.
+const REST: Duration = Duration::from_micros(300);
+
+fn slice() -> Duration {
+    match is_quick() {
+        true => Duration::from_millis(100),
+        false => Duration::from_secs(1),
+    }
+}
+
+/// What triggers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trigger {
+    Process,
+    Panic,
+    Signal,
+    /// A thread that is no process.
+    Driver,
+}
+
+const TRIGGERS: [(Trigger, &str); 4] = [
+    (Trigger::Process, "LUNA, luna::emergency"),
+    (Trigger::Panic, "LUNA, a panic"),
+    (Trigger::Signal, "LUNA, SIGTERM"),
+    (Trigger::Driver, "LUNA, a driver's thread"),
+];
+
+/// The time of one trigger, in nanoseconds.
+fn triggered(by: Trigger) -> u64 {
+    let (before, began) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
+    let mut system = System::new("bench");
+    let first = began.clone();
+    system.on_emergency("first", move || {
+        first.store(luna::now().as_nanos(), Ordering::Relaxed);
+    });
+    let executor = system.executor("control").core(0);
+    let executor = executor
+        .policy(Policy::fifo(PRIORITY))
+        .build()
+        .expect("there is a core");
+    let trigger = system.emergency_trigger();
+    let at = before.clone();
+    let note = move || at.store(luna::now().as_nanos(), Ordering::Relaxed);
+    let process = async move {
+        luna::after(REST).await;
+        match by {
+            Trigger::Process => {
+                let cause = Error::other("bench");
+                note();
+                Err(luna::emergency(cause))
+            }
+            Trigger::Panic => {
+                note();
+                panic!("bench")
+            }
+            Trigger::Signal => {
+                note();
+                // SAFETY: a signal to this process, which the system watches for.
+                unsafe { libc::kill(libc::getpid(), libc::SIGTERM) };
+                std::future::pending().await
+            }
+            Trigger::Driver => {
+                let driver = std::thread::spawn(move || {
+                    std::thread::sleep(REST);
+                    let cause = Error::other("bench");
+                    note();
+                    trigger.raise(cause);
+                });
+                std::future::pending::<()>().await;
+                drop(driver);
+                Ok(())
+            }
+        }
+    };
+    executor
+        .process("culprit")
+        .spawn(process)
+        .expect("its name is free");
+    let outcome = system.run();
+    assert_eq!(
+        outcome.is_ok(),
+        by == Trigger::Signal,
+        "it ended for another reason"
+    );
+    let (before, began) = (
+        before.load(Ordering::Relaxed),
+        began.load(Ordering::Relaxed),
+    );
+    assert!(before != 0 && began >= before, "the function did not run");
+    began - before
+}
+
+/// As cyclictest: how late a thread of the emergency manager's priority wakes from an absolute sleep, a slice long.
+fn sleeper() -> Vec<u64> {
+    let attributes = Attributes::framework("sleeper", Policy::fifo(EMERGENCY_PRIORITY));
+    let sleeps = |(): ()| {
+        let (mut late, mut next) = (Vec::new(), luna::now());
+        let end = next + slice();
+        while next < end {
+            next += Duration::from_millis(1);
+            let until = libc::timespec {
+                tv_sec: (next.as_nanos() / 1_000_000_000) as libc::time_t,
+                tv_nsec: (next.as_nanos() % 1_000_000_000) as _,
+            };
+            // SAFETY: the time is valid, and what remains is not asked for.
+            unsafe {
+                libc::clock_nanosleep(
+                    libc::CLOCK_MONOTONIC,
+                    libc::TIMER_ABSTIME,
+                    &raw const until,
+                    std::ptr::null_mut(),
+                );
+            }
+            late.push((luna::now() - next).as_nanos() as u64);
+        }
+        late
+    };
+    let thread = thread::spawn(attributes, |_| Ok::<_, std::io::Error>(()), sleeps);
+    let thread = thread.expect("a thread can be made");
+    thread.join().expect("it only sleeps")
+}
+
+/// Threads of lower priority that compute and use memory on every core, four fifths of the time, so that the kernel's share for ordinary threads is left.
+struct Load {
+    is_over: Arc<AtomicBool>,
+    threads: Vec<Thread<()>>,
+}
+
+impl Load {
+    fn start() -> Self {
+        let is_over = Arc::new(AtomicBool::new(false));
+        let threads = thread::available_cores().into_iter().map(|core| {
+            let attributes = Attributes::new("load").core(core);
+            let over = is_over.clone();
+            let loads = move |mut memory: Vec<u8>| {
+                while !over.load(Ordering::Relaxed) {
+                    let end = Instant::now() + Duration::from_millis(4);
+                    while Instant::now() < end {
+                        memory.rotate_left(64);
+                    }
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            };
+            let attributes = attributes.policy(Policy::fifo(LOAD_PRIORITY));
+            let room = |_: &_| Ok::<_, std::io::Error>(vec![1_u8; 1 << 20]);
+            thread::spawn(attributes, room, loads).expect("a thread can be made")
+        });
+        Load {
+            threads: threads.collect(),
+            is_over,
+        }
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            thread.join().expect("it only computes");
+        }
+    }
+}
+
+/// Microseconds.
+fn percentile(nanos: &mut [u64], percent: usize) -> f64 {
+    nanos.sort_unstable();
+    nanos[(nanos.len() - 1) * percent / 100] as f64 / 1e3
+}
+
+/// The two cases of one measurement: a block of the second gives what the block of the first before it has found.
+fn cases(
+    names: [&'static str; 2],
+    peer: &'static str,
+    measure: impl Fn() -> Vec<u64> + 'static,
+) -> [Case; 2] {
+    let measure = Rc::new(move || {
+        let mut samples = measure();
+        (percentile(&mut samples, 50), percentile(&mut samples, 99))
+    });
+    let (found, again) = (Rc::new(Cell::new(None)), measure.clone());
+    let finds = found.clone();
+    let half = move || {
+        let (half, most) = measure();
+        finds.set(Some(most));
+        half
+    };
+    let most = move || found.take().unwrap_or_else(|| again().1);
+    let goal = |name| Goal::Times {
+        factor: FACTOR,
+        name,
+        peer: SLEEPER,
+        size: None,
+        of: "the sleeping thread's wake-up",
+    };
+    let with_goal = |case: Case, name| match peer {
+        SLEEPER => case,
+        _ => case.goal(goal(name)),
+    };
+    [
+        with_goal(Case::once(names[0], peer, "µs", half), names[0]),
+        with_goal(Case::once(names[1], peer, "µs", most), names[1]),
+    ]
+}
+
+fn main() {
+    // Of the threads that may take a signal the kernel does not choose the most urgent: threads of a program that is to end in time block those that ask it to.
+    let _held_back = luna_platform::signals::HeldBack::here();
+    // Those on purpose would be told each time; what a check says is told.
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        if info.payload_as_str() != Some("bench") {
+            hook(info);
+        }
+    }));
+    let mut all: [Vec<Case>; 4] = Default::default();
+    for (loaded, names) in [(false, NAMES[0]), (true, NAMES[1])] {
+        let mut add = |measured: [Case; 2]| {
+            for (place, case) in measured.into_iter().enumerate() {
+                all[usize::from(loaded) * 2 + place].push(case);
+            }
+        };
+        for (trigger, peer) in TRIGGERS {
+            add(cases(names, peer, move || {
+                let _load = loaded.then(Load::start);
+                let end = Instant::now() + slice();
+                let mut samples = Vec::new();
+                while Instant::now() < end {
+                    samples.push(triggered(trigger));
+                }
+                samples
+            }));
+        }
+        add(cases(names, SLEEPER, move || {
+            let _load = loaded.then(Load::start);
+            sleeper()
+        }));
+    }
+    run("emergency", all.into_iter().flatten().collect());
+}
