@@ -9,7 +9,7 @@ use luna::devices::{Device, DeviceError, DeviceManager, DeviceState, Holder, OnL
 use luna::prelude::*;
 use luna::{Degree, End, Error};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, mpsc};
 
 /// A device that notes what happens to it.
 struct Motor(Log);
@@ -165,6 +165,40 @@ fn in_an_emergency_its_functions_run_in_order_and_then_it_is_closed() {
         assert_eq!((about.state, about.users), (DeviceState::Closed, 0));
         assert_eq!(about.loss.as_ref().unwrap().to_string(), "no answer");
     }
+}
+
+/// Whose last user ends because of the emergency, before its function has run.
+#[test]
+fn it_stays_open_until_its_functions_have_run() {
+    let _watch = watchdog();
+    let mut system = System::new("stays open");
+    let devices = system.devices();
+    let (motor, log) = open(&devices, Sharing::Exclusive).unwrap();
+    let (gone, is_gone) = mpsc::channel();
+    let (seen, is_seen) = mpsc::channel();
+    let own = devices.clone();
+    system.on_emergency("waits", move || {
+        let _ = is_gone.recv();
+        seen.send(own.list()[0].clone()).unwrap();
+    });
+    motor
+        .on_emergency("brake", |motor| motor.note("brake"))
+        .unwrap();
+    system
+        .thread("place")
+        .process("drive")
+        .spawn(async move {
+            let error = motor.lost(Error::other("no answer"));
+            drop(motor);
+            gone.send(()).unwrap();
+            Err(error)
+        })
+        .unwrap();
+    assert!(system.run().is_err());
+    let about = is_seen.recv().unwrap();
+    assert_eq!((about.users, about.state), (0, DeviceState::Lost));
+    assert_eq!(*log.lock().unwrap(), ["brake", "closed"]);
+    assert_eq!(devices.list()[0].state, DeviceState::Closed);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The functions that bring the machine to safety: each once, in order, whoever hangs or panics; registered at set-up, by drivers, and late.
+//! Emergency functions: each once, in order, whoever hangs or panics; registered at set-up, by drivers, and late.
 
 mod common;
 

@@ -1,9 +1,9 @@
 //! An open device, and those who use it.
 
 use super::error::DeviceError;
-use super::manager::Sharing;
+use super::manager::{Devices, Sharing};
 use crate::error::{Error, Result};
-use crate::safety::{LIMIT, Safety, SafetyFunction};
+use crate::safety::{Degree, LIMIT, Safety, SafetyFunction};
 use luna_platform::lock::PiLock;
 use luna_platform::path::off_path;
 use luna_platform::reclaim::Shared;
@@ -143,19 +143,21 @@ impl<D> Drop for Open<D> {
 /// A handle to an open device: one user of it. Made by [`DeviceManager::open`](super::DeviceManager::open).
 ///
 /// It is cloned for each process that uses the device, and gives access to what its driver has opened. When the last handle is dropped the device is
-/// closed, also after an emergency; never on the real-time path: what a process drops there is closed by the thread that runs the system. A process that was
-/// [left behind](crate::System::run) keeps its handle.
+/// closed; never on the real-time path: what a process drops there is closed by the thread that runs the system. In an emergency it stays open until all emergency functions
+/// have run, and is closed before [`System::run`](crate::System::run) returns. A process that was left behind keeps its handle.
 pub struct Device<D: Send + Sync + 'static> {
     open: Shared<Arc<Open<D>>>,
     safety: Safety,
+    devices: Arc<Devices>,
 }
 
 impl<D: Send + Sync + 'static> Device<D> {
-    pub(super) fn new(open: Arc<Open<D>>, safety: Safety) -> Self {
+    pub(super) fn new(open: Arc<Open<D>>, safety: Safety, devices: Arc<Devices>) -> Self {
         open.status.users.fetch_add(1, Ordering::AcqRel);
         Self {
             open: Shared::new(open),
             safety,
+            devices,
         }
     }
 
@@ -170,7 +172,7 @@ impl<D: Send + Sync + 'static> Device<D> {
     }
 
     /// Registers a function that brings the device to safety: `what` it does, for messages. It runs as those of [`System::on_emergency`](crate::System::on_emergency) and has
-    /// as long, in the order in which all are registered, unless the device is closed by then.
+    /// as long, in the order in which all are registered, unless the device was closed before the emergency.
     ///
     /// It runs on the emergency thread while processes may be using the device: it must not wait for them longer than can be borne, and what they do
     /// after it must not undo it.
@@ -294,13 +296,18 @@ impl<D: Send + Sync + 'static> Clone for Device<D> {
         Self {
             open: self.open.clone(),
             safety: self.safety.clone(),
+            devices: self.devices.clone(),
         }
     }
 }
 
 impl<D: Send + Sync + 'static> Drop for Device<D> {
     fn drop(&mut self) {
-        self.open.status.users.fetch_sub(1, Ordering::AcqRel);
+        let users = self.open.status.users.fetch_sub(1, Ordering::AcqRel);
+        // Who ends because of the emergency must not close the device before its functions have run.
+        if users == 1 && self.safety.degree() == Degree::Emergency {
+            self.devices.keep(Arc::clone(&*self.open) as _);
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use super::device::{Device, DeviceView, Open, Status};
 use super::error::{DeviceError, Holder};
 use crate::safety::Safety;
 use crate::system::Plan;
+use luna_platform::lock::PiLock;
 use std::any::Any;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -27,8 +28,29 @@ pub struct DeviceManager {
 }
 
 /// What a system keeps of its devices.
-#[derive(Default)]
-pub(crate) struct Devices(Mutex<Vec<Entry>>);
+pub(crate) struct Devices {
+    entries: Mutex<Vec<Entry>>,
+    kept: PiLock<Kept>,
+}
+
+/// Devices whose last user has gone in an emergency, perhaps before their functions have run.
+struct Kept {
+    open: Vec<Arc<dyn Any + Send + Sync>>,
+    /// The functions have run: nothing is kept any more.
+    is_over: bool,
+}
+
+impl Default for Devices {
+    fn default() -> Self {
+        Self {
+            entries: Mutex::default(),
+            kept: PiLock::new(Kept {
+                open: Vec::new(),
+                is_over: false,
+            }),
+        }
+    }
+}
 
 struct Entry {
     status: Arc<Status>,
@@ -46,7 +68,24 @@ impl Entry {
 
 impl Devices {
     fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Keeps a device open until the emergency functions have run. Allocates nothing, since there is room for each from its opening on.
+    pub(super) fn keep(&self, open: Arc<dyn Any + Send + Sync>) {
+        let mut kept = self.kept.lock();
+        if !kept.is_over {
+            kept.open.push(open);
+        }
+    }
+
+    /// The emergency functions, if there was an emergency, have run: closes what was kept for them.
+    pub(crate) fn let_go(&self) {
+        let mut kept = self.kept.lock();
+        kept.is_over = true;
+        let open = std::mem::take(&mut kept.open);
+        drop(kept);
+        drop(open);
     }
 }
 
@@ -114,7 +153,7 @@ impl DeviceManager {
                 if let Some(open) = entry.open() {
                     let both = (entry.sharing, sharing) == (Sharing::Shared, Sharing::Shared);
                     return match open.downcast::<Open<D>>() {
-                        Ok(open) if both => Ok(Device::new(open, self.safety())),
+                        Ok(open) if both => Ok(Device::new(open, self.safety(), devices.clone())),
                         _ => Err(busy()),
                     };
                 }
@@ -129,6 +168,7 @@ impl DeviceManager {
                 sharing,
                 open: None,
             });
+            devices.kept.lock().open.reserve(entries.len());
             status
         };
         // Without the lock: what is called here is the driver's, which may open what lies below it.
@@ -144,7 +184,7 @@ impl DeviceManager {
             }
         }
         drop(forget);
-        Ok(Device::new(open, self.safety()))
+        Ok(Device::new(open, self.safety(), devices.clone()))
     }
 
     fn safety(&self) -> Safety {

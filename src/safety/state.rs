@@ -113,7 +113,7 @@ impl fmt::Display for SafetyEvent {
     }
 }
 
-/// What a system's safety was like at one instant: from [`state`](crate::Safety::state).
+/// How safe a system was at one instant, from its [handle](crate::Safety).
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyState {

@@ -34,7 +34,7 @@ pub(crate) struct Plan {
     /// Nobody can be replaced any more.
     stand_ins_closed: AtomicBool,
     #[cfg(unix)]
-    devices: crate::devices::Devices,
+    devices: Arc<crate::devices::Devices>,
     tree: Arc<Tree>,
     emergency: Arc<Emergency>,
 }
@@ -505,7 +505,7 @@ impl Plan {
     }
 
     #[cfg(unix)]
-    pub(crate) fn devices(&self) -> &crate::devices::Devices {
+    pub(crate) fn devices(&self) -> &Arc<crate::devices::Devices> {
         &self.devices
     }
 

@@ -122,6 +122,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         Some((_, Cause::Signal(number))) => Some(number),
         _ => None,
     });
+    #[cfg(unix)]
+    plan.devices().let_go();
     // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
     let was_emergency = emergency.is_safe();
     stolen.sample();

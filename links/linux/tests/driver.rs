@@ -202,7 +202,9 @@ fn a_panic_in_a_driver_is_a_loss() {
     let devices = system.devices();
     let bus = bus(&system);
     let (client, calls) = luna::call_channel::<(), ()>();
-    let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"));
+    // It takes the panic hook its time to tell, before the thread ends.
+    let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
+        .lost_after(Duration::from_secs(60));
     let main = system.executor("main").build().unwrap();
     main.process("link").spawn(link).unwrap();
     main.process("user")
