@@ -13,8 +13,11 @@ pub(crate) async fn watch_encoder(
     positions: Receiver<Position>,
     faults: Sender<(usize, Fault)>,
 ) -> luna::Result<()> {
-    while let Ok(Position { raw, elapsed }) = positions.recv().await {
-        if let Err(fault) = plausible.check(raw, elapsed) {
+    while let Ok(Position {
+        raw, since_read, ..
+    }) = positions.recv().await
+    {
+        if let Err(fault) = plausible.check(raw, since_read) {
             faults.send((axis, fault)).await?;
         }
     }
