@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Where the child finds the card.
 const ADDRESS: &str = "LUNA_TEST_CARD";
-const WATCHDOG: Duration = Duration::from_millis(30);
+const WATCHDOG: Duration = Duration::from_millis(100);
 
 fn main() {
     match std::env::var(ADDRESS) {
@@ -54,14 +54,17 @@ fn kill_again_and_again() {
     };
     let rounds = if is_long { 1_000 } else { 20 };
     let server = turning();
-    let (mut driven, mut least, mut most) = (0, u64::MAX, 0);
+    let (mut driven, mut ended, mut least, mut most) = (0, 0, u64::MAX, 0);
     for round in 0..rounds {
         // Most of the time while it drives, sometimes while it begins.
         random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(1);
         let delay = Duration::from_micros((random >> 40) % 30_000);
         let mut child = spawn(&server);
-        if round % 8 != 0 {
-            wait_for_outputs(&server, &mut child);
+        // A machine that is busy with others may keep a child from feeding the watchdog: it has ended as it should, and another one is killed.
+        while round % 8 != 0 && !comes_to_drive(&server, &mut child) {
+            ended += 1;
+            assert!(ended <= 2 * rounds, "the children end by themselves");
+            child = spawn(&server);
         }
         std::thread::sleep(delay);
         child.kill().unwrap();
@@ -106,15 +109,15 @@ fn spawn(server: &Server) -> Child {
         .unwrap()
 }
 
-fn wait_for_outputs(server: &Server, child: &mut Child) {
+/// Waits until the outputs are driven; not if the child has ended by itself before.
+fn comes_to_drive(server: &Server, child: &mut Child) -> bool {
     let deadline = luna::now() + Duration::from_secs(20);
     while !server.with_card(|card, _| card.duty(0) == 0.5 && card.driven_level(12) == Some(true)) {
-        assert_eq!(
-            child.try_wait().unwrap(),
-            None,
-            "the child has ended by itself"
-        );
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
         assert!(luna::now() < deadline, "the child does not drive");
         std::thread::sleep(Duration::from_micros(200));
     }
+    true
 }

@@ -52,7 +52,7 @@ pub(crate) async fn calibrate(
     axis: usize,
     faults: Sender<(usize, Fault)>,
 ) -> luna::Result<()> {
-    while let Ok(Position { raw, elapsed }) = positions.recv().await {
+    while let Ok(Position { raw, elapsed, .. }) = positions.recv().await {
         let target = targets.recv().await?;
         let (goal, angle) = match calibration.step(raw, elapsed.as_secs_f64()) {
             Ok(Step::Drive(duty)) => (Goal::Drive(duty), raw),

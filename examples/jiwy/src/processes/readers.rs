@@ -11,6 +11,7 @@ use std::time::Duration;
 pub(crate) struct Count {
     count: i32,
     elapsed: Duration,
+    since_read: f64,
 }
 
 /// Where an axis is, counted from wherever its encoder was switched on.
@@ -20,6 +21,8 @@ pub(crate) struct Position {
     pub(crate) raw: f64,
     /// Since the cycle before.
     pub(crate) elapsed: Duration,
+    /// In how much time it has come here from the position before, in s: more than a cycle if the counter was not told in those before.
+    pub(crate) since_read: f64,
 }
 
 /// Reads the counter's register in each cycle.
@@ -29,16 +32,23 @@ pub(crate) async fn read_position(
     register: Receiver<i32>,
     counts: Sender<Count>,
 ) -> luna::Result<()> {
+    let mut since_read = 0.0;
     while let Ok(Tick { elapsed }) = ticks.recv().await {
-        if let Ok(count) = register.try_recv() {
+        since_read += elapsed;
+        let read = register.try_recv();
+        if let Ok(count) = read {
             newest = count;
         }
         counts
             .send(Count {
                 count: newest,
                 elapsed,
+                since_read,
             })
             .await?;
+        if read.is_ok() {
+            since_read = 0.0;
+        }
     }
     Ok(())
 }
@@ -65,10 +75,21 @@ pub(crate) async fn scale_position(
     counts: Receiver<Count>,
     positions: [Sender<Position>; 2],
 ) -> luna::Result<()> {
-    while let Ok(Count { count, elapsed }) = counts.recv().await {
+    while let Ok(Count {
+        count,
+        elapsed,
+        since_read,
+    }) = counts.recv().await
+    {
         let raw = decoder.angle(count);
         for reader in &positions {
-            reader.send(Position { raw, elapsed }).await?;
+            reader
+                .send(Position {
+                    raw,
+                    elapsed,
+                    since_read,
+                })
+                .await?;
         }
     }
     Ok(())

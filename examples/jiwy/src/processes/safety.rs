@@ -14,8 +14,11 @@ pub(crate) async fn watch_encoder(
     positions: Receiver<Position>,
     faults: Sender<(usize, Fault)>,
 ) -> luna::Result<()> {
-    while let Ok(Position { raw, elapsed }) = positions.recv().await {
-        if let Verdict::Refused(found) = plausible.step(&Sample::new(raw, elapsed)) {
+    while let Ok(Position {
+        raw, since_read, ..
+    }) = positions.recv().await
+    {
+        if let Verdict::Refused(found) = plausible.step(&Sample::new(raw, since_read)) {
             faults.send((axis, Fault::Found(found))).await?;
         }
     }
