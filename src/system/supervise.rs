@@ -113,6 +113,10 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let was_emergency = emergency.is_safe();
     stolen.sample();
     // Nobody of the system records any more, but who was left behind.
+    #[cfg_attr(
+        not(feature = "logger"),
+        expect(unused_variables, reason = "without the logger there is none")
+    )]
     let recording = recording.finish();
 
     let mut members = plan.members();
