@@ -136,6 +136,10 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         guardian.end(safety.failed().next().is_none());
     }
     // Nobody of the system records any more, but who was left behind.
+    #[cfg_attr(
+        not(feature = "logger"),
+        expect(unused_variables, reason = "without the logger there is none")
+    )]
     let recording = recording.finish();
 
     let mut members = plan.members();
