@@ -276,7 +276,9 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        spec = common.tapes.tape(spec);
+        if common.tapes.are_there() {
+            spec = common.tapes.tape(spec);
+        }
         let frame = Frame::new(common.clone());
         let verdict = frame.verdict.clone();
         let announced = self.executors[number].announce(spec);

@@ -135,7 +135,7 @@ impl<T> Receiver<T> {
     fn receive_taped(&self) -> Received<T> {
         let look = || {
             self.channel().note_taped(false);
-            self.channel().lock().recv_now(false)
+            self.channel().lock().recv_unusually(false)
         };
         let failure = |received: &Received<T>| match received {
             Received::Empty => Some(taped::failure::NOTHING),

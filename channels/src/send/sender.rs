@@ -166,7 +166,7 @@ impl<T> Sender<T> {
             self.channel().note_taped(true);
             let mut section = self.channel().lock();
             // SAFETY: the node is its call's alone, and holds its value.
-            let sent = unsafe { section.send_now(offered, None) };
+            let sent = unsafe { section.send_unusually(offered, None) };
             section.release();
             sent
         };
