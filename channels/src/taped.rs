@@ -304,11 +304,15 @@ pub(crate) fn has_timed_out() {
     leave(Event::new(What::TimedOut, 0, 0));
 }
 
-/// Tells that a lock was taken, or permits. The stamp is taken now, when the process has them: those of who has them are in the order of their having them, and each comes
-/// after what made room for it.
+/// Tells that a lock was taken. The stamp is taken now, when the process has it: those of who has it are in the order of their having it.
 pub(crate) fn has_acquired(lists: &mut Lists) {
     let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
     leave(event);
+}
+
+/// Tells that permits were taken. The stamp is taken now, when the process has them: it comes after what made room for them.
+pub(crate) fn has_permits() {
+    current::tape(|tape| tape.leave(Event::done(tape.stamp(true))));
 }
 
 impl<T> Channel<T> {
