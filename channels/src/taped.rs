@@ -341,7 +341,7 @@ impl<T> Channel<T> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(loom)))]
 mod tests {
     use crate::inspect::{Identity, PlaceKind};
     use crate::place::Place;

@@ -38,7 +38,6 @@ mod file;
 mod recorder;
 mod recording;
 mod replayer;
-mod ring;
 mod value;
 
 pub use error::{Divergence, RecordError};

@@ -221,6 +221,21 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         offered: NonNull<Offered<T, S>>,
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
+        // SAFETY: the contract.
+        unsafe { self.send_inline(offered, cx) }
+    }
+
+    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little else.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn send_inline<S: Source<T>>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: Option<&Context<'_>>,
+    ) -> Sent<T> {
         self.lists.sender = LastUser::of(current::user());
         if self.lists.is_unusual {
             // SAFETY: the contract.
@@ -365,6 +380,12 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     /// Receives at once, if that can be. O(1).
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
+        self.recv_inline(extended)
+    }
+
+    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little else.
+    #[inline(always)]
+    pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
         if self.lists.is_unusual {
             return self.recv_unusually(extended);

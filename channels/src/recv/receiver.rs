@@ -111,7 +111,7 @@ impl<T> Receiver<T> {
         if current::is_taped() {
             return self.try_recv_taped();
         }
-        let received = self.channel().lock().recv_now(false);
+        let received = self.channel().lock().recv_inline(false);
         self.received_at_once(received)
     }
 

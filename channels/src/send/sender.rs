@@ -135,7 +135,7 @@ impl<T> Sender<T> {
         let offered = NonNull::from(&mut offered);
         let mut section = self.channel().lock();
         // SAFETY: the node is this call's alone, and holds its value.
-        let sent = unsafe { section.send_now(offered, None) };
+        let sent = unsafe { section.send_inline(offered, None) };
         section.release();
         // SAFETY: it was offered, and this came of it.
         unsafe { Self::sent_at_once(offered, sent) }
