@@ -19,6 +19,17 @@ pub(crate) mod failure {
     pub(crate) const POISONED: u64 = 2;
 }
 
+/// What bears a stamp.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stamped {
+    /// A value that is put into a buffer.
+    Storing,
+    /// One that is taken out of it.
+    Taking,
+    /// What both sides take part in, or what has no sides.
+    Meeting,
+}
+
 /// What a place knows of the recorded processes that come there. Guarded by its lock.
 #[derive(Debug, Default)]
 pub(crate) struct Taped {
@@ -28,8 +39,8 @@ pub(crate) struct Taped {
     pub(crate) is_ordered: bool,
     /// Whether somebody took part meanwhile who is not recorded.
     has_outsider: bool,
-    /// The greatest stamp that was given here.
-    last_stamp: u64,
+    /// The greatest stamps that were given here, of sends and of receives.
+    last_stamps: [u64; 2],
     /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone.
     stored: Option<Box<VecDeque<u64>>>,
 }
@@ -66,21 +77,37 @@ impl Lists {
     }
 
     /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`].
-    pub(crate) fn stamp(&mut self) -> u64 {
+    pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
-            true => self.stamp_if(self.taped.is_ordered),
+            true => self.stamp_if(self.taped.is_ordered, of),
             false => 0,
         }
     }
 
     /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
-    pub(crate) fn stamp_if(&mut self, several: bool) -> u64 {
+    ///
+    /// A replay that gets through out of order is noticed here. Who takes from a buffer may come after who stored later: it finds what was there then
+    /// ([`overwritten`](Self::overwritten)).
+    pub(crate) fn stamp_if(&mut self, several: bool, of: Stamped) -> u64 {
         current::tape(|tape| {
             let stamp = tape.stamp(several);
-            if stamp != 0 && stamp < self.taped.last_stamp {
+            if stamp == 0 {
+                return 0;
+            }
+            let [sends, receives] = &mut self.taped.last_stamps;
+            let after = match of {
+                Stamped::Taking => *receives,
+                Stamped::Storing | Stamped::Meeting => (*sends).max(*receives),
+            };
+            if stamp < after {
                 tape.differs("an operation gets through after one that came after it");
             }
-            self.taped.last_stamp = self.taped.last_stamp.max(stamp);
+            if of != Stamped::Storing {
+                *receives = after.max(stamp);
+            }
+            if of != Stamped::Taking {
+                *sends = after.max(stamp);
+            }
             stamp
         })
         .unwrap_or(OUTSIDER)
@@ -92,9 +119,12 @@ impl Lists {
         stamps.push_back(stamp);
     }
 
-    /// In a replay: the first of the `stored` values is taken.
-    pub(crate) fn note_taken(&mut self, stored: usize) {
-        self.stamps_of(stored).pop_front();
+    /// In a replay: the first of the `stored` values is taken by a receive with this stamp.
+    pub(crate) fn note_taken(&mut self, stored: usize, stamp: u64) {
+        let come = self.stamps_of(stored).pop_front().unwrap_or_default();
+        if stamp != 0 && come > stamp {
+            current::tape(|tape| tape.differs("a receive finds a value that came after it"));
+        }
     }
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
@@ -274,11 +304,15 @@ pub(crate) fn has_timed_out() {
     leave(Event::new(What::TimedOut, 0, 0));
 }
 
-/// Tells that a lock was taken, or permits. The stamp is taken now, when the process has them: those of who has them are in the order of their having them, and each comes
-/// after what made room for it.
+/// Tells that a lock was taken. The stamp is taken now, when the process has it: those of who has it are in the order of their having it.
 pub(crate) fn has_acquired(lists: &mut Lists) {
-    let event = Event::done(lists.stamp_if(true));
+    let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
     leave(event);
+}
+
+/// Tells that permits were taken. The stamp is taken now, when the process has them: it comes after what made room for them.
+pub(crate) fn has_permits() {
+    current::tape(|tape| tape.leave(Event::done(tape.stamp(true))));
 }
 
 impl<T> Channel<T> {
@@ -307,7 +341,7 @@ impl<T> Channel<T> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(loom)))]
 mod tests {
     use crate::inspect::{Identity, PlaceKind};
     use crate::place::Place;

@@ -313,7 +313,9 @@ fn demo_records_a_run_in_real_time_and_replays_it() {
         assert_eq!(replayed["events"], events, "{replayed}");
         // What is written to each motor, and where each joint is, in each cycle.
         assert!(
-            replayed["outputs"].as_u64().is_some_and(|count| count > 800),
+            replayed["outputs"]
+                .as_u64()
+                .is_some_and(|count| count > 800),
             "{replayed}"
         );
     }

@@ -28,6 +28,7 @@
 extern crate shuttle as loom;
 
 pub mod bell;
+pub mod byte_ring;
 pub mod clock;
 #[cfg(not(loom))]
 pub mod crash;
@@ -58,8 +59,8 @@ pub mod spin;
 #[cfg(not(loom))]
 pub mod steal;
 pub mod sync;
-#[cfg(not(loom))]
 pub mod tape;
+#[cfg(not(loom))]
 pub mod thread;
 pub mod tick_list;
 #[cfg(not(loom))]

@@ -232,8 +232,6 @@ thread_local! {
 /// ```
 #[cfg(not(loom))]
 pub fn prepare() {
-    // A replay, which has one thread, could not wait.
-    current::tape(|tape| tape.outside("a blocking operation"));
     let parker = PARKER.take();
     PARKER.set(Some(parker.unwrap_or_else(|| Shared::new(Parker::new()))));
 }
@@ -266,6 +264,8 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
         "a blocking call inside a process of an executor would stop the whole executor: await the operation instead, or run the \
          process on an OS thread of its own"
     );
+    // A replay, which has one thread, could not wait.
+    current::tape(|tape| tape.outside("a blocking operation"));
     let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
     let waker = waker(&parker);
     let mut cx = Context::from_waker(&waker);

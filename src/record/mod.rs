@@ -38,7 +38,6 @@ mod file;
 mod recorder;
 mod recording;
 mod replayer;
-mod ring;
 mod value;
 
 pub use error::{Divergence, RecordError};
@@ -244,16 +243,15 @@ pub(crate) enum Tapes {
 }
 
 impl Tapes {
-    /// Gives the process a tape, if it is to have one.
-    pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
-        match self {
-            Tapes::None => spec,
-            _ => self.tape_anyhow(spec),
-        }
+    /// Whether processes have tapes.
+    #[inline]
+    pub(crate) fn are_there(&self) -> bool {
+        !matches!(self, Tapes::None)
     }
 
+    /// Gives the process its tape.
     #[cold]
-    fn tape_anyhow(&self, spec: ProcessSpec) -> ProcessSpec {
+    pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
         let parent = current::tape(|tape| tape.process()).unwrap_or_default();
         let track = match self {
             Tapes::None => return spec,

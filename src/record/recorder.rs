@@ -3,7 +3,7 @@
 use super::error::RecordError;
 use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
 use super::file::{BlockKind, Writer};
-use super::ring::Ring;
+use luna_platform::byte_ring::ByteRing;
 use luna_platform::current;
 use luna_platform::tape::{About, Event, Tape, Turn, What};
 use std::cell::Cell;
@@ -66,7 +66,7 @@ struct Listed {
     name: Arc<str>,
     /// Which it is of its name and parent.
     occurrence: u32,
-    ring: Arc<Ring>,
+    ring: Arc<ByteRing>,
 }
 
 impl Recorder {
@@ -105,7 +105,7 @@ impl Recorder {
 
     /// What is to record a process of this name. Allocates.
     pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
-        let ring = Arc::new(Ring::new(self.room));
+        let ring = Arc::new(ByteRing::new(self.room));
         let mut known = lock(&self.known);
         let count = known.names.entry((parent, name.to_string())).or_default();
         let occurrence = *count;
@@ -254,7 +254,7 @@ impl std::io::Write for Counting {
 /// What records one process. Its room is there when the process begins; nothing of it allocates or waits after that.
 pub(crate) struct Track {
     recorder: Arc<Recorder>,
-    ring: Arc<Ring>,
+    ring: Arc<ByteRing>,
     strands: [Strand; MOST_STRANDS],
     /// The stamp that the operation has taken which is looked at now.
     own_stamp: Cell<u64>,

@@ -177,6 +177,8 @@ struct Strand {
     events: VecDeque<Noted>,
     operations: u64,
     stage: Stage,
+    /// The present operation does not wait, and has taken its event.
+    is_call: bool,
     /// What it sleeps in.
     sleep: Option<Pin<Box<Sleep>>>,
 }
@@ -187,6 +189,7 @@ impl Strand {
             events,
             operations: 0,
             stage: Stage::Idle,
+            is_call: false,
             sleep: None,
         }
     }
@@ -430,6 +433,7 @@ impl Tape for Track {
                 Stage::Entering => {}
                 Stage::Idle => {
                     strand.operations += 1;
+                    strand.is_call = false;
                     strand.stage = Stage::Entering;
                 }
             }
@@ -458,6 +462,7 @@ impl Tape for Track {
         }
         self.with_strand(|strand| {
             strand.operations += 1;
+            strand.is_call = true;
             strand.stage = Stage::Running(Turn::Look);
         });
         let turn = match self.take_event(true) {
@@ -501,8 +506,9 @@ impl Tape for Track {
         let operation = self.with_strand(|strand| strand.operations);
         match turn {
             Turn::Given(given) => {
-                // A call has taken its event already, so that there is none of its number.
-                self.take_event(false);
+                if !self.with_strand(|strand| strand.is_call) {
+                    self.take_event(false);
+                }
                 let is_same = given.what == event.what
                     && (given.number == event.number || given.what == What::Time);
                 if !is_same {

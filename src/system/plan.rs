@@ -306,7 +306,9 @@ impl Running {
         if resident.is_none() && ledger.is_none() {
             spec = spec.unhurried();
         }
-        spec = common.tapes.tape(spec);
+        if common.tapes.are_there() {
+            spec = common.tapes.tape(spec);
+        }
         // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
         // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
         let frame = unsafe { Frame::new(common, &verdict) };

@@ -4,6 +4,7 @@ use super::Instant;
 use crate::error::{Result, SetupError};
 use luna_channels::{Due, Stamp, When};
 use luna_platform::clock::{Clock, nanos};
+use luna_platform::current;
 use std::time::Duration;
 
 /// A timer channel: it ticks each `period`, the first time a period from now; where that is another clock than its process', as where a
@@ -47,10 +48,10 @@ pub fn ticks(period: Duration) -> Result<Ticks> {
         .into()),
         period => Ok(Ticks {
             period,
-            first: Instant::now().plus_nanos(period),
+            first: super::now().plus_nanos(period),
             number: 0,
             chosen: Stamp::new(),
-            clock: Some(Clock::number_here()),
+            clock: Some(clock_here()),
         }),
     }
 }
@@ -80,6 +81,14 @@ pub struct Tick {
     pub lateness: Duration,
     /// The slots that were missed since the tick before.
     pub missed: u64,
+}
+
+/// The clock that the process goes by. One that is recorded goes by its recording, and by the clock of none who described the system.
+fn clock_here() -> usize {
+    match current::is_taped() {
+        true => usize::MAX,
+        false => Clock::number_here(),
+    }
 }
 
 impl Ticks {
@@ -128,10 +137,10 @@ impl Ticks {
     /// # Ok::<(), luna::Error>(())
     /// ```
     pub fn tick(&mut self) -> When<NextTick<'_>> {
-        let here = Clock::number_here();
+        let here = clock_here();
         if self.clock.is_some_and(|clock| clock != here) {
             // Made where the system was described, say, whose clock has nothing to do with the system's.
-            self.first = Instant::now().plus_nanos(self.period);
+            self.first = super::now().plus_nanos(self.period);
             self.number = 0;
             self.clock = Some(here);
         }

@@ -44,7 +44,7 @@ impl Timer {
 
     /// Fires `delay` from now; no more at the time that it was set to before. O(1).
     pub fn set(&mut self, delay: Duration) {
-        self.set_at(Instant::now() + delay);
+        self.set_at(super::now() + delay);
     }
 
     /// Fires at `deadline`, which may have passed; no more at the time that it was set to before. O(1).

@@ -546,7 +546,7 @@ impl<'a, T> Alternative<'a, T> {
                 // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
                 let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
                 channel.note_alternative();
-                match channel.lock().recv_now(false) {
+                match channel.lock().recv_unusually(false) {
                     Received::Done(value, ready, _) => {
                         let taken = Taken::new(channel, value, 0);
                         ready.wake();

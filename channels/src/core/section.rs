@@ -6,7 +6,7 @@ use crate::buffer::WhenFull;
 use crate::call::lend_to_receiver;
 use crate::place::{LastUser, Lists};
 use crate::source::{Offered, Source};
-use crate::taped;
+use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Heir, Priority, Ready, Wakeup};
 use luna_platform::home_lock::HomeGuard;
@@ -171,7 +171,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 return Some(Received::Broken(Waiter::settle(sender, Outcome::Broken)));
             };
             if TAPED {
-                Waiter::put_order(sender, self.lists.stamp());
+                Waiter::put_order(sender, self.lists.stamp(Stamped::Meeting));
             }
             if !extended {
                 let ready = Waiter::settle(sender, Outcome::Done);
@@ -221,6 +221,21 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         offered: NonNull<Offered<T, S>>,
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
+        // SAFETY: the contract.
+        unsafe { self.send_inline(offered, cx) }
+    }
+
+    /// As [`send_now`](Self::send_now), inlined wherever it is called: for a call that does little else.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn send_inline<S: Source<T>>(
+        &mut self,
+        offered: NonNull<Offered<T, S>>,
+        cx: Option<&Context<'_>>,
+    ) -> Sent<T> {
         self.lists.sender = LastUser::of(current::user());
         if self.lists.is_unusual {
             // SAFETY: the contract.
@@ -237,11 +252,12 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     /// As for `send_now`.
     #[cold]
     #[inline(never)]
-    unsafe fn send_unusually<S: Source<T>>(
+    pub(crate) unsafe fn send_unusually<S: Source<T>>(
         &mut self,
         offered: NonNull<Offered<T, S>>,
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
+        self.lists.sender = LastUser::of(current::user());
         if self.lists.ending != Ending::Open {
             return Sent::Ended(self.lists.ending);
         }
@@ -278,7 +294,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
                         if TAPED {
-                            Waiter::put_order(receiver, self.lists.stamp());
+                            Waiter::put_order(receiver, self.lists.stamp(Stamped::Meeting));
                         }
                         Sent::Done(Waiter::settle(receiver, Outcome::Done), None)
                     }
@@ -300,7 +316,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             return Sent::Broken(Ready::NOBODY);
         };
         if TAPED {
-            let stamp = self.lists.stamp();
+            let stamp = self.lists.stamp(Stamped::Storing);
             if is_replayed {
                 let stored = self.with_store(|store| store.len());
                 self.lists.note_stored(stamp, stored);
@@ -342,7 +358,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             };
             receiver.as_ref().put_value(value);
             // Extended rendezvous are seldom enough for this.
-            let stamp = self.lists.stamp();
+            let stamp = self.lists.stamp(Stamped::Meeting);
             Waiter::put_order(receiver, stamp);
             if !(*Waiter::link(receiver)).extended {
                 return Sent::Done(Waiter::settle(receiver, Outcome::Done), None);
@@ -364,6 +380,12 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     /// Receives at once, if that can be. O(1).
     #[inline]
     pub(crate) fn recv_now(&mut self, extended: bool) -> Received<T> {
+        self.recv_inline(extended)
+    }
+
+    /// As [`recv_now`](Self::recv_now), inlined wherever it is called: for a call that does little else.
+    #[inline(always)]
+    pub(crate) fn recv_inline(&mut self, extended: bool) -> Received<T> {
         self.lists.receiver = LastUser::of(current::user());
         if self.lists.is_unusual {
             return self.recv_unusually(extended);
@@ -374,7 +396,8 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     /// Receives where the channel has ended, or recorded processes come.
     #[cold]
     #[inline(never)]
-    fn recv_unusually(&mut self, extended: bool) -> Received<T> {
+    pub(crate) fn recv_unusually(&mut self, extended: bool) -> Received<T> {
+        self.lists.receiver = LastUser::of(current::user());
         if self.lists.ending == Ending::Poisoned {
             return Received::Ended(Ending::Poisoned);
         }
@@ -391,10 +414,10 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             Some((value, store.len() < capacity))
         }) {
             if TAPED {
-                self.lists.stamp();
+                let stamp = self.lists.stamp(Stamped::Taking);
                 if taped::is_replayed() {
                     let stored = self.with_store(|store| store.len());
-                    self.lists.note_taken(stored + 1);
+                    self.lists.note_taken(stored + 1, stamp);
                 }
             }
             // A sender that waited for room moves up.

@@ -193,11 +193,14 @@ impl AcquireOp<'_> {
                     return Poll::Ready(Err(AcquireError));
                 }
             }
-            if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
+            let is_given = current::tape(|tape| tape.is_replay() && tape.stamp(true) != 0);
+            if is_given == Some(true) {
+                self.semaphore.shared().take_given(self.count);
+            } else if let Err(error) = std::task::ready!(self.poll_untaped(cx)) {
                 taped::leave(Event::failed(taped::failure::POISONED));
                 return Poll::Ready(Err(error));
             }
-            taped::has_acquired(&mut self.semaphore.shared().place.lock());
+            taped::has_permits();
             self.phase = Phase::Keeps;
         }
         match taped::is_held(cx) {
@@ -307,11 +310,10 @@ fn poll_taped<'a>(
     if acquire.phase != Phase::Listed || taped::is_replayed() || sleep.poll(cx).is_pending() {
         return Poll::Pending;
     }
-    let shared = acquire.semaphore.shared();
     let outcome = acquire.as_mut().give_up();
     match outcome {
         Err(AcquireTimeoutError::Timeout) => taped::has_timed_out(),
-        _ => taped::has_acquired(&mut shared.place.lock()),
+        _ => taped::has_permits(),
     }
     Poll::Ready(outcome)
 }

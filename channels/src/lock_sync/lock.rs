@@ -67,6 +67,7 @@ impl<'a, T> LockOp<'a, T> {
         unsafe { NonNull::new_unchecked(self.entry.get()) }
     }
 
+    #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
         let mut heir = heir(self.of_thread);
         if self.of_thread {
@@ -195,6 +196,7 @@ impl<'a, T> Future for LockOp<'a, T> {
 }
 
 impl<T> Drop for LockOp<'_, T> {
+    #[inline(always)]
     fn drop(&mut self) {
         if matches!(self.phase, Phase::Listed | Phase::Entering | Phase::Keeps) {
             self.drop_unfinished();

@@ -129,9 +129,15 @@ impl Semaphore {
             self.shared().take(&mut lists, count, current::priority())
         };
         let has_taken = match current::is_taped() {
-            true => taped::call(true, take, |taken| {
-                (!taken).then_some(taped::failure::NOTHING)
-            })
+            // Without a stamp: a replay need not wait for who makes room.
+            true => taped::call(
+                false,
+                || match current::is_replayed() {
+                    true => self.shared().take_given(count),
+                    false => take(),
+                },
+                |taken| (!taken).then_some(taped::failure::NOTHING),
+            )
             .unwrap_or_default(),
             false => take(),
         };
@@ -276,11 +282,25 @@ impl Shared {
         taken
     }
 
+    /// Takes permits in a replay, where the recorded process got some. Whoever made room for them may do so a little later, since what its process does at once after
+    /// that may have to wait; so nobody looks how many there are, and the number may be below 0 for a while.
+    #[cold]
+    pub(super) fn take_given(&self, count: u32) -> bool {
+        let lists = self.place.lock();
+        self.permits(&lists, |permits| {
+            *permits = permits.wrapping_sub(u64::from(count));
+        });
+        true
+    }
+
     /// Makes more permits, and serves those who wait.
     pub(super) fn add(&self, count: u32) {
         let mut lists = self.place.lock();
         self.permits(&lists, |permits| {
-            *permits = permits.saturating_add(u64::from(count));
+            *permits = match taped::is_replayed() {
+                true => permits.wrapping_add(u64::from(count)),
+                false => permits.saturating_add(u64::from(count)),
+            };
         });
         while self.serve_first(lists) {
             lists = self.place.lock();

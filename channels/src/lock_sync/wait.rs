@@ -285,7 +285,12 @@ impl<'a, T> WaitOp<'_, 'a, T> {
 
     /// Tells that it has locked again.
     fn tell(&self) {
-        let stamp = self.mutex.core().place.lock().stamp_if(true);
+        let stamp = self
+            .mutex
+            .core()
+            .place
+            .lock()
+            .stamp_if(true, taped::Stamped::Meeting);
         let number = u64::from(self.has_timed_out);
         taped::leave(Event::new(What::Chosen, number, stamp));
     }

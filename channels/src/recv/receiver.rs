@@ -108,10 +108,15 @@ impl<T> Receiver<T> {
     /// assert!(receiver.try_recv().unwrap_err().is_closed());
     /// ```
     pub fn try_recv(&self) -> Result<T, TryRecvError> {
-        let received = match current::is_taped() {
-            true => self.receive_taped(),
-            false => self.channel().lock().recv_now(false),
-        };
+        if current::is_taped() {
+            return self.try_recv_taped();
+        }
+        let received = self.channel().lock().recv_inline(false);
+        self.received_at_once(received)
+    }
+
+    #[inline(always)]
+    fn received_at_once(&self, received: Received<T>) -> Result<T, TryRecvError> {
         match received {
             Received::Done(value, ready, _) => {
                 let taken = Taken::new(self.channel(), value, 0);
@@ -132,10 +137,10 @@ impl<T> Receiver<T> {
     /// Receives at once, as the process' tape says.
     #[cold]
     #[inline(never)]
-    fn receive_taped(&self) -> Received<T> {
+    fn try_recv_taped(&self) -> Result<T, TryRecvError> {
         let look = || {
             self.channel().note_taped(false);
-            self.channel().lock().recv_now(false)
+            self.channel().lock().recv_unusually(false)
         };
         let failure = |received: &Received<T>| match received {
             Received::Empty => Some(taped::failure::NOTHING),
@@ -143,11 +148,13 @@ impl<T> Receiver<T> {
             Received::Ended(_) => Some(taped::failure::CLOSED),
             _ => None,
         };
-        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
-            taped::failure::NOTHING => Received::Empty,
-            taped::failure::POISONED => Received::Ended(Ending::Poisoned),
-            _ => Received::Ended(Ending::Closed),
-        })
+        self.received_at_once(taped::call(true, look, failure).unwrap_or_else(|failure| {
+            match failure {
+                taped::failure::NOTHING => Received::Empty,
+                taped::failure::POISONED => Received::Ended(Ending::Poisoned),
+                _ => Received::Ended(Ending::Closed),
+            }
+        }))
     }
 
     /// Like [`recv`](Self::recv), for at most `timeout`. Exact: it times out only if no value was taken.

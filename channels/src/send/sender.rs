@@ -128,19 +128,29 @@ impl<T> Sender<T> {
     /// assert!(sender.try_send(1).unwrap_err().is_closed());
     /// ```
     pub fn try_send(&self, value: T) -> Result<(), TrySendError<T>> {
+        if current::is_taped() {
+            return self.try_send_taped(value);
+        }
         let mut offered = Offered::value(value);
         let offered = NonNull::from(&mut offered);
-        // SAFETY: the node is this call's alone, and holds its value unless that was sent.
+        let mut section = self.channel().lock();
+        // SAFETY: the node is this call's alone, and holds its value.
+        let sent = unsafe { section.send_inline(offered, None) };
+        section.release();
+        // SAFETY: it was offered, and this came of it.
+        unsafe { Self::sent_at_once(offered, sent) }
+    }
+
+    /// # Safety
+    ///
+    /// `offered` is its call's alone, which came to this, and lives.
+    #[inline(always)]
+    unsafe fn sent_at_once(
+        offered: NonNull<Offered<T, InNode>>,
+        sent: Sent<T>,
+    ) -> Result<(), TrySendError<T>> {
+        // SAFETY: the node holds its value unless that was sent.
         let value = || unsafe { offered.as_ref().waiter.take_value() };
-        let sent = if current::is_taped() {
-            self.send_taped(offered)
-        } else {
-            let mut section = self.channel().lock();
-            // SAFETY: as above.
-            let sent = unsafe { section.send_now(offered, None) };
-            section.release();
-            sent
-        };
         match sent {
             Sent::Done(ready, dropped) => {
                 ready.wake();
@@ -158,15 +168,17 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Sends at once what was offered for this call alone, as the process' tape says.
+    /// Sends at once, as the process' tape says.
     #[cold]
     #[inline(never)]
-    fn send_taped(&self, offered: NonNull<Offered<T, InNode>>) -> Sent<T> {
+    fn try_send_taped(&self, value: T) -> Result<(), TrySendError<T>> {
+        let mut offered = Offered::value(value);
+        let offered = NonNull::from(&mut offered);
         let look = || {
             self.channel().note_taped(true);
             let mut section = self.channel().lock();
-            // SAFETY: the node is its call's alone, and holds its value.
-            let sent = unsafe { section.send_now(offered, None) };
+            // SAFETY: the node is this call's alone, and holds its value.
+            let sent = unsafe { section.send_unusually(offered, None) };
             section.release();
             sent
         };
@@ -176,11 +188,13 @@ impl<T> Sender<T> {
             Sent::Ended(_) => Some(taped::failure::CLOSED),
             _ => None,
         };
-        taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
+        let sent = taped::call(true, look, failure).unwrap_or_else(|failure| match failure {
             taped::failure::NOTHING => Sent::Full,
             taped::failure::POISONED => Sent::Ended(Ending::Poisoned),
             _ => Sent::Ended(Ending::Closed),
-        })
+        });
+        // SAFETY: it was offered, and this came of it, or it was not touched.
+        unsafe { Self::sent_at_once(offered, sent) }
     }
 
     /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.

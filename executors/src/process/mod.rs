@@ -31,7 +31,8 @@ pub struct ProcessSpec {
     listed: bool,
     unhurried: bool,
     overseer: Option<Arc<dyn Overseer>>,
-    taper: Option<Arc<dyn Taper>>,
+    /// Small, since hardly any has one.
+    taper: Option<Box<Arc<dyn Taper>>>,
 }
 
 impl ProcessSpec {
@@ -133,7 +134,7 @@ impl ProcessSpec {
     #[doc(hidden)]
     #[must_use]
     pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
-        self.taper = Some(taper);
+        self.taper = Some(Box::new(taper));
         self
     }
 }

@@ -144,7 +144,7 @@ pub(super) struct Shown {
 /// Of a process whose polls are timed.
 struct Timing {
     overseer: Option<Arc<dyn Overseer>>,
-    taper: Option<Arc<dyn Taper>>,
+    taper: Option<Box<Arc<dyn Taper>>>,
     /// It is not for the taper's sake alone.
     is_timed: bool,
     /// Written by the process' thread alone.
@@ -252,7 +252,7 @@ impl Record {
 
     /// Who puts its tape in.
     pub(super) fn taper(&self) -> Option<&Arc<dyn Taper>> {
-        self.timing.as_ref()?.taper.as_ref()
+        self.timing.as_ref()?.taper.as_deref()
     }
 
     fn overseer(&self) -> Option<&Arc<dyn Overseer>> {
