@@ -310,7 +310,6 @@ impl Running {
             spec = common.tapes.tape(spec);
         }
         // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
-        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
         let frame = unsafe { Frame::new(common, &verdict) };
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);

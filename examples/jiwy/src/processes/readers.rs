@@ -11,7 +11,7 @@ use std::time::Duration;
 pub(crate) struct Count {
     count: i32,
     elapsed: Duration,
-    since_read: f64,
+    since_read: Duration,
 }
 
 /// Where an axis is, counted from wherever its encoder was switched on.
@@ -21,8 +21,8 @@ pub(crate) struct Position {
     pub(crate) raw: f64,
     /// Since the cycle before.
     pub(crate) elapsed: Duration,
-    /// In how much time it has come here from the position before, in s: more than a cycle if the counter was not told in those before.
-    pub(crate) since_read: f64,
+    /// In how much time it has come here from the position before: more than a cycle if the counter was not told in those before.
+    pub(crate) since_read: Duration,
 }
 
 /// Reads the counter's register in each cycle.
@@ -32,7 +32,7 @@ pub(crate) async fn read_position(
     register: Receiver<i32>,
     counts: Sender<Count>,
 ) -> luna::Result<()> {
-    let mut since_read = 0.0;
+    let mut since_read = Duration::ZERO;
     while let Ok(Tick { elapsed }) = ticks.recv().await {
         since_read += elapsed;
         let read = register.try_recv();
@@ -47,7 +47,7 @@ pub(crate) async fn read_position(
             })
             .await?;
         if read.is_ok() {
-            since_read = 0.0;
+            since_read = Duration::ZERO;
         }
     }
     Ok(())
