@@ -61,9 +61,9 @@ pub struct Report {
     pub timers: Option<TimersReport>,
     /// How safe it was, and how it went with the emergency functions.
     pub safety: SafetyReport,
-    /// What became of the recording, if there was one.
+    /// What became of the log of signals and messages, if there was one.
     #[cfg(feature = "logger")]
-    pub recording: Option<crate::logging::RecordingReport>,
+    pub logging: Option<crate::logging::LoggingReport>,
     /// What was recorded or replayed, if that was asked for.
     pub record: Option<RecordReport>,
 }
@@ -310,7 +310,7 @@ impl fmt::Display for Report {
             writeln!(f, "  {}", timers.to_string().replace('\n', "\n  "))?;
         }
         #[cfg(feature = "logger")]
-        if let Some(recording) = &self.recording {
+        if let Some(recording) = &self.logging {
             writeln!(f, "  {}", recording.to_string().replace('\n', "\n  "))?;
         }
         if self.loops.is_empty() {

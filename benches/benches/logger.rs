@@ -13,7 +13,7 @@ use luna_benches::{
     cores::{on_core, one_core},
     harness::{Case, Goal, run},
 };
-use luna_logger::{Hub, Level, Recorder, Recording, Signal, TracingSubscriber, message};
+use luna_logger::{Hub, Level, Logging, Recorder, Signal, TracingSubscriber, message};
 use luna_platform::clock::{Counter, Instant as LunaInstant};
 use tracing_appender::non_blocking::NonBlockingBuilder;
 
@@ -35,7 +35,7 @@ fn recorded<T>(
     on_core(one_core(), || {
         let file = file("recording");
         let hub = Hub::new("bench", Default::default());
-        let room = Recording::to_file(&file)
+        let room = Logging::to_file(&file)
             .room_for_samples(2 * SAMPLES as usize)
             .room_for_messages(128 * SAMPLES as usize);
         let recorder = Recorder::start(&hub, room).expect("the folder can be written to");

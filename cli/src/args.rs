@@ -156,7 +156,7 @@ pub(crate) struct Doctor {
 /// The options of `luna convert`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Convert {
-    /// The recording, as `System::record_to` or LUNA_RECORD has made it
+    /// The recording, as `System::log_to` or LUNA_LOG has made it
     pub(crate) file: PathBuf,
     /// What to make of it
     #[arg(long, value_name = "FORMAT")]

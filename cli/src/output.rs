@@ -1,7 +1,7 @@
 //! What a command found: as one JSON object.
 
-use crate::demo::table::Row;
 use crate::demo::replay::Recorded;
+use crate::demo::table::Row;
 use luna_jiwy::parts::sanity::Interventions;
 use serde::Serialize;
 

@@ -12,11 +12,11 @@
 //!
 //! ```
 //! use luna_logger::format::{Reader, Record};
-//! use luna_logger::{Hub, Recorder, Recording, Signal};
+//! use luna_logger::{Hub, Recorder, Logging, Signal};
 //!
 //! let file = std::env::temp_dir().join(format!("luna-logger-{}.luna", std::process::id()));
 //! let hub = Hub::new("bench", Default::default());
-//! let recorder = Recorder::start(&hub, Recording::to_file(&file)).unwrap();
+//! let recorder = Recorder::start(&hub, Logging::to_file(&file)).unwrap();
 //! let _inside = hub.enter();
 //! let current = Signal::<f64>::with_unit("motor/current", "A").register()?;
 //! for n in 0..10 {
@@ -51,7 +51,7 @@ pub use format::Level;
 pub use hub::{Entered, Hub, RegisterError, TimeBase};
 pub use message::message;
 pub use recorder::{
-    FileSink, MessagesReport, Recorder, Recording, RecordingReport, SignalReport, Sink, StartError,
+    FileSink, Logging, LoggingReport, MessagesReport, Recorder, SignalReport, Sink, StartError,
     WriterSink,
 };
 pub use sample::{Element, Sample};

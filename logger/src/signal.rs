@@ -13,10 +13,10 @@ use std::sync::Arc;
 /// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
 ///
 /// ```
-/// use luna_logger::{Hub, Recorder, Recording, Signal, WriterSink};
+/// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
 ///
 /// let hub = Hub::new("arm", Default::default());
-/// let recorder = Recorder::start(&hub, Recording::to_sink(WriterSink::new(std::io::sink()))).unwrap();
+/// let recorder = Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
 /// let _inside = hub.enter();
 /// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m").description("of the gripper").register()?;
 /// position.record([0.1, 0.2, 0.3]);

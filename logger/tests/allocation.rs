@@ -1,6 +1,6 @@
-//! Recording allocates nothing on a thread that is prepared. Counted on this thread alone, so other threads may do as they like.
+//! Logging allocates nothing on a thread that is prepared. Counted on this thread alone, so other threads may do as they like.
 
-use luna_logger::{Hub, Level, Recorder, Recording, Signal, WriterSink, message};
+use luna_logger::{Hub, Level, Logging, Recorder, Signal, WriterSink, message};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -35,7 +35,7 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
     let hub = Hub::new("allocation", Default::default());
-    let recording = Recording::to_sink(WriterSink::new(std::io::sink()));
+    let recording = Logging::to_sink(WriterSink::new(std::io::sink()));
     // So little room that most is lost.
     let recorder =
         Recorder::start(&hub, recording.room_for_samples(50).room_for_messages(600)).unwrap();

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Kept, Message};
-use luna_logger::{Hub, Level, Recorder, Recording, install};
+use luna_logger::{Hub, Level, Logging, Recorder, install};
 
 #[test]
 fn both_facades_end_in_the_recording() {
@@ -11,7 +11,7 @@ fn both_facades_end_in_the_recording() {
     assert!(!install(Level::Info), "a facade has one end");
     let kept = Kept::default();
     let hub = Hub::new("facades", Default::default());
-    let recorder = Recorder::start(&hub, Recording::to_sink(kept.sink())).unwrap();
+    let recorder = Recorder::start(&hub, Logging::to_sink(kept.sink())).unwrap();
     let on_thread = std::thread::Builder::new().name("worker".to_owned());
     let thread = on_thread
         .spawn(|| {

@@ -3,7 +3,7 @@
 
 mod common;
 
-use luna_logger::{Hub, Recorder, Recording, RecordingReport, Signal};
+use luna_logger::{Hub, Logging, LoggingReport, Recorder, Signal};
 use nix::sys::resource::{Resource, setrlimit};
 use nix::sys::signal::{SigHandler, Signal as Number, signal};
 use std::fs;
@@ -48,9 +48,9 @@ fn file() -> PathBuf {
 }
 
 /// Records numbers for ever, or until `enough` of them.
-fn record(file: &Path, enough: u64) -> RecordingReport {
+fn record(file: &Path, enough: u64) -> LoggingReport {
     let hub = Hub::new("killed", Default::default());
-    let recording = Recording::to_file(file).every(Duration::from_millis(1));
+    let recording = Logging::to_file(file).every(Duration::from_millis(1));
     let recorder = Recorder::start(&hub, recording).unwrap();
     hub.enter_thread();
     let numbers = Signal::<u64>::register("numbers").unwrap();

@@ -5,7 +5,7 @@ mod common;
 use common::{KeepingSink, Kept};
 use luna_logger::format::Value;
 use luna_logger::{
-    FileSink, Hub, Level, Recorder, Recording, RegisterError, Signal, Sink, StartError, message,
+    FileSink, Hub, Level, Logging, Recorder, RegisterError, Signal, Sink, StartError, message,
 };
 use luna_platform::clock::Instant;
 use proptest::prelude::*;
@@ -24,7 +24,7 @@ fn floats(values: &[(u64, Vec<Value>)]) -> Vec<f64> {
 fn samples_have_their_values_and_the_times_of_their_recording() {
     let kept = Kept::default();
     let hub = Hub::new("smoke", Default::default());
-    let recorder = Recorder::start(&hub, Recording::to_sink(kept.sink())).unwrap();
+    let recorder = Recorder::start(&hub, Logging::to_sink(kept.sink())).unwrap();
     let _inside = hub.enter();
     let angle = Signal::<f64>::with_unit("angle", "rad")
         .description("of the arm")
@@ -79,13 +79,13 @@ fn while_nothing_records_there_is_nothing() {
     let signal = Signal::<u8>::register("signal").unwrap();
     signal.record(1);
     let kept = Kept::default();
-    let recorder = Recorder::start(&hub, Recording::to_sink(kept.sink())).unwrap();
+    let recorder = Recorder::start(&hub, Logging::to_sink(kept.sink())).unwrap();
     signal.record(2);
     let report = recorder.finish();
     signal.record(3);
     assert_eq!((report.signals[0].recorded, report.signals[0].lost), (1, 0));
     assert_eq!(floats(&kept.read().samples[&0]), [2.0]);
-    let again = Recorder::start(&hub, Recording::to_sink(kept.sink()));
+    let again = Recorder::start(&hub, Logging::to_sink(kept.sink()));
     assert_eq!(again.unwrap_err(), StartError::Twice);
 }
 
@@ -125,7 +125,7 @@ fn bad_registrations_say_what_to_do() {
 #[test]
 fn a_file_that_cannot_be_made_is_an_error() {
     let hub = Hub::new("nowhere", Default::default());
-    let error = Recorder::start(&hub, Recording::to_file("/no/such/folder/run.luna")).unwrap_err();
+    let error = Recorder::start(&hub, Logging::to_file("/no/such/folder/run.luna")).unwrap_err();
     assert!(
         matches!(&error, StartError::Sink { to, .. } if to == "/no/such/folder/run.luna"),
         "{error}"
@@ -170,7 +170,7 @@ proptest! {
         let kept = Kept::default();
         let hub = Hub::new("stalled", Default::default());
         let (open, sink) = gated(&kept);
-        let recording = Recording::to_sink(sink).room_for_samples(room).every(Duration::from_millis(1));
+        let recording = Logging::to_sink(sink).room_for_samples(room).every(Duration::from_millis(1));
         let recorder = Recorder::start(&hub, recording).unwrap();
         let signals: Vec<_> = {
             let _inside = hub.enter();
@@ -227,7 +227,7 @@ proptest! {
         let kept = Kept::default();
         let hub = Hub::new("refused", Default::default());
         let sink = Refusing(kept.sink(), refused.into_iter());
-        let recorder = Recorder::start(&hub, Recording::to_sink(sink).every(Duration::from_millis(1))).unwrap();
+        let recorder = Recorder::start(&hub, Logging::to_sink(sink).every(Duration::from_millis(1))).unwrap();
         let _inside = hub.enter();
         let signal = Signal::<[f64; 16]>::register("wide").unwrap();
         // Several blocks, however the rounds fall.
@@ -258,7 +258,7 @@ fn a_burst_of_messages_costs_no_samples() {
     let kept = Kept::default();
     let hub = Hub::new("burst", Default::default());
     let (open, sink) = gated(&kept);
-    let recording = Recording::to_sink(sink).room_for_messages(1000);
+    let recording = Logging::to_sink(sink).room_for_messages(1000);
     let recorder = Recorder::start(&hub, recording).unwrap();
     let _inside = hub.enter();
     let signal = Signal::<bool>::register("signal").unwrap();
@@ -283,6 +283,6 @@ fn a_device_without_room_is_an_error_at_the_start() {
         return;
     };
     let hub = Hub::new("full", Default::default());
-    let error = Recorder::start(&hub, Recording::to_sink(sink)).unwrap_err();
+    let error = Recorder::start(&hub, Logging::to_sink(sink)).unwrap_err();
     assert!(matches!(error, StartError::Sink { .. }));
 }

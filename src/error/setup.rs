@@ -33,7 +33,7 @@ pub enum SetupError {
     Signal(crate::logging::RegisterError),
     /// The recording that was asked for cannot begin.
     #[cfg(feature = "logger")]
-    Recording(crate::logging::StartError),
+    Logging(crate::logging::StartError),
     /// Two of a kind have one name.
     DuplicateName {
         /// Executor, process, or loop.
@@ -212,7 +212,7 @@ impl fmt::Display for SetupError {
             #[cfg(feature = "logger")]
             SetupError::Signal(error) => error.fmt(f),
             #[cfg(feature = "logger")]
-            SetupError::Recording(error) => error.fmt(f),
+            SetupError::Logging(error) => error.fmt(f),
             SetupError::Level { process, level } => {
                 write!(f, "process `{process}` asks for priority {level}; choose 0 (lowest) to 31")
             }

@@ -1,7 +1,7 @@
 //! With the logger.
 
 pub use luna_logger::{
-    FileSink, Level, MessagesReport, Recording, RecordingReport, RegisterError, Sample, Signal,
+    FileSink, Level, Logging, LoggingReport, MessagesReport, RegisterError, Sample, Signal,
     SignalBuilder, SignalReport, Sink, StartError, WriterSink, install as install_facades, message,
 };
 
@@ -10,7 +10,7 @@ use luna_logger::{Entered, Hub, Recorder, TimeBase};
 use std::sync::Arc;
 
 /// The variable of the environment that names a file to record to.
-const VARIABLE: &str = "LUNA_RECORD";
+const VARIABLE: &str = "LUNA_LOG";
 
 impl From<RegisterError> for Error {
     fn from(error: RegisterError) -> Error {
@@ -19,7 +19,7 @@ impl From<RegisterError> for Error {
 }
 
 /// What the user asks to be recorded.
-pub(crate) type Asked = Option<Recording>;
+pub(crate) type Asked = Option<Logging>;
 
 /// A system's logger.
 #[derive(Clone)]
@@ -51,14 +51,14 @@ impl Log {
         let by_variable = || {
             std::env::var_os(VARIABLE)
                 .filter(|path| !path.is_empty())
-                .map(Recording::to_file)
+                .map(Logging::to_file)
         };
         asked
             .or_else(by_variable)
             .map(|recording| Recorder::start(&self.0, recording))
             .transpose()
             .map(Session)
-            .map_err(SetupError::Recording)
+            .map_err(SetupError::Logging)
     }
 }
 
@@ -67,7 +67,7 @@ pub(crate) struct Session(Option<Recorder>);
 
 impl Session {
     /// Ends it.
-    pub(crate) fn finish(self) -> Option<RecordingReport> {
+    pub(crate) fn finish(self) -> Option<LoggingReport> {
         self.0.map(Recorder::finish)
     }
 }

@@ -127,7 +127,7 @@ fn launch_described(
         clippy::unit_arg,
         reason = "without the logger nothing can be asked for"
     )]
-    let recording = log.start(std::mem::take(&mut settings.recording))?;
+    let recording = log.start(std::mem::take(&mut settings.logging))?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;

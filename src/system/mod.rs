@@ -359,11 +359,11 @@ impl System {
     }
 
     /// Records the [signals](crate::Signal) and [messages](crate::message()) of the system in a new file at `path`, from the start to the end; one that is there is replaced.
-    /// `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in [`Report::recording`](crate::Report::recording).
+    /// `luna convert` makes CSV, MCAP and Perfetto traces of it. What is recorded, and what was lost, stands in [`Report::logging`](crate::Report::logging).
     ///
     /// An ordinary thread writes the file. The processes write to rings of their threads, which is wait-free; a ring that is full drops what is new, and counts it.
     ///
-    /// Where the program does not ask for it, the environment may: `LUNA_RECORD=run.luna` records to that file.
+    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to that file.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -386,38 +386,38 @@ impl System {
     ///
     /// let file = std::env::temp_dir().join(format!("luna-pump-{}.luna", std::process::id()));
     /// let mut system = System::new("pump");
-    /// system.record_to(&file);
+    /// system.log_to(&file);
     /// let main = system.executor("main").build()?;
     /// main.process("pump").spawn(Pump { flow: None })?;
-    /// let recording = system.run()?.recording.unwrap();
+    /// let recording = system.run()?.logging.unwrap();
     /// assert_eq!((recording.signals[0].recorded, recording.signals[0].lost), (1, 0));
     /// # std::fs::remove_file(file).unwrap();
     /// # Ok::<(), luna::Error>(())
     /// ```
     #[cfg(feature = "logger")]
-    pub fn record_to(&mut self, path: impl Into<std::path::PathBuf>) -> &mut Self {
-        self.log(crate::Recording::to_file(path))
+    pub fn log_to(&mut self, path: impl Into<std::path::PathBuf>) -> &mut Self {
+        self.log(crate::Logging::to_file(path))
     }
 
-    /// As [`record_to`](Self::record_to), with the rooms, the rate and the sink of `recording`.
+    /// As [`log_to`](Self::log_to), with the rooms, the rate and the sink of `recording`.
     ///
     /// ```
-    /// use luna::{Level, Recording, WriterSink, prelude::*};
+    /// use luna::{Level, Logging, WriterSink, prelude::*};
     ///
     /// let mut system = System::new("pump");
     /// let sink = WriterSink::new(std::io::sink());
-    /// system.log(Recording::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
+    /// system.log(Logging::to_sink(sink).room_for_samples(1000).show_messages(Level::Warn));
     /// let main = system.executor("main").build()?;
     /// main.process("pump").spawn(async {
     ///     luna::message(Level::Info, "pump", format_args!("primed after {} s", 3));
     ///     Ok(())
     /// })?;
-    /// assert_eq!(system.run()?.recording.unwrap().messages.recorded, 1);
+    /// assert_eq!(system.run()?.logging.unwrap().messages.recorded, 1);
     /// # Ok::<(), luna::Error>(())
     /// ```
     #[cfg(feature = "logger")]
-    pub fn log(&mut self, recording: crate::Recording) -> &mut Self {
-        self.plan.settings().recording = Some(recording);
+    pub fn log(&mut self, recording: crate::Logging) -> &mut Self {
+        self.plan.settings().logging = Some(recording);
         self
     }
 

@@ -56,7 +56,7 @@ pub(crate) struct Settings {
     pub(crate) guardian: Option<Guardian>,
     pub(crate) clock: ClockPlan,
     /// What is to be recorded.
-    pub(crate) recording: Asked,
+    pub(crate) logging: Asked,
     pub(crate) tapes: TapePlan,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,

@@ -208,7 +208,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         timers,
         safety,
         #[cfg(feature = "logger")]
-        recording,
+        logging: recording,
         record: recorded.as_ref().ok().copied().flatten(),
     };
     let cause = if report.end == End::Emergency {

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::queue::{Queue, merge};
-use super::report::RecordingReport;
+use super::report::LoggingReport;
 use super::sink::Sink;
 use super::timeline::Timeline;
 use crate::format::{Level, Losing};
@@ -42,7 +42,7 @@ impl Drain {
     }
 
     /// Works in rounds; `wait` waits for the next, and says whether it is the last.
-    pub(super) fn run(mut self, wait: impl Fn() -> bool) -> RecordingReport {
+    pub(super) fn run(mut self, wait: impl Fn() -> bool) -> LoggingReport {
         // So that a recording says from the beginning what it is.
         self.round(false);
         loop {

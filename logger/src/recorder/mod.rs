@@ -15,7 +15,7 @@ mod report;
 mod sink;
 mod timeline;
 
-pub use report::{MessagesReport, RecordingReport, SignalReport};
+pub use report::{LoggingReport, MessagesReport, SignalReport};
 pub use sink::{FileSink, Sink, WriterSink};
 
 use crate::format::{Encoder, Level};
@@ -31,17 +31,17 @@ use std::time::Duration;
 /// Where a recording goes, and how much room there is on the way.
 ///
 /// ```
-/// use luna_logger::{Level, Recording};
+/// use luna_logger::{Level, Logging};
 /// use std::time::Duration;
 ///
-/// let recording = Recording::to_file("run.luna")
+/// let recording = Logging::to_file("run.luna")
 ///     .room_for_samples(100_000) // of each thread, until they are moved on
 ///     .every(Duration::from_millis(5))
 ///     .show_messages(Level::Warn);
 /// assert!(format!("{recording:?}").contains("run.luna"));
 /// ```
 #[derive(Debug)]
-pub struct Recording {
+pub struct Logging {
     target: Target,
     rooms: Rooms,
     period: Duration,
@@ -62,7 +62,7 @@ impl fmt::Debug for Target {
     }
 }
 
-impl Recording {
+impl Logging {
     /// Into a new file; one that is there is replaced.
     pub fn to_file(path: impl Into<PathBuf>) -> Self {
         Self::to(Target::File(path.into()))
@@ -120,7 +120,7 @@ const MOST_ROOM: usize = 1 << 27;
 pub struct Recorder {
     hub: Arc<Hub>,
     to: String,
-    thread: Option<Thread<RecordingReport>>,
+    thread: Option<Thread<LoggingReport>>,
     ending: Arc<Ending>,
 }
 
@@ -132,8 +132,8 @@ impl Recorder {
     /// # Errors
     ///
     /// The file cannot be made, or the thread, or the hub records already.
-    pub fn start(hub: &Arc<Hub>, recording: Recording) -> Result<Recorder, StartError> {
-        let Recording {
+    pub fn start(hub: &Arc<Hub>, recording: Logging) -> Result<Recorder, StartError> {
+        let Logging {
             target,
             rooms,
             period,
@@ -184,12 +184,12 @@ impl Recorder {
     /// more: what they record meanwhile may be missing without being counted.
     ///
     /// Waits as long as the sink takes.
-    pub fn finish(mut self) -> RecordingReport {
+    pub fn finish(mut self) -> LoggingReport {
         self.stop()
-            .unwrap_or_else(|| RecordingReport::broken(std::mem::take(&mut self.to)))
+            .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
     }
 
-    fn stop(&mut self) -> Option<RecordingReport> {
+    fn stop(&mut self) -> Option<LoggingReport> {
         let thread = self.thread.take()?;
         self.hub.end_recording();
         self.ending.end();

@@ -1,6 +1,6 @@
 //! Entries into blocks, blocks into the sink, and the count of what became of each.
 
-use super::report::{MessagesReport, RecordingReport, SignalReport};
+use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::sink::Sink;
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
@@ -283,7 +283,7 @@ impl Output {
     }
 
     /// Ends the recording, of which so many messages were lost before they came here.
-    pub(super) fn end(mut self, lost_messages: u64) -> RecordingReport {
+    pub(super) fn end(mut self, lost_messages: u64) -> LoggingReport {
         if self.declare() {
             self.tell_losses_of_signals();
             self.encoder.put(&Record::End {
@@ -300,7 +300,7 @@ impl Output {
                 lost: self.lost(index),
             })
             .collect();
-        RecordingReport {
+        LoggingReport {
             to: self.to,
             bytes: self.bytes,
             signals,

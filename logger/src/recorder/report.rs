@@ -6,7 +6,7 @@ use std::fmt;
 /// for each signal that lost samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct RecordingReport {
+pub struct LoggingReport {
     /// Where it went.
     pub to: String,
     /// How many bytes that are.
@@ -45,7 +45,7 @@ pub struct MessagesReport {
     pub truncated: u64,
 }
 
-impl RecordingReport {
+impl LoggingReport {
     /// Of a recorder whose thread has panicked.
     pub(super) fn broken(to: String) -> Self {
         Self {
@@ -63,7 +63,7 @@ impl RecordingReport {
     }
 }
 
-impl fmt::Display for RecordingReport {
+impl fmt::Display for LoggingReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let samples: u64 = self.signals.iter().map(|signal| signal.recorded).sum();
         write!(

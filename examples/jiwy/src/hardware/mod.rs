@@ -9,9 +9,9 @@ mod mesa;
 mod simulated;
 
 pub use lock_step::{Axis, Simulator, lock_step};
-pub(crate) use simulated::simulates;
 #[cfg(unix)]
 pub use mesa::{Behind, mesa};
+pub(crate) use simulated::simulates;
 pub use simulated::{Simulated, simulated};
 
 use luna::prelude::*;

@@ -2,7 +2,7 @@
 
 use super::{Places, ROUNDS};
 use luna::prelude::*;
-use luna::{Level, Recording, WriterSink};
+use luna::{Level, Logging, WriterSink};
 use std::time::Duration;
 
 /// Records its rounds.
@@ -47,8 +47,8 @@ fn record(places: &mut Places) {
     }
 }
 
-fn nowhere() -> Recording {
-    Recording::to_sink(WriterSink::new(std::io::sink()))
+fn nowhere() -> Logging {
+    Logging::to_sink(WriterSink::new(std::io::sink()))
 }
 
 pub(crate) fn signals_and_messages(places: &mut Places) {

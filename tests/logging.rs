@@ -5,7 +5,7 @@ mod common;
 
 use common::watchdog;
 use luna::prelude::*;
-use luna::{Error, Level, Recording, RecordingReport, RegisterError, SetupError, Sink, StartError};
+use luna::{Error, Level, Logging, LoggingReport, RegisterError, SetupError, Sink, StartError};
 use luna_logger::format::{ClockBase, Reader, Record};
 use std::io;
 use std::sync::{Arc, Mutex};
@@ -115,11 +115,11 @@ impl Process for Counter {
 }
 
 /// Two counters, on an executor and a thread.
-fn run(prepare: impl FnOnce(&mut System)) -> (Content, RecordingReport) {
+fn run(prepare: impl FnOnce(&mut System)) -> (Content, LoggingReport) {
     let kept = Kept::default();
     let mut system = System::new("counters");
     prepare(&mut system);
-    system.log(Recording::to_sink(kept.clone()));
+    system.log(Logging::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
     main.process("one").spawn(Counter::new("one", 20)).unwrap();
     system
@@ -127,12 +127,12 @@ fn run(prepare: impl FnOnce(&mut System)) -> (Content, RecordingReport) {
         .process("two")
         .spawn(Counter::new("two", 10))
         .unwrap();
-    let report = system.run().unwrap().recording.unwrap();
+    let report = system.run().unwrap().logging.unwrap();
     let bytes = kept.0.lock().unwrap().clone();
     (content(&bytes), report)
 }
 
-fn counts(report: &RecordingReport) -> Vec<(&str, u64, u64)> {
+fn counts(report: &LoggingReport) -> Vec<(&str, u64, u64)> {
     let signals = report.signals.iter();
     signals
         .map(|one| (&*one.name, one.recorded, one.lost))
@@ -222,7 +222,7 @@ fn without_a_recording_signals_are_silent() {
     let mut system = System::new("silent");
     let main = system.executor("main").build().unwrap();
     main.process("one").spawn(Counter::new("one", 3)).unwrap();
-    assert_eq!(system.run().unwrap().recording, None);
+    assert_eq!(system.run().unwrap().logging, None);
 }
 
 #[test]
@@ -241,13 +241,13 @@ fn bad_signals_and_files_stop_the_start() {
     assert_eq!((name.as_str(), *source), ("two", expected));
 
     let mut system = System::new("nowhere");
-    system.record_to("/no/such/folder/run.luna");
+    system.log_to("/no/such/folder/run.luna");
     let main = system.executor("main").build().unwrap();
     main.process("one").spawn(async { Ok(()) }).unwrap();
     let error = system.run().unwrap_err();
     assert!(matches!(
         error,
-        Error::Setup(SetupError::Recording(StartError::Sink { .. }))
+        Error::Setup(SetupError::Logging(StartError::Sink { .. }))
     ));
 }
 
@@ -256,7 +256,7 @@ fn a_process_that_comes_late_registers_and_records() {
     let _watchdog = watchdog();
     let kept = Kept::default();
     let mut system = System::new("late");
-    system.log(Recording::to_sink(kept.clone()));
+    system.log(Logging::to_sink(kept.clone()));
     let main = system.executor("main").build().unwrap();
     let own = main.clone();
     main.process("parent")
@@ -268,7 +268,7 @@ fn a_process_that_comes_late_registers_and_records() {
             Ok(())
         })
         .unwrap();
-    let recording = system.run().unwrap().recording.unwrap();
+    let recording = system.run().unwrap().logging.unwrap();
     for name in ["first/up", "second/up"] {
         let signal = recording
             .signals
@@ -303,7 +303,7 @@ fn the_examples_signal_is_in_its_recording() {
     let name = format!("luna-process-phases-{}.luna", std::process::id());
     let file = std::env::temp_dir().join(name);
     let mut child = Command::new(example)
-        .env("LUNA_RECORD", &file)
+        .env("LUNA_LOG", &file)
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
