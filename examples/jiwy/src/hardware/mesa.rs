@@ -48,7 +48,7 @@ pub fn mesa(
             .pwm_with_enable(number, pwm, enable);
         executor
             .process(&format!("{} counts", axis.name))
-            .spawn(tell_counts(axis.count_at_zero, readings, count))?;
+            .spawn(tell_counts(axis.count_at_zero, period, readings, count))?;
         Ok::<_, Error>(registers)
     };
     let registers = [build_axis(0)?, build_axis(1)?];
@@ -67,14 +67,19 @@ fn fastest(index: usize) -> f64 {
     1.5 * turns * luna_plants::COUNTS_PER_MOTOR_TURN
 }
 
-/// Writes what the encoder says to the register, while it is fresh.
+/// Writes what the encoder says to the register, while it is fresh: a register has no age, so what has waited for longer than a period (since others kept this executor from running) does not go
+/// there.
 async fn tell_counts(
     at_zero: i32,
+    period: Duration,
     readings: Receiver<Sample<Reading>>,
     register: Sender<i32>,
 ) -> luna::Result<()> {
     while let Ok(sample) = readings.recv().await {
-        if let Some(reading) = sample.fresh() {
+        let [asked, _] = sample.measured_between();
+        if let Some(reading) = sample.fresh()
+            && luna::now() - asked <= period
+        {
             // The low 32 bits are what a counter keeps.
             let count = at_zero.wrapping_add(reading.position as i32);
             if register.send(count).await.is_err() {
