@@ -259,7 +259,13 @@ fn round(number: u64, seed: u64, has_signals: bool) -> (usize, bool) {
         what()
     );
     let triggers = record.triggers.load(Ordering::SeqCst);
-    assert!(!is_emergency || triggers > 0, "for nothing: {}", what());
+    // The one of the round before may come late: the kernel gives it to a thread that has to wait for a core.
+    let is_late_signal = matches!(report.end, End::Signal(_));
+    assert!(
+        !is_emergency || triggers > 0 || is_late_signal,
+        "for nothing: {}",
+        what()
+    );
     (triggers, is_emergency)
 }
 

@@ -314,6 +314,11 @@ fn watch(
     let mut rest = SHORTEST_REST;
     loop {
         let seen = living.changes();
+        if emergency.has_begun() && !emergency.is_safe() {
+            // The machine first: no `post_run` runs before the functions have, which is announced.
+            living.wait(seen, Instant::NEVER);
+            continue;
+        }
         let have_ended = burial.bury();
         {
             let mut members = plan.members();

@@ -16,13 +16,14 @@ pub(crate) struct AlternateStack {
 impl AlternateStack {
     pub(crate) fn make() -> Self {
         let (guard, length) = (page_size(), page_size() + SIZE);
+        // In memory from the beginning: a handler of an urgent thread is not to wait for pages.
         // SAFETY: a new mapping, at no address in particular; its lowest page is then made a guard.
         let mapping = unsafe {
             libc::mmap(
                 ptr::null_mut(),
                 length,
                 libc::PROT_READ | libc::PROT_WRITE,
-                libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_STACK,
+                libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_STACK | libc::MAP_POPULATE,
                 -1,
                 0,
             )
