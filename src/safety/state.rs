@@ -50,7 +50,7 @@ impl fmt::Display for Degree {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// Somebody said so: [`luna::emergency`](crate::emergency()), [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise), [`Safety::warn`] and the like.
+    /// Somebody said so: [`luna::emergency`](crate::emergency()), [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise), [`Safety::warn`](crate::Safety::warn) and the like.
     Raised(Error),
     /// A process, a timer's callback or a thread of the framework panicked.
     Panic,
