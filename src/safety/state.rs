@@ -18,7 +18,7 @@ pub enum Degree {
     Normal,
     /// Somebody has warned. Everything goes on.
     Warning,
-    /// All keeps running, and puts out what is neutral: processes ask [`is_safe_state`](Safety::is_safe_state).
+    /// All keeps running, and puts out what is neutral: processes ask [`is_safe_state`](crate::Safety::is_safe_state).
     SafeState,
     /// The emergency functions have run, or do; the system ends.
     Emergency,
