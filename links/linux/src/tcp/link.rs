@@ -1,0 +1,140 @@
+//! The process that keeps a connection up.
+
+use super::traffic::Traffic;
+use super::{Origin, Reconnect, TcpPort};
+use crate::Counts;
+use crate::end::Lose;
+use crate::pump::OnBad;
+use luna::devices::Device;
+use luna::external::{Framing, FromBytes, LinkError, Packer, Splitter, ToBytes};
+use luna::{Process, Receiver, Sender};
+use std::fmt;
+use std::future::Future;
+use std::time::Duration;
+
+/// Makes a process that sends what comes from `outgoing` over the connection, and what the connection brings to `incoming`.
+///
+/// Records go out whole and in order. One that was under way when a connection broke is sent again over the next, from its beginning; those that only the kernel had may be lost. What came
+/// in whole before a connection broke is still delivered; what was cut off is counted as [bad](Counts::bad).
+///
+/// When the last sender to `outgoing` is gone and all is written, the connection is closed in that direction, and the link ends when the other side closes it too. When the last receiver
+/// of `incoming` is gone nothing is read any more, and the link ends when there is nothing more to send. A side that does not read holds up the senders, and nothing grows; with a
+/// [patience](Link::patience) the connection is given up for it.
+///
+/// Real-time path: while connected, as [`reader`](crate::reader); to connect is off it, and takes a buddy thread. Cancel-safe, as [`reader`](crate::reader) is.
+///
+/// # Errors
+///
+/// The framing makes no sense.
+pub fn link<O: ToBytes + Send, I: FromBytes + Send>(
+    port: &Device<TcpPort>,
+    outgoing: Receiver<O>,
+    incoming: Sender<I>,
+    framing: Framing,
+) -> Result<Link<O, I>, LinkError> {
+    Ok(Link {
+        origin: Some(port.origin.clone()),
+        device: Some(Box::new(port.clone())),
+        outgoing: Some(outgoing.external()),
+        incoming: Some(incoming.external()),
+        splitter: Splitter::new(framing)?,
+        packer: Packer::new(framing)?,
+        reconnect: Reconnect::default(),
+        patience: None,
+        on_bad: OnBad::default(),
+        sent: Counts::default(),
+        received: Counts::default(),
+    })
+}
+
+/// A link over TCP, to be spawned: see [`link`].
+#[must_use = "a link is a process: spawn it"]
+pub struct Link<O, I> {
+    origin: Option<Origin>,
+    device: Option<Box<dyn Lose>>,
+    outgoing: Option<Receiver<O>>,
+    incoming: Option<Sender<I>>,
+    splitter: Splitter,
+    packer: Packer,
+    reconnect: Reconnect,
+    patience: Option<Duration>,
+    on_bad: OnBad,
+    sent: Counts,
+    received: Counts,
+}
+
+impl<O, I> Link<O, I> {
+    /// When it connects again; without this as [`Reconnect::default`] says.
+    pub fn reconnect(mut self, policy: Reconnect) -> Self {
+        self.reconnect = policy;
+        self
+    }
+
+    /// For how long nothing may get out before the connection is given up.
+    pub fn patience(mut self, patience: Duration) -> Self {
+        self.patience = Some(patience);
+        self
+    }
+
+    /// What becomes of broken records that come; without this they end the link.
+    pub fn on_bad(mut self, policy: OnBad) -> Self {
+        self.on_bad = policy;
+        self
+    }
+
+    /// What it counts of the records that come, and the connections.
+    pub fn received(&self) -> Counts {
+        self.received.clone()
+    }
+
+    /// What it counts of the records that go.
+    pub fn sent(&self) -> Counts {
+        self.sent.clone()
+    }
+}
+
+impl<O: ToBytes + Send, I: FromBytes + Send> Process for Link<O, I> {
+    fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
+        let _ = luna::prepare_files();
+        async {
+            let (Some(outgoing), Some(incoming), Some(device), Some(origin)) = (
+                self.outgoing.take(),
+                self.incoming.take(),
+                &self.device,
+                &self.origin,
+            ) else {
+                return Err(LinkError::NotPrepared.into());
+            };
+            let mut traffic = Traffic {
+                outgoing: Some(outgoing),
+                incoming: Some(incoming),
+                splitter: &mut self.splitter,
+                packer: &mut self.packer,
+                is_unsent: false,
+                patience: self.patience,
+                on_bad: self.on_bad,
+                sent: &self.sent,
+                received: &self.received,
+            };
+            let stop = traffic.keep_up(origin, self.reconnect).await;
+            stop.end(&**device)
+        }
+    }
+
+    /// Lets go of the device.
+    fn post_run(&mut self) {
+        self.origin = None;
+        self.device = None;
+    }
+}
+
+impl<O, I> fmt::Debug for Link<O, I> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Link")
+            .field("origin", &self.origin)
+            .field("reconnect", &self.reconnect)
+            .field("sent", &self.sent)
+            .field("received", &self.received)
+            .finish_non_exhaustive()
+    }
+}
