@@ -1,6 +1,7 @@
 //! Without the logger: the same names for processes, and nothing behind them.
 
 use crate::error::{Error, SetupError};
+use std::convert::Infallible;
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -113,7 +114,7 @@ pub fn message(_: Level, _: &str, _: fmt::Arguments<'_>) {}
 pub(crate) struct Log;
 
 /// Nothing can be asked for.
-pub(crate) type Asked = ();
+pub(crate) type Asked = Option<Infallible>;
 
 pub(crate) struct Entered;
 
@@ -129,7 +130,7 @@ impl Log {
     #[inline(always)]
     pub(crate) fn enter_thread(&self) {}
 
-    pub(crate) fn start(&self, (): Asked) -> Result<Session, SetupError> {
+    pub(crate) fn start(&self, _: Asked) -> Result<Session, SetupError> {
         Ok(Session)
     }
 }
@@ -137,5 +138,7 @@ impl Log {
 pub(crate) struct Session;
 
 impl Session {
-    pub(crate) fn finish(self) {}
+    pub(crate) fn finish(self) -> Option<Infallible> {
+        None
+    }
 }

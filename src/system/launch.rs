@@ -123,10 +123,6 @@ fn launch_described(
     let log = Log::new(plan.name(), is_virtual);
     // What is registered on this thread until the release belongs to the system.
     let _log = log.enter();
-    #[allow(
-        clippy::unit_arg,
-        reason = "without the logger nothing can be asked for"
-    )]
     let recording = log.start(std::mem::take(&mut settings.logging))?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
