@@ -42,7 +42,7 @@ pub(crate) struct Taped {
     /// The greatest stamps that were given here, of sends and of receives.
     last_stamps: [u64; 2],
     /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone.
-    stored: Option<Box<VecDeque<u64>>>,
+    stored: VecDeque<u64>,
 }
 
 impl Taped {
@@ -128,7 +128,7 @@ impl Lists {
     }
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
-        let stamps = self.taped.stored.get_or_insert_default();
+        let stamps = &mut self.taped.stored;
         // Those from before the begin, and those that came back, have none.
         while stamps.len() < stored {
             stamps.push_front(0);

@@ -22,7 +22,7 @@ pub(crate) enum Failure {
         /// Of the recording.
         path: PathBuf,
         /// Why.
-        error: RecordError,
+        error: Box<RecordError>,
     },
     /// The histogram cannot be written.
     Histogram {

@@ -24,13 +24,15 @@ const END: u64 = 1 << 61;
 const LATE: u64 = 1 << 60;
 
 type Queues = BTreeMap<u32, VecDeque<Noted>>;
+/// A process: its parent's number or 0, its name, and which it is of these.
+type Key = (u32, String, u32);
 
 /// What replays a system.
 pub(crate) struct Replayer {
     system: String,
     is_whole: bool,
-    /// By parent, name, and which it is of these: its number from 1, and its events.
-    processes: Mutex<HashMap<(u32, String, u32), (u32, Queues)>>,
+    /// The number from 1 of each process, and its events.
+    processes: Mutex<HashMap<Key, (u32, Queues)>>,
     /// How many processes of each name there were, by who spawned them.
     names: Mutex<HashMap<(u32, String), u32>>,
     first: Mutex<Option<RecordError>>,

@@ -92,7 +92,7 @@ pub(super) fn text(recorded: Option<&Recorded>) -> String {
 pub(super) fn replay(path: &Path, arguments: &args::Demo) -> Result<bool, Failure> {
     let unusable = |error| Failure::Recording {
         path: path.to_owned(),
-        error,
+        error: Box::new(error),
     };
     // One that lost events is good up to there; a damaged one is not to be trusted.
     let recording = Recording::open(path).map_err(unusable)?;
