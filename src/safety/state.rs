@@ -18,7 +18,7 @@ pub enum Degree {
     Normal,
     /// Somebody has warned. Everything goes on.
     Warning,
-    /// All keeps running, and puts out what is neutral: processes ask [`is_safe_state`](Safety::is_safe_state).
+    /// All keeps running, and puts out what is neutral: processes ask [`is_safe_state`](crate::Safety::is_safe_state).
     SafeState,
     /// The emergency functions have run, or do; the system ends.
     Emergency,
@@ -50,7 +50,7 @@ impl fmt::Display for Degree {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Cause {
-    /// Somebody said so: [`luna::emergency`](crate::emergency()), [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise), [`Safety::warn`] and the like.
+    /// Somebody said so: [`luna::emergency`](crate::emergency()), [`EmergencyTrigger::raise`](crate::EmergencyTrigger::raise), [`Safety::warn`](crate::Safety::warn) and the like.
     Raised(Error),
     /// A process, a timer's callback or a thread of the framework panicked.
     Panic,
