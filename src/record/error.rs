@@ -42,7 +42,7 @@ pub enum RecordError {
         construct: String,
     },
     /// The replay has come to something else than the recording.
-    Diverged(Divergence),
+    Diverged(Box<Divergence>),
 }
 
 /// The first difference between a recording and its replay.

@@ -302,14 +302,15 @@ impl Track {
     }
 
     fn differ(&self, operation: u64, output: Option<u64>, expected: String, found: String) {
-        self.replayer.note(RecordError::Diverged(Divergence {
-            event: self.replayer.replayed.load(Ordering::Relaxed),
-            process: self.name.clone(),
-            operation,
-            output,
-            expected,
-            found,
-        }));
+        self.replayer
+            .note(RecordError::Diverged(Box::new(Divergence {
+                event: self.replayer.replayed.load(Ordering::Relaxed),
+                process: self.name.clone(),
+                operation,
+                output,
+                expected,
+                found,
+            })));
     }
 
     /// Something is done of which the recording says nothing more.
