@@ -12,18 +12,18 @@
 //!
 //! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t), and sum_step likewise.
 //! unsafe extern "C" fn sum_initialize(_u: *const f64, _y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // SAFETY: the caller gives one state and one parameter.
+//!     // Sound: the caller gives one state and one parameter.
 //!     unsafe { (*x, *p) = (0.0, 2.0) }
 //! }
 //! unsafe extern "C" fn sum_step(u: *const f64, y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // SAFETY: the caller gives two inputs, one output, one state and one parameter.
+//!     // Sound: the caller gives two inputs, one output, one state and one parameter.
 //!     unsafe {
 //!         *x += *u + *u.add(1);
 //!         *y = *p * *x;
 //!     }
 //! }
 //!
-//! // SAFETY: they use two inputs, one output, one state and one parameter, and nothing else.
+//! // Sound, since they use two inputs, one output, one state and one parameter, and nothing else.
 //! let mut sum = unsafe { Submodel::<2, 1, 1, 1>::new(sum_initialize, sum_step) };
 //! sum.initialize(0.0);
 //! assert_eq!(sum.step([1.0, 2.0], 0.1)?, [6.0]);
