@@ -287,19 +287,27 @@ fn buffers_that_are_drained_at_once() {
         })?;
         let outputs = outputs.clone();
         right.process("poller").spawn(async move {
-            for _ in 0..ROUNDS {
+            // Until the source is gone, however late it comes to run.
+            loop {
                 luna::after(Duration::from_micros(20)).await;
                 // More than fits: the source goes on in between.
-                while let Ok(value) = drained.try_recv() {
-                    work();
-                    give(&outputs, "poller", value);
-                }
+                let empty = loop {
+                    match drained.try_recv() {
+                        Ok(value) => {
+                            work();
+                            give(&outputs, "poller", value);
+                        }
+                        Err(why) => break why,
+                    }
+                };
                 while let Ok(value) = looked_at.try_recv() {
                     work();
                     give(&outputs, "poller", value);
                 }
+                if !empty.is_empty() {
+                    return Ok(());
+                }
             }
-            Ok(())
         })?;
         Ok(())
     });

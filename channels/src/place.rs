@@ -2,7 +2,7 @@
 
 use crate::inspect::Identity;
 use crate::spots::{Nodes, Side, Spots};
-use crate::taped::Taped;
+use crate::taped::{Order, Taped};
 use luna_platform::current::{Heir, ProcessId, User};
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
 use luna_platform::wait_list::WaitList;
@@ -42,6 +42,7 @@ pub struct Lists {
     pub(crate) receivers: WaitList,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
     pub(crate) tickets: u32,
+    pub(crate) order: Order,
     pub(crate) on_spots: Nodes,
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
@@ -166,6 +167,7 @@ impl Place {
                 receiver: LastUser::NOBODY,
                 server: None,
                 taped: Taped::default(),
+                order: Order::default(),
             }),
             identity,
         }
@@ -262,7 +264,11 @@ mod tests {
     /// It is what a process is dear by: with five lists of two words, and all else side by side, it was half as much again.
     #[test]
     fn a_channel_takes_five_cache_lines_of_which_a_rendezvous_needs_two() {
-        assert!(size_of::<crate::core::Channel<u64>>() <= 320);
+        assert!(
+            size_of::<crate::core::Channel<u64>>() <= 320,
+            "{}",
+            size_of::<crate::core::Channel<u64>>()
+        );
         let behind = size_of::<Lists>() - offset_of!(Lists, tickets);
         assert!(size_of::<HomeLock<Lists>>() - behind <= 64);
         assert!(offset_of!(Place, lock) + size_of::<HomeLock<Lists>>() - behind <= 128);

@@ -35,14 +35,21 @@ pub(crate) enum Stamped {
 pub(crate) struct Taped {
     /// Who last came as a sender and as a receiver, 0 for nobody.
     strands: [u32; 2],
+    /// The greatest stamps that were given here, of sends and of receives.
+    last_stamps: [u64; 2],
+    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone, and apart, since
+    /// each place pays for what lies here.
+    #[expect(clippy::box_collection, reason = "one word instead of four")]
+    stored: Option<Box<VecDeque<u64>>>,
+}
+
+/// What is asked of recorded processes' order. Apart from [`Taped`], where there is room between other fields.
+#[derive(Debug, Default)]
+pub(crate) struct Order {
     /// Whether the order in which they get through has to be recorded, since there are several on a side, or since a buffer overwrites.
     pub(crate) is_ordered: bool,
     /// Whether somebody took part meanwhile who is not recorded.
     has_outsider: bool,
-    /// The greatest stamps that were given here, of sends and of receives.
-    last_stamps: [u64; 2],
-    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone.
-    stored: VecDeque<u64>,
 }
 
 impl Taped {
@@ -60,26 +67,26 @@ impl Lists {
         let strand = current::tape(|tape| tape.strand()).unwrap_or_default();
         let last = &mut self.taped.strands[usize::from(is_sender)];
         let last = std::mem::replace(last, strand);
-        self.taped.is_ordered |= last != 0 && last != strand;
+        self.order.is_ordered |= last != 0 && last != strand;
         if is_first {
             // All who are recorded are noted, so whoever waits is not.
-            self.taped.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
+            self.order.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
             self.find_whether_plain();
         }
-        if std::mem::take(&mut self.taped.has_outsider) {
+        if std::mem::take(&mut self.order.has_outsider) {
             current::tape(|tape| tape.outside(OUTSIDE_PARTNER));
         }
     }
 
     /// Notes that somebody takes part here, where recorded processes come: it may be nobody who is recorded.
     pub(crate) fn note_partner(&mut self) {
-        self.taped.has_outsider |= self.taped.is_used() && !current::is_taped();
+        self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
 
     /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`].
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
-            true => self.stamp_if(self.taped.is_ordered, of),
+            true => self.stamp_if(self.order.is_ordered, of),
             false => 0,
         }
     }
@@ -128,7 +135,7 @@ impl Lists {
     }
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
-        let stamps = &mut self.taped.stored;
+        let stamps = self.taped.stored.get_or_insert_default();
         // Those from before the begin, and those that came back, have none.
         while stamps.len() < stored {
             stamps.push_front(0);
@@ -320,7 +327,7 @@ impl<T> Channel<T> {
     #[cold]
     pub(crate) fn note_alternative(&self) {
         self.note_taped(false);
-        self.lock().lists.taped.is_ordered = true;
+        self.lock().lists.order.is_ordered = true;
     }
 
     /// Notes that the current process, which has a tape, comes as a sender or a receiver.

@@ -119,7 +119,7 @@ impl<T> Channel<T> {
                 };
             }
             let Some(first) = lists.receivers.first() else {
-                let capacity = self.capacity;
+                let capacity = self.capacity();
                 if capacity != 0 && self.store.with(|store| (*store).len() < capacity) {
                     lists.sender = LastUser::process(process.id());
                     let value = offered.as_ref().waiter.take_value();
@@ -207,7 +207,7 @@ impl<T> Channel<T> {
         stored: usize,
     ) -> AtHome {
         // More than there is room for is what came back from futures that were dropped.
-        if stored > self.capacity {
+        if stored > self.capacity() {
             return AtHome::No;
         }
         // SAFETY: the contract; the lock is held, which guards the store too.

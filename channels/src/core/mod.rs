@@ -56,7 +56,8 @@ pub(crate) struct Channel<T> {
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
-    capacity: usize,
+    /// Short of four bytes for its size. More values than it can count have no room in memory, unless they take none.
+    capacity: u32,
     when_full: WhenFull,
     /// 2 kinds of ends, 1, then the channel goes.
     kinds: AtomicU8,
@@ -74,7 +75,7 @@ impl<T> Channel<T> {
             lists.is_rendezvous = buffer.capacity == 0;
             // One that drops, or grows, has more to do.
             lists.may_be_plain = buffer.when_full == WhenFull::Wait;
-            lists.taped.is_ordered = !lists.may_be_plain;
+            lists.order.is_ordered = !lists.may_be_plain;
             lists.find_whether_plain();
         });
         let channel = Box::new(Channel {
@@ -82,7 +83,7 @@ impl<T> Channel<T> {
             retired: Retired::new(Self::free),
             senders: AtomicU32::new(1),
             receivers: AtomicU32::new(1),
-            capacity: buffer.capacity,
+            capacity: u32::try_from(buffer.capacity).unwrap_or(u32::MAX),
             when_full: buffer.when_full,
             kinds: AtomicU8::new(2),
             rings: AtomicBool::new(false),
@@ -119,15 +120,20 @@ impl<T> Channel<T> {
         Stored {
             // SAFETY: the lock is held.
             now: channel.store.with(|store| unsafe { (*store).len() }),
-            capacity: channel.capacity,
+            capacity: channel.capacity(),
         }
+    }
+
+    #[inline]
+    fn capacity(&self) -> usize {
+        self.capacity as usize
     }
 
     /// What it holds, and what it does when it is full.
     #[inline]
     fn buffer(&self) -> Buffer {
         Buffer {
-            capacity: self.capacity,
+            capacity: self.capacity(),
             when_full: self.when_full,
         }
     }

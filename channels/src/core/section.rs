@@ -408,7 +408,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     /// Receives from a channel that is not poisoned, where recorded processes come, or which is closed, or neither.
     #[inline(always)]
     fn recv_as<const TAPED: bool>(&mut self, extended: bool) -> Received<T> {
-        let capacity = self.channel.capacity;
+        let capacity = self.channel.capacity();
         if let Some((value, has_room)) = self.with_store(|store| {
             let value = store.pop_front()?;
             Some((value, store.len() < capacity))
