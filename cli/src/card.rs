@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use luna::{Policy, System};
 use luna_jiwy::{AXES, hardware};
-use luna_mesa::{Card, Health};
+use luna_mesa::Health;
 use luna_mesa_sim::{PlantWorld, Server, Settings};
 use luna_plants::{MotorState, PanTilt};
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -65,9 +65,8 @@ pub(crate) fn machine(
             (server.address(), Some((server, states)))
         }
     };
-    let card = Card::open(address).map_err(|error| Failure::Card(error.into()))?;
     let hardware::Behind { registers, health } =
-        hardware::mesa(system, executor, card, period).map_err(Failure::Luna)?;
+        hardware::mesa(system, executor, address, period).map_err(Failure::Luna)?;
     let machine = match simulated {
         Some((_server, states)) => Machine::SimulatedCard {
             states,

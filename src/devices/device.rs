@@ -267,7 +267,7 @@ impl<D: Send + Sync + 'static> Device<D> {
             Error::from(DeviceError::Lost {
                 device: status.name.clone(),
                 kind: status.kind,
-                error,
+                error: Box::new(error),
             })
         });
         let policy = status.on_loss.load(Ordering::Acquire);

@@ -59,8 +59,8 @@ pub enum DeviceError {
         device: Arc<str>,
         /// What it was: "serial port".
         kind: &'static str,
-        /// By what that was found out.
-        error: Error,
+        /// By what that was found out. Boxed, since all errors would be as large as this else.
+        error: Box<Error>,
     },
 }
 
@@ -138,7 +138,7 @@ impl fmt::Display for DeviceError {
 impl std::error::Error for DeviceError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
-            DeviceError::Lost { error, .. } => Some(error),
+            DeviceError::Lost { error, .. } => Some(&**error),
             _ => None,
         }
     }

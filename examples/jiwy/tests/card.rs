@@ -1,6 +1,7 @@
 //! The model behind a simulated card: it follows its joystick as with any other machine.
 #![cfg(unix)]
 
+use luna::devices::DeviceState;
 use luna::prelude::*;
 use luna_jiwy::joystick::Recording;
 use luna_jiwy::{AXES, Executors, Settings, Start, hardware, network};
@@ -28,11 +29,13 @@ fn follows_its_joystick_through_a_card() {
         start: Start::Calibrated,
         joystick: Recording::built_in().play(),
     };
-    let card = luna_mesa::Card::open(server.address()).unwrap();
-    let machine = hardware::mesa(&mut system, &executors.mechanism, card, settings.period).unwrap();
+    let address = server.address();
+    let machine = hardware::mesa(&system, &executors.mechanism, address, settings.period).unwrap();
     let findings = network::build(&executors, machine.registers, settings).unwrap();
     drop(executors);
+    assert_eq!(system.devices().list()[0].state, DeviceState::Open);
     system.run().unwrap();
+    assert_eq!(system.devices().list()[0].state, DeviceState::Closed);
     for (axis, findings) in AXES.iter().zip(&findings) {
         let tracking = findings.tracking.get().unwrap();
         // It was controlled: without, it would not follow at all.

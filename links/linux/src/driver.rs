@@ -33,10 +33,11 @@ use crate::end::Lose;
 use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Buffer, Error, Policy, Process, Receiver, Sender, Server};
-use luna_platform::clock::Instant;
+use luna_platform::clock::{Clock, Instant};
 use luna_platform::thread::{self, Attributes, Thread};
 use std::convert::Infallible;
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 /// Makes a process that lets a driver answer the calls of others, on a thread that the driver has for itself.
@@ -46,6 +47,8 @@ use std::time::Duration;
 ///
 /// How long each transaction takes is counted ([`Counts::longest`], [`Counts::late`]), and one without end makes the device [lost](Driver::lost_after) while it
 /// hangs: nobody waits for it longer. `device` is what the driver uses; its own handle of it, if it has one, goes with it to the thread.
+///
+/// On a virtual clock it is refused when the system starts.
 ///
 /// The link ends without an error when the last client is gone. Cancel-safe: a transaction that has begun runs to its end on the driver's thread, and its answer is dropped.
 /// Real-time path: a call takes two hand-overs between threads beside the transaction itself, and allocates nothing here.
@@ -82,7 +85,7 @@ where
             serve: Box::new(serve),
             make_safe: None,
             jobs: Receiver::external(taken),
-            done: done.external(),
+            done: Some(done.external()),
             is_safe: is_safe.external(),
         }),
         thread: None,
@@ -103,8 +106,8 @@ pub struct Driver<D, Q, A> {
     calls: Option<Server<Q, A>>,
     jobs: Sender<Job<Q>>,
     answers: Answers<A>,
-    /// Says that the device was brought to safety; for the emergency function.
-    safe: Option<Receiver<()>>,
+    /// Says whether the device was brought to safety; for the emergency function.
+    safe: Option<Receiver<bool>>,
     /// Until the thread has it.
     work: Option<Work<D, Q, A>>,
     thread: Option<Thread<()>>,
@@ -126,8 +129,10 @@ struct Work<D, Q, A> {
     serve: Serve<D, Q, A>,
     make_safe: Option<MakeSafe<D>>,
     jobs: Receiver<Job<Q>>,
-    done: Sender<luna::Result<A>>,
-    is_safe: Sender<()>,
+    /// None once `serve` has panicked: that ends the link, and the driver stays for its emergency function.
+    done: Option<Sender<luna::Result<A>>>,
+    /// Whether the emergency function has come to its end; nothing before.
+    is_safe: Sender<bool>,
 }
 
 impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
@@ -162,7 +167,11 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
     }
 
     /// What the driver does in an emergency. It does it on its own thread, after the transaction that is under way, and answers no call from then on; the emergency
-    /// thread waits for it, at most [so long](Self::lost_after) for it to be taken and to be done. State that time before.
+    /// thread waits for it, at most [so long](Self::lost_after) for it to be taken and to be done. State that time before. It is done also after a panic in a
+    /// transaction, by the driver as that has left it.
+    ///
+    /// If it cannot be done, the report says of it that it [panicked](luna::FunctionOutcome::Panicked), so that a guardian acts: a transaction hangs, `make_safe` panics
+    /// (it is to, if it fails) or takes too long, or the link does not run yet or has ended before the emergency while somebody else keeps the device open.
     ///
     /// # Errors
     ///
@@ -182,9 +191,21 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
         let (jobs, limit) = (self.jobs.clone(), self.lost_after);
         if let (Some(device), Some(work)) = (&self.device, &mut self.work) {
             work.make_safe = Some(Box::new(make_safe));
+            let name = self.name.clone();
             let function = move || {
-                if jobs.blocking_send_timeout(Job::MakeSafe, limit).is_ok() {
-                    let _ = safe.blocking_recv_timeout(limit);
+                let asked = jobs.blocking_send_timeout(Job::MakeSafe, limit);
+                if asked.as_ref().is_err_and(|error| error.is_timeout()) {
+                    panic!("the driver of `{name}` hangs: it was not brought to safety");
+                }
+                match safe.blocking_recv_timeout(limit) {
+                    Ok(true) => {}
+                    Ok(false) => panic!("the driver of `{name}` failed to bring it to safety"),
+                    Err(error) if error.is_timeout() => {
+                        panic!("the driver of `{name}` takes too long to bring it to safety")
+                    }
+                    Err(_) => {
+                        panic!("the driver of `{name}` has ended: it was not brought to safety")
+                    }
                 }
             };
             // Both waits, and a little for what it does in between.
@@ -204,8 +225,14 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
     ///
     /// # Errors
     ///
-    /// There is no thread to be had, or its policy or core makes no sense.
+    /// There is no thread to be had, or its policy or core makes no sense. The system runs on a virtual clock: a bus takes real time, and virtual time would jump over every limit meanwhile.
     fn pre_run(&mut self) -> luna::Result<()> {
+        if Clock::is_virtual_here() {
+            return Err(Error::other(format!(
+                "the driver of `{}` takes real time, which a virtual clock does not wait for: simulate the device instead",
+                self.name
+            )));
+        }
         let Some(work) = self.work.take() else {
             return Err(LinkError::NotPrepared.into());
         };
@@ -293,27 +320,43 @@ impl<D, Q: Send, A: Send> Work<D, Q, A> {
         let mut is_safe = false;
         while let Ok(job) = self.jobs.blocking_recv() {
             match job {
+                Job::Serve(_) if self.done.is_none() => {}
                 Job::Serve(request) => {
                     let answer = if is_safe {
                         Err(Error::other("its driver has brought it to safety"))
                     } else {
                         let begin = Instant::now_real();
-                        let answer = (self.serve)(&mut self.driver, request);
+                        let served = catch_unwind(AssertUnwindSafe(|| {
+                            (self.serve)(&mut self.driver, request)
+                        }));
                         counts.took(Instant::now_real() - begin, late_after);
+                        let Ok(answer) = served else {
+                            // The hook has told it; the link finds that no more answers come.
+                            self.done = None;
+                            continue;
+                        };
                         answer
                     };
-                    // There is room: nobody asks before the last answer is taken. If nobody asks any more, `jobs` will tell.
-                    let _ = self.done.try_send(answer);
+                    if let Some(done) = &self.done {
+                        // There is room: nobody asks before the last answer is taken. If nobody asks any more, `jobs` will tell.
+                        let _ = done.try_send(answer);
+                    }
                 }
                 Job::MakeSafe => {
-                    if let Some(make_safe) = &mut self.make_safe {
-                        is_safe = true;
-                        make_safe(&mut self.driver);
+                    if !std::mem::replace(&mut is_safe, true) {
+                        self.make_safe();
                     }
-                    let _ = self.is_safe.try_send(());
                 }
                 Job::End => return,
             }
+        }
+    }
+
+    fn make_safe(&mut self) {
+        if let Some(make_safe) = &mut self.make_safe {
+            let made = catch_unwind(AssertUnwindSafe(|| make_safe(&mut self.driver)));
+            // There is room: it is told once.
+            let _ = self.is_safe.try_send(made.is_ok());
         }
     }
 }

@@ -5,7 +5,7 @@ mod common;
 use common::{counter, run_to_loss, watchdog};
 use luna::devices::{Device, DeviceState, OnLoss, Sharing};
 use luna::prelude::*;
-use luna::{CallError, Error};
+use luna::{CallError, Error, FunctionOutcome};
 use luna_links::driver::driver;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
@@ -217,6 +217,117 @@ fn a_panic_in_a_driver_is_a_loss() {
     drop(bus);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("panicked"), "{error}");
+}
+
+/// What the report says of the only emergency function.
+fn outcome(system: &System) -> FunctionOutcome {
+    let safety = system.report().unwrap().safety;
+    let [function] = &safety.functions[..] else {
+        panic!("not one function: {safety:?}");
+    };
+    let failed = safety.failed().count();
+    assert_eq!(failed == 0, function.outcome == FunctionOutcome::Ran);
+    function.outcome
+}
+
+/// Runs a system whose only process beside the link calls the driver, and waits for its end.
+fn run_caller(
+    system: &mut System,
+    link: luna_links::driver::Driver<impl Send + 'static, (), ()>,
+    call: luna::Client<(), ()>,
+) {
+    let devices = system.devices();
+    let main = system.executor("main").build().unwrap();
+    main.process("link").spawn(link).unwrap();
+    main.process("user")
+        .spawn(async move {
+            let _ = call.call(()).await;
+            let _ = call.call(()).await;
+            std::future::pending::<()>().await;
+            Ok(())
+        })
+        .unwrap();
+    drop(main);
+    run_to_loss(system, &devices);
+}
+
+#[test]
+fn a_driver_that_hangs_is_not_reported_as_safe() {
+    let _watch = watchdog();
+    let mut system = System::new("hangs");
+    let bus = bus(&system);
+    let (client, calls) = luna::call_channel::<(), ()>();
+    let (end, ended) = mpsc::channel::<()>();
+    let link = driver(&bus, ended, calls, |ended, ()| {
+        let _ = ended.recv();
+        Ok(())
+    })
+    .lost_after(Duration::from_millis(20))
+    .on_emergency(|_| ())
+    .unwrap();
+    drop(bus);
+    run_caller(&mut system, link, client);
+    // It panics; with a hook that takes its time it is left behind as it does.
+    assert_ne!(outcome(&system), FunctionOutcome::Ran);
+    drop(end);
+}
+
+#[test]
+fn a_driver_that_panicked_still_makes_it_safe() {
+    let _watch = watchdog();
+    let mut system = System::new("panics");
+    let bus = bus(&system);
+    let (client, calls) = luna::call_channel::<(), ()>();
+    let (ran, mut function) = counter();
+    let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
+        .lost_after(Duration::from_secs(60))
+        .on_emergency(move |()| function())
+        .unwrap();
+    drop(bus);
+    run_caller(&mut system, link, client);
+    assert_eq!(ran.load(Ordering::Relaxed), 1);
+    assert_eq!(outcome(&system), FunctionOutcome::Ran);
+}
+
+#[test]
+fn a_panic_while_it_is_made_safe_is_reported() {
+    let _watch = watchdog();
+    let mut system = System::new("panics");
+    let bus = bus(&system);
+    let (client, calls) = luna::call_channel::<(), ()>();
+    let link = driver(&bus, (), calls, |(), ()| {
+        Err(Error::other("no acknowledge"))
+    })
+    .errors_before_loss(1)
+    .lost_after(Duration::from_secs(60))
+    .on_emergency(|()| panic!("the bus does not acknowledge that either"))
+    .unwrap();
+    drop(bus);
+    run_caller(&mut system, link, client);
+    assert_eq!(outcome(&system), FunctionOutcome::Panicked);
+}
+
+#[test]
+fn a_virtual_clock_is_refused() {
+    let _watch = watchdog();
+    let mut system = System::new("virtual");
+    system.virtual_clock();
+    let bus = bus(&system);
+    let (client, calls) = luna::call_channel::<(), ()>();
+    let link = driver(&bus, (), calls, |(), ()| Ok(()));
+    let counts = link.counts();
+    let main = system.executor("main").build().unwrap();
+    main.process("link").spawn(link).unwrap();
+    main.process("user")
+        .spawn(async move {
+            let _ = client.call(()).await;
+            Ok(())
+        })
+        .unwrap();
+    let error = system.run().unwrap_err().to_string();
+    assert!(error.contains("a virtual clock"), "{error}");
+    assert_eq!(counts.records(), 0);
+    drop(bus);
 }
 
 #[test]

@@ -6,9 +6,9 @@ mod common;
 
 use common::{COMPLETE, run_to_loss, skip, watchdog};
 use embedded_hal::digital::{InputPin, OutputPin, StatefulOutputPin};
-use luna::Error;
 use luna::devices::{Device, DeviceError, DeviceState, Holder};
 use luna::prelude::*;
+use luna::{Error, FunctionOutcome};
 use luna_links::gpio::{self, Chip, Edge, Levels, Lines, Pin, Pins};
 use luna_links::{OnBad, reader};
 use std::io::{self, PipeReader, PipeWriter, Write};
@@ -123,6 +123,10 @@ fn a_chip_that_has_gone_is_lost() {
     drop(pins);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("the GPIO chip `chip` is lost"), "{error}");
+    // Its outputs are where they were, and the report does not say otherwise.
+    let safety = system.report().unwrap().safety;
+    assert_eq!(safety.functions[0].outcome, FunctionOutcome::Panicked);
+    assert_eq!(safety.failed().count(), 1);
 }
 
 #[test]

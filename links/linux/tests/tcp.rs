@@ -256,6 +256,55 @@ fn attempts_that_all_fail_are_counted_in_the_error() {
 }
 
 #[test]
+fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
+    let _watch = watchdog();
+    if !COMPLETE {
+        return skip("the portable layer cannot wait for files");
+    }
+    let listener = TcpListener::bind(any()).unwrap();
+    let address = listener.local_addr().unwrap();
+    let mut system = System::new("client");
+    let devices = system.devices();
+    let port = tcp::connect(&devices, address).unwrap();
+    let (requests, outgoing) = luna::channel::<Text>();
+    let (incoming, replies) = luna::channel::<Text>();
+    let pause = Duration::from_millis(20);
+    let link = tcp::link(&port, outgoing, incoming, Framing::lines(64))
+        .unwrap()
+        .reconnect(Reconnect::backing_off(pause, pause).attempts(3));
+    let received = link.received();
+    let main = system.executor("main").build().unwrap();
+    main.process("link").spawn(link).unwrap();
+    main.process("client")
+        .spawn(async move {
+            // The second connection brings a record: they are counted anew from there on.
+            assert_eq!(replies.recv().await?.text(), Ok("hello"));
+            assert!(replies.recv().await.is_err());
+            std::future::pending::<()>().await;
+            drop(requests);
+            Ok(())
+        })
+        .unwrap();
+    drop(port);
+    let server = std::thread::spawn(move || {
+        for number in 0..5 {
+            let (mut stream, _) = listener.accept().unwrap();
+            if number == 1 {
+                stream.write_all(b"hello\n").unwrap();
+            }
+        }
+        std::time::Instant::now()
+    });
+    let begun = std::time::Instant::now();
+    let error = run_to_loss(&system, &devices);
+    let last = server.join().unwrap();
+    assert!(error.contains("the other side has hung up"), "{error}");
+    assert_eq!(received.connections(), 5);
+    // A pause before each but the first, and the one after the connection that was of use. The server may see one late, but none early.
+    assert!(last - begun >= pause * 3, "{:?}", last - begun);
+}
+
+#[test]
 fn a_server_takes_one_client_after_the_other_and_garbage_is_dropped_if_set() {
     let _watch = watchdog();
     if !COMPLETE {

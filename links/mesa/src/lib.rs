@@ -1,11 +1,11 @@
 //! Mesa Anything I/O cards over Ethernet (7I92, 7I96S, 7I76E and their like, with HostMot2) as link drivers: encoders, PWM and pins as channels.
 //!
-//! A [`Card`] is opened at set-up, a [`Link`] connects its encoders, generators and pins to channels, and its [`process`](Link::process) is spawned like any other: in each period it
-//! sends one write and one read packet and waits for the answer as processes do, without blocking its executor. A [`Neutral`] is the link's own emergency function.
+//! A [`Card`] is opened at set-up ([`open`]), a [`Link`] connects its encoders, generators and pins to channels, and its [`process`](Link::process) is spawned like any other: in each period it
+//! sends one write and one read packet and waits for the answer as processes do, without blocking its executor. In an emergency the card's outputs are taken away ([`Neutral`]).
 //!
 //! ```
 //! use luna::prelude::*;
-//! use luna_mesa::{Card, Reading, Sample};
+//! use luna_mesa::{Reading, Sample};
 //! use luna_mesa_sim::{PlantWorld, Server, Settings};
 //! use luna_plants::PanTilt;
 //! use std::time::Duration;
@@ -14,7 +14,8 @@
 //! let camera = Settings { world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))), ..Settings::default() };
 //! let server = Server::start(camera).unwrap();
 //!
-//! let card = Card::open(server.address()).map_err(luna::Error::other)?;
+//! let mut system = System::new("pan");
+//! let card = luna_mesa::open(&system.devices(), server.address()).map_err(luna::Error::other)?;
 //! let (count, counts) = luna::buffered::<Sample<Reading>>(Buffer::overwrite_oldest(1));
 //! let (duty, duties) = luna::buffered(Buffer::overwrite_oldest(1));
 //! let mut link = card.link("card", Duration::from_millis(2));
@@ -22,9 +23,6 @@
 //! link.encoder(0, 1e6, count).pwm(0, duties);
 //! let process = link.process().map_err(luna::Error::other)?;
 //!
-//! let mut system = System::new("pan");
-//! let neutral = process.neutral();
-//! system.on_emergency("card", move || neutral.engage());
 //! let main = system.executor("main").build()?;
 //! main.process("card").spawn(process)?;
 //! main.process("control").spawn(async move {
@@ -59,7 +57,7 @@ mod process;
 mod sample;
 mod socket;
 
-pub use card::{Card, OpenError};
+pub use card::{Card, CardDevice, OpenError, open};
 pub use fault::Fault;
 pub use health::Health;
 pub use hostmot2::encoder::Encoder as Reading;

@@ -39,6 +39,8 @@ pub enum LinkError {
     Socket(io::Error),
     /// A setting makes no sense.
     Setting(&'static str),
+    /// The card's emergency function cannot be registered.
+    Emergency(luna::Error),
 }
 
 impl fmt::Display for LinkError {
@@ -48,6 +50,7 @@ impl fmt::Display for LinkError {
             LinkError::Client(error) => error.fmt(f),
             LinkError::Socket(error) => write!(f, "no socket to the card: {error}"),
             LinkError::Setting(what) => f.write_str(what),
+            LinkError::Emergency(error) => error.fmt(f),
         }
     }
 }
@@ -59,6 +62,7 @@ impl std::error::Error for LinkError {
             LinkError::Client(error) => Some(error),
             LinkError::Socket(error) => Some(error),
             LinkError::Setting(_) => None,
+            LinkError::Emergency(error) => Some(error),
         }
     }
 }
@@ -175,7 +179,7 @@ impl Link {
         self
     }
 
-    /// Keeps `what` until the process has ended and the outputs are off: what says that the card is in use, such as the handle of who manages devices.
+    /// Keeps `what` until the process has ended and the outputs are off: the handle of a power supply, say. That of the card itself it keeps if the card was opened by [`open`](crate::open).
     pub fn keep(&mut self, what: impl Send + 'static) -> &mut Self {
         self.kept.push(Box::new(what));
         self
@@ -221,7 +225,7 @@ impl Link {
         }
         let port_width = self.card.description.idrom.port_width;
         let sequence = self.card.client.sequence();
-        let Card { client, .. } = self.card;
+        let Card { client, device, .. } = self.card;
         let parts = crate::process::Parts {
             name: self.name,
             period: self.period,
@@ -230,6 +234,7 @@ impl Link {
             checks_quadrature: self.checks_quadrature,
             sensors: self.sensors,
             actuators: self.actuators,
+            device,
             kept: self.kept,
         };
         CardProcess::new(parts, layout, client.into_socket(), sequence, port_width)

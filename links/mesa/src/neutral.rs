@@ -2,6 +2,7 @@
 
 use luna_platform::path::{self, Call};
 use std::fmt;
+use std::io;
 use std::net::UdpSocket;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,9 +33,24 @@ impl Neutral {
     }
 
     /// Takes the outputs away, for good: the link sends nothing else from now on, and ends. Three system calls that do not wait; allocates nothing.
+    ///
+    /// # Panics
+    ///
+    /// The system sends none of the three: so the report of the emergency functions says that it failed, and a guardian acts. The card's watchdog bites when its time is over.
     pub fn engage(&self) {
+        if let Err(error) = self.try_engage() {
+            panic!("the card's outputs cannot be taken away, its watchdog is left: {error}");
+        }
+    }
+
+    /// As [`engage`](Self::engage), without a panic.
+    ///
+    /// # Errors
+    ///
+    /// What the system said to the last of the three, if it sent none of them. The link has ended all the same, so nobody feeds the card's watchdog.
+    pub fn try_engage(&self) -> io::Result<()> {
         self.0.is_engaged.store(true, Ordering::SeqCst);
-        self.send();
+        self.send()
     }
 
     /// Whether it has been.
@@ -42,11 +58,15 @@ impl Neutral {
         self.0.is_engaged.load(Ordering::SeqCst)
     }
 
-    fn send(&self) {
+    fn send(&self) -> io::Result<()> {
+        let mut sent = Ok(());
+        let mut is_sent = false;
         for _ in 0..COPIES {
-            // What the system refuses cannot be helped from here: the watchdog is left.
-            let _ = path::expected(Call::File, || self.0.socket.send(&self.0.packet));
+            sent = path::expected(Call::File, || self.0.socket.send(&self.0.packet)).map(drop);
+            is_sent |= sent.is_ok();
         }
+        // An error of one may be what an earlier packet met.
+        if is_sent { Ok(()) } else { sent }
     }
 }
 
@@ -55,5 +75,30 @@ impl fmt::Debug for Neutral {
         f.debug_struct("Neutral")
             .field("is_engaged", &self.is_engaged())
             .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna::FunctionOutcome;
+    use luna::prelude::*;
+
+    #[test]
+    fn what_cannot_be_sent_is_a_failure_in_the_report() {
+        // It is connected to nobody, so the system refuses to send.
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let neutral = Neutral::new(socket, vec![0]);
+        let mut system = System::new("refused");
+        let function = neutral.clone();
+        system.on_emergency("card", move || function.engage());
+        let main = system.executor("main").build().unwrap();
+        main.process("raises")
+            .spawn(async { Err(luna::emergency(luna::Error::other("a test"))) })
+            .unwrap();
+        system.run().unwrap_err();
+        let safety = system.report().unwrap().safety;
+        assert_eq!(safety.functions[0].outcome, FunctionOutcome::Panicked);
+        assert!(neutral.is_engaged() && neutral.try_engage().is_err());
     }
 }

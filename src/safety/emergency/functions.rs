@@ -146,16 +146,17 @@ impl Functions {
         Ok(number)
     }
 
-    /// Takes a function back that has not begun.
+    /// Takes a function back; says whether it had not begun. One that has run is still reported: its device is closed behind it.
     pub(crate) fn withdraw(&self, number: usize) -> bool {
-        let taken = {
-            let mut slots = self.slots.lock();
-            let slot = &mut slots[number];
-            let taken = slot.run.take();
-            slot.is_withdrawn |= taken.is_some();
-            taken
-        };
-        taken.is_some()
+        let mut slots = self.slots.lock();
+        let slot = &mut slots[number];
+        let taken = slot.run.take();
+        let is_withdrawn = taken.is_some() && slot.began.is_none();
+        slot.is_withdrawn |= is_withdrawn;
+        drop(slots);
+        // Its drop is the user's code.
+        drop(taken);
+        is_withdrawn
     }
 
     pub(super) fn relay(&self) -> &Relay {

@@ -4,7 +4,8 @@ use super::{Bench, Registers, registers};
 use crate::AXES;
 use luna::prelude::*;
 use luna::{Error, Executor};
-use luna_mesa::{Bucket, Card, Health, Reading, Sample};
+use luna_mesa::{Bucket, Health, OpenError, Reading, Sample};
+use std::net::ToSocketAddrs;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,19 +25,21 @@ pub struct Behind {
     pub health: Arc<Health>,
 }
 
-/// Adds the link to `card`, which exchanges packets each `period`. An emergency takes the card's outputs away.
+/// Opens the card at `address`, as a device of the system, and adds the link to it, which exchanges packets each `period`. An emergency takes the card's outputs away.
 ///
 /// Only fresh positions are written to the registers. They count from where the machine stands now; [`Start::Calibrated`](crate::Start::Calibrated) is for one that stands in the middle.
 ///
 /// # Errors
 ///
-/// The card cannot do it, or those of [`spawn`](luna::ProcessBuilder::spawn).
+/// An [`OpenError`] in [`Error::Other`], the card cannot do it, or those of [`spawn`](luna::ProcessBuilder::spawn).
 pub fn mesa(
-    system: &mut System,
+    system: &System,
     executor: &Executor,
-    card: Card,
+    address: impl ToSocketAddrs,
     period: Duration,
 ) -> luna::Result<Behind> {
+    let card = luna_mesa::open(&system.devices(), address)
+        .map_err(|error: OpenError| Error::other(error))?;
     let mut link = card.link("card", period);
     link.watchdog(period * WATCHDOG).tolerance(TOLERANCE);
     let mut build_axis = |index: usize| {
@@ -53,8 +56,6 @@ pub fn mesa(
     };
     let registers = [build_axis(0)?, build_axis(1)?];
     let process = link.process().map_err(Error::other)?;
-    let neutral = process.neutral();
-    system.on_emergency("motors off", move || neutral.engage());
     let health = process.health();
     executor.process("card").spawn(process)?;
     Ok(Behind { registers, health })

@@ -199,7 +199,8 @@ struct Outputs {
     are_safe: bool,
 }
 
-/// Opens lines of the chip at `path`, as `/dev/gpiochip0`: one device of this chip and these lines. Registers that outputs go to their safe levels in an emergency.
+/// Opens lines of the chip at `path`, as `/dev/gpiochip0`: one device of this chip and these lines. Registers that outputs go to their safe levels in an emergency; if the system
+/// refuses to set them, the report says of that function that it [panicked](luna::FunctionOutcome::Panicked).
 ///
 /// # Errors
 ///
@@ -296,14 +297,15 @@ impl Pins {
         self.lines.lines.len()
     }
 
-    /// The first failure of it is that of the system; nothing more can be done about it then.
+    /// Panics if the system fails: the report of the emergency functions is to say so, and a guardian to act.
     fn make_safe(&self) {
         let mut outputs = self.outputs.lock();
         outputs.are_safe = true;
-        if let Err(error) = self.chip.set(self.lines.safe()) {
-            drop(outputs);
-            eprintln!(
-                "luna: the outputs of `{}` cannot be set: {error}",
+        let set = self.chip.set(self.lines.safe());
+        drop(outputs);
+        if let Err(error) = set {
+            panic!(
+                "the outputs of `{}` cannot be set: {error}",
                 self.lines.consumer
             );
         }

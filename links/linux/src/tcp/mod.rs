@@ -115,6 +115,9 @@ impl TcpPort {
 
 /// When a link connects again. It does not matter to one that listens, which takes the next client.
 ///
+/// After a connection that was of use the next attempt is made at once. One over which no record came, and none went before it broke within the pause, is an attempt that failed: a
+/// server that accepts and hangs up at once is not asked without a pause.
+///
 /// ```
 /// use luna_links::tcp::Reconnect;
 /// use std::time::Duration;
@@ -149,7 +152,7 @@ impl Reconnect {
         }
     }
 
-    /// The device is lost when so many attempts in a row have failed; at least one is made.
+    /// The device is lost when so many attempts in a row have failed, those included whose connection was of no use; at least one is made.
     #[must_use]
     pub const fn attempts(mut self, attempts: u32) -> Self {
         self.attempts = attempts;

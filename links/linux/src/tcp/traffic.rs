@@ -32,12 +32,14 @@ pub(super) struct Traffic<'a, O, I> {
 impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
     /// Connection after connection, until both channels have ended, or no connection can be had.
     pub(super) async fn keep_up(&mut self, origin: &Origin, policy: Reconnect) -> Stop {
+        let mut retry = Retry::new(policy);
         loop {
-            let stream = match self.stream(origin, policy).await {
+            let stream = match self.stream(origin, &mut retry).await {
                 Ok(stream) => stream,
                 Err(stop) => return stop,
             };
             self.received.connection();
+            let (begun, before) = (luna::now(), [self.sent.records(), self.received.records()]);
             let broken = match self.carry(&stream).await {
                 Ok(()) => return Stop::Closed,
                 Err(stop @ (Stop::HungUp | Stop::Failed(_))) => stop,
@@ -50,12 +52,22 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
             if policy == Reconnect::NEVER && matches!(origin, Origin::Connect(_)) {
                 return broken;
             }
+            let [has_sent, has_received] = [
+                self.sent.records() > before[0],
+                self.received.records() > before[1],
+            ];
+            // What was sent may have come no further than the kernel, where the other side closes at once.
+            if has_received || has_sent && luna::now() - begun > retry.pause {
+                retry = Retry::new(policy);
+            } else if retry.is_last() && matches!(origin, Origin::Connect(_)) {
+                return broken;
+            }
         }
     }
 
     /// The next connection, unless a channel is poisoned or both have ended meanwhile.
-    async fn stream(&self, origin: &Origin, policy: Reconnect) -> Result<TcpStream, Stop> {
-        let mut connected = pin!(stream(origin, policy));
+    async fn stream(&self, origin: &Origin, retry: &mut Retry) -> Result<TcpStream, Stop> {
+        let mut connected = pin!(stream(origin, retry));
         let mut out_ended = pin!(self.outgoing.as_ref().map(Receiver::poisoned));
         let mut in_ended = pin!(self.incoming.as_ref().map(Sender::ended));
         let mut is_in_closed = false;
@@ -185,30 +197,65 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
     }
 }
 
+/// How often it was tried to connect since the last connection that was of use, and when it is next.
+struct Retry {
+    policy: Reconnect,
+    attempts: u32,
+    /// Before the next attempt but the first.
+    pause: Duration,
+}
+
+impl Retry {
+    fn new(policy: Reconnect) -> Self {
+        Self {
+            policy,
+            attempts: 0,
+            pause: policy.first,
+        }
+    }
+
+    fn is_last(&self) -> bool {
+        self.attempts >= self.policy.attempts
+    }
+
+    /// Waits until it is time for the next attempt.
+    async fn next(&mut self) {
+        if self.attempts > 0 {
+            luna::after(self.pause).await;
+            self.pause = self.pause.saturating_mul(2).min(self.policy.longest);
+        }
+        self.attempts = self.attempts.saturating_add(1);
+    }
+}
+
 /// A new connection.
-async fn stream(origin: &Origin, policy: Reconnect) -> Result<TcpStream, LinkError> {
-    let (mut attempts, mut pause) = (0, policy.first);
+async fn stream(origin: &Origin, retry: &mut Retry) -> Result<TcpStream, LinkError> {
     loop {
-        attempts += 1;
         let made = match origin {
             Origin::Connect(server) => {
-                let (server, timeout) = (*server, policy.timeout);
+                retry.next().await;
+                let (server, timeout) = (*server, retry.policy.timeout);
                 // The standard library connects only by waiting, so another thread does.
                 luna::blocking(move || TcpStream::connect_timeout(&server, timeout)).await
             }
-            Origin::Listen(listener) => accept(listener).await?,
+            Origin::Listen(listener) => {
+                let made = accept(listener).await?;
+                if made.is_err() {
+                    retry.next().await;
+                }
+                made
+            }
         };
         match made {
             Ok(stream) => return Ok(stream),
-            Err(error) if attempts >= policy.attempts => {
+            Err(error) if retry.is_last() => {
                 return Err(LinkError::NotConnected {
-                    attempts,
+                    attempts: retry.attempts,
                     error: error.into(),
                 });
             }
-            Err(_) => luna::after(pause).await,
+            Err(_) => {}
         }
-        pause = (pause * 2).min(policy.longest);
     }
 }
 

@@ -7,10 +7,11 @@ mod readings;
 pub(crate) use ends::{Actuators, Sensors};
 
 use crate::socket::Socket;
-use crate::{Bucket, Fault, Health, LinkError, Neutral};
+use crate::{Bucket, CardDevice, Fault, Health, LinkError, Neutral};
 use exchange::{Exchange, Outcome};
 use hostmot2::lbp16::Packet;
 use hostmot2::{EchoState, Layout, Outputs, SequenceWindow};
+use luna::devices::Device;
 use luna::{Error, Process};
 use luna_platform::clock::Clock;
 use readings::Readings;
@@ -43,6 +44,8 @@ pub(crate) struct Parts {
     pub(crate) checks_quadrature: bool,
     pub(crate) sensors: Sensors,
     pub(crate) actuators: Actuators,
+    /// Until the outputs are off at the end.
+    pub(crate) device: Option<Device<CardDevice>>,
     pub(crate) kept: Vec<Box<dyn Any + Send>>,
 }
 
@@ -79,6 +82,12 @@ impl CardProcess {
             .map_err(too_long)?;
         layout.start_request(0, &mut packet).map_err(too_long)?;
         layout.read_request(0, &mut packet).map_err(too_long)?;
+        if let Some(device) = &parts.device {
+            let neutral = neutral.clone();
+            device
+                .on_emergency("outputs off", move |_| neutral.engage())
+                .map_err(LinkError::Emergency)?;
+        }
         let health = Arc::new(Health::default());
         let socket = Socket::new(socket).map_err(LinkError::Socket)?;
         let state = State {
@@ -104,7 +113,7 @@ impl CardProcess {
         })
     }
 
-    /// How the outputs are taken away: for [`on_emergency`](luna::System::on_emergency).
+    /// How the outputs are taken away: for [`on_emergency`](luna::System::on_emergency), unless the card was opened by [`open`](crate::open), which has it done.
     pub fn neutral(&self) -> Neutral {
         self.neutral.clone()
     }
@@ -121,7 +130,7 @@ impl Process for CardProcess {
         let _ = luna::prepare_files();
         async move {
             let ended = self.go_on().await;
-            self.neutral.engage();
+            self.disarm();
             match ended {
                 Ok(()) => Ok(()),
                 Err(Stop::Luna(error)) => Err(error),
@@ -132,7 +141,8 @@ impl Process for CardProcess {
 
     /// The outputs are off whatever has ended it; then others may have the card.
     fn post_run(&mut self) {
-        self.neutral.engage();
+        self.disarm();
+        self.parts.device = None;
         self.parts.kept.clear();
     }
 }
@@ -140,7 +150,7 @@ impl Process for CardProcess {
 impl Drop for CardProcess {
     fn drop(&mut self) {
         if !self.neutral.is_engaged() {
-            self.neutral.engage();
+            self.disarm();
         }
     }
 }
@@ -157,6 +167,11 @@ impl From<Fault> for Stop {
 }
 
 impl CardProcess {
+    /// Takes the outputs away. What the system refuses cannot be helped from here: the watchdog is left.
+    fn disarm(&self) {
+        let _ = self.neutral.try_engage();
+    }
+
     async fn go_on(&mut self) -> Result<(), Stop> {
         if std::mem::replace(&mut self.is_run, true) {
             return Err(Fault::RunTwice.into());
@@ -279,7 +294,10 @@ impl CardProcess {
         self.parts.sensors.poison();
         self.parts.actuators.poison();
         // It allocates; there is nothing left to be in time for.
-        luna::off_path(|| luna::emergency(Error::other(fault)))
+        luna::off_path(|| match &self.parts.device {
+            Some(device) => device.lost(Error::other(fault)),
+            None => luna::emergency(Error::other(fault)),
+        })
     }
 }
 

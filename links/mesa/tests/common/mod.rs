@@ -38,7 +38,12 @@ pub(crate) fn seed() -> u64 {
 
 /// A link that takes much, so that a machine that is busy with other things changes no outcome.
 pub(crate) fn patient(server: &Server) -> Link {
-    let mut link = Card::open(server.address()).unwrap().link("card", PERIOD);
+    patient_link(Card::open(server.address()).unwrap())
+}
+
+/// As [`patient`], of a card that is open.
+pub(crate) fn patient_link(card: Card) -> Link {
+    let mut link = card.link("card", PERIOD);
     link.watchdog(Duration::from_secs(5))
         .tolerance(Bucket::new(1, 1, 5_000));
     link
