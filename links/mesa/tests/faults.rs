@@ -185,6 +185,35 @@ fn a_card_that_was_restarted_ends_it() {
 }
 
 #[test]
+fn a_card_that_was_restarted_ends_a_link_without_outputs_too() {
+    let server = Arc::new(turning());
+    let (count, counts) = samples();
+    let mut link = patient(&server);
+    link.encoder(0, FASTEST, count).latch_index(0);
+    let process = link.process().unwrap();
+    let mut system = System::new("test");
+    let main = system.executor("main").build().unwrap();
+    let breaker = server.clone();
+    main.process("control")
+        .spawn(async move {
+            let mut truth = Truth::default();
+            for cycle in 0..1_000 {
+                if cycle == 20 {
+                    breaker.power_cycle();
+                }
+                let sample = counts.recv().await?;
+                // Its control register is 0 now, which looks like a latch that has latched.
+                assert_eq!(sample.held().index, None);
+                truth.check(sample);
+            }
+            Ok(())
+        })
+        .unwrap();
+    main.process("card").spawn(process).unwrap();
+    assert_eq!(fault(system.run()), Fault::Foreign);
+}
+
+#[test]
 fn another_master_ends_it() {
     let server = Arc::new(turning());
     let link = patient(&server);

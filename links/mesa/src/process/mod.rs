@@ -11,7 +11,7 @@ use crate::{Bucket, Fault, Health, LinkError, Neutral};
 use exchange::{Exchange, Outcome};
 use hostmot2::lbp16::Packet;
 use hostmot2::{EchoState, Layout, Outputs, SequenceWindow};
-use luna::{Error, Process};
+use luna::{Error, Instant, Process};
 use luna_platform::clock::Clock;
 use readings::Readings;
 use std::any::Any;
@@ -54,6 +54,8 @@ struct State {
     outputs: Outputs,
     packet: Packet,
     writes: SequenceWindow,
+    /// When it was first told to start.
+    begun: Option<Instant>,
     /// Whether the card has confirmed its start.
     has_started: bool,
     in_a_row: u32,
@@ -81,16 +83,15 @@ impl CardProcess {
         layout.read_request(0, &mut packet).map_err(too_long)?;
         let health = Arc::new(Health::default());
         let socket = Socket::new(socket).map_err(LinkError::Socket)?;
+        // Not a number that the card has from somebody before, nor that of one that was restarted.
+        let first = sequence.rotate_left(16).max(1);
         let state = State {
             exchange: Exchange::new(socket, layout.answer_len(), sequence, health.clone()),
             readings: Readings::new(&parts, &layout, port_width),
             outputs,
             packet,
-            // Not a number that the card has from somebody before.
-            writes: SequenceWindow {
-                first: sequence.rotate_left(16),
-                last: sequence.rotate_left(16),
-            },
+            writes: SequenceWindow { first, last: first },
+            begun: None,
             has_started: false,
             in_a_row: 0,
             layout,
@@ -198,6 +199,7 @@ impl CardProcess {
             outputs,
             packet,
             writes,
+            begun,
             has_started,
             ..
         } = &mut self.state;
@@ -206,7 +208,10 @@ impl CardProcess {
                 writes.last = writes.last.wrapping_add(1);
                 layout.write_request(writes.last, outputs, packet)
             }
-            false => layout.start_request(writes.first, packet),
+            false => {
+                begun.get_or_insert_with(luna::now);
+                layout.start_request(writes.first, packet)
+            }
         };
         // It fits: that was tried before.
         if made.is_ok() {
@@ -230,6 +235,7 @@ impl CardProcess {
             exchange,
             readings,
             writes,
+            begun,
             has_started,
             ..
         } = &mut self.state;
@@ -253,7 +259,8 @@ impl CardProcess {
         if echo == EchoState::Foreign || !answer.is_driving() {
             return Err(Fault::Foreign.into());
         }
-        readings.update(&answer, &self.parts.sensors, asked, answered)?;
+        let begun = begun.unwrap_or(asked);
+        readings.update(&answer, &self.parts.sensors, [begun, asked, answered])?;
         let is_read = readings.tell(&self.parts.sensors);
         if echo == EchoState::Behind {
             health.writes_behind.add();
@@ -285,7 +292,7 @@ impl CardProcess {
 
 impl State {
     /// Asks the card and waits for its answer.
-    async fn exchange(&mut self, deadline: luna::Instant) -> Result<Outcome, luna::FileError> {
+    async fn exchange(&mut self, deadline: Instant) -> Result<Outcome, luna::FileError> {
         let number = self.exchange.next_number();
         // It fits: that was tried before.
         if self.layout.read_request(number, &mut self.packet).is_err() {
