@@ -4,7 +4,7 @@ mod common;
 
 use common::{PERIOD, patient, register, samples, turning, wait_until};
 use luna::prelude::*;
-use luna_mesa::{Card, LayoutError, LinkError, Sample};
+use luna_mesa::{Actuator, Card, LayoutError, LinkError, Sample};
 use luna_mesa_sim::{Card as SimCard, Server, Settings};
 use std::sync::Arc;
 use std::time::Duration;
@@ -257,6 +257,17 @@ fn what_cannot_be_is_told_at_set_up() {
         refused(link),
         LinkError::Layout(LayoutError::WatchdogTime { .. })
     ));
+
+    for (actuator, age) in [
+        (Actuator::Pwm(0), Some(PERIOD / 2)),
+        (Actuator::Pwm(1), Some(PERIOD)),
+        (Actuator::Enable(0), None),
+        (Actuator::Output(0), None),
+    ] {
+        let mut link = open();
+        link.pwm(0, register().1).greatest_age(actuator, age);
+        assert!(matches!(refused(link), LinkError::Setting(_)), "{actuator}");
+    }
 
     for patience in [0.0, 1.0, f64::NAN] {
         let mut link = open();

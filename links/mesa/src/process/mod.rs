@@ -1,5 +1,6 @@
 //! The process that a link is.
 
+mod age;
 mod ends;
 mod exchange;
 mod readings;
@@ -174,7 +175,8 @@ impl CardProcess {
                 &self.state.layout,
                 &mut self.state.outputs,
                 &self.health,
-            );
+                self.state.has_started,
+            )?;
             if have_ended || self.neutral.is_engaged() {
                 return Ok(());
             }

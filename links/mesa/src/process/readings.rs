@@ -5,7 +5,6 @@ use crate::{Fault, Reading, Sample};
 use hostmot2::encoder::{Stamps, Tracker};
 use hostmot2::{Answer, Layout};
 use luna::{Instant, Sender};
-use std::time::Duration;
 
 #[derive(Debug)]
 pub(super) struct Readings {
