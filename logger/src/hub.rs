@@ -3,9 +3,10 @@
 use crate::format::{ClockBase, MOST_SIGNALS, Type};
 use crate::lane::{self, Inlet};
 use luna_platform::clock::{Counter, Instant};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt;
+use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
@@ -119,7 +120,12 @@ struct Registry {
 
 thread_local! {
     static HUB: RefCell<Option<Arc<Hub>>> = const { RefCell::new(None) };
+    /// Whether this thread ever entered one: the first access to `HUB`, which is dropped with the thread, may allocate.
+    static HAS_ENTERED: Cell<bool> = const { Cell::new(false) };
 }
+
+/// Messages that were lost on the path by threads that have entered no hub: the one that began to record last takes them over.
+static HOMELESS: AtomicU64 = AtomicU64::new(0);
 
 /// The hub that began to record last: for messages of threads that have entered none.
 static LATEST: Mutex<Weak<Hub>> = Mutex::new(Weak::new());
@@ -149,6 +155,7 @@ impl Hub {
     /// assert!(Signal::<f64>::register("flow").is_ok());
     /// ```
     pub fn enter(self: &Arc<Self>) -> Entered {
+        HAS_ENTERED.set(true);
         Entered {
             before: HUB.with(|hub| hub.borrow_mut().replace(self.clone())),
         }
@@ -157,6 +164,7 @@ impl Hub {
     /// Makes it the calling thread's for good and, if something is recorded, makes the thread's rings: to be called on each thread that runs processes,
     /// before they run. Not for the real-time path: it allocates, once.
     pub fn enter_thread(self: &Arc<Self>) {
+        HAS_ENTERED.set(true);
         let is_new = HUB.with(|hub| {
             let mut hub = hub.borrow_mut();
             let is_new = !hub.as_ref().is_some_and(|there| Arc::ptr_eq(there, self));
@@ -195,8 +203,40 @@ impl Hub {
             return false;
         }
         self.recording.store(true, Ordering::Relaxed);
-        *latest() = Arc::downgrade(self);
+        let mut latest = latest();
+        // Those of until now are not this one's.
+        let homeless = HOMELESS.swap(0, Ordering::Relaxed);
+        if let Some(before) = latest.upgrade() {
+            before.lost_messages.fetch_add(homeless, Ordering::Relaxed);
+        }
+        *latest = Arc::downgrade(self);
         true
+    }
+
+    /// Counts a message that was lost on the path, by a thread without rings. Wait-free, no allocation.
+    #[cold]
+    pub(crate) fn count_lost_message() {
+        let of_hub = || {
+            let count = |hub: &RefCell<Option<Arc<Hub>>>| {
+                let hub = hub.try_borrow().ok()?;
+                let hub = hub.as_ref().filter(|hub| hub.is_recording())?;
+                hub.lost_messages.fetch_add(1, Ordering::Relaxed);
+                Some(())
+            };
+            HUB.try_with(count).ok().flatten()
+        };
+        if !HAS_ENTERED.get() || of_hub().is_none() {
+            HOMELESS.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Takes over what threads without a hub have lost, if it is this one's. Not for the real-time path.
+    pub(crate) fn take_homeless(self: &Arc<Self>) {
+        let latest = latest();
+        if ptr::eq(latest.as_ptr(), Arc::as_ptr(self)) {
+            let lost = HOMELESS.swap(0, Ordering::Relaxed);
+            self.lost_messages.fetch_add(lost, Ordering::Relaxed);
+        }
     }
 
     pub(crate) fn end_recording(&self) {

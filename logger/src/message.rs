@@ -5,6 +5,7 @@ use crate::hub::Hub;
 use crate::lane::{self, Head, MOST_WORDS};
 use luna_platform::current;
 use std::fmt::{self, Write};
+use std::io::{self, Write as _};
 
 /// Bytes for the target and the text of a message.
 const ROOM: usize = (MOST_WORDS - MESSAGE_HEAD) * 8;
@@ -23,7 +24,7 @@ const CUT: &str = "…";
 /// Real-time path: yes, if what is formatted is; its time is that of the formatting, into 480 bytes on the stack (of which the target takes its length). What does not fit is cut off, and marked. Wait-free, no
 /// allocation, no system call where the system records. A message for which there is no room is dropped and counted.
 ///
-/// Where nothing is recorded a thread that is not on the real-time path writes it to standard error; on the path it is dropped.
+/// Where nothing is recorded a thread that is not on the real-time path writes it to standard error; on the path it is dropped. While something is recorded, one on the path by a thread without rings is dropped and counted.
 ///
 /// ```
 /// use luna_logger::{Level, message};
@@ -38,10 +39,17 @@ pub(crate) fn write(level: Level, target: &str, fill: impl FnOnce(&mut Text) -> 
     // On the path a thread has its rings, or none.
     let hub = lane::hub_of_lane().or_else(|| (!current::on_path()).then(Hub::for_messages)?);
     let Some(hub) = hub else {
-        if !current::on_path() {
+        if current::on_path() {
+            Hub::count_lost_message();
+        } else {
             let mut text = Text::new("");
             let _ = fill(&mut text);
-            eprintln!("{level:<5} {target}: {}", text.as_str());
+            // Nobody may read there any more.
+            let _ = writeln!(
+                io::stderr().lock(),
+                "{level:<5} {target}: {}",
+                text.as_str()
+            );
         }
         return;
     };

@@ -62,3 +62,16 @@ fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
     assert_eq!(report.signals[0].recorded + report.signals[0].lost, 20_000);
     assert!(report.lost_samples() > 0 && report.messages.lost > 0);
 }
+
+#[test]
+fn a_message_on_the_path_of_a_thread_that_is_in_no_hub_allocates_nothing() {
+    let thread = std::thread::spawn(|| {
+        luna_platform::current::set_on_path(true);
+        let before = COUNTED.get();
+        message(Level::Info, "test", format_args!("lost"));
+        let counted = COUNTED.get() - before;
+        luna_platform::current::set_on_path(false);
+        counted
+    });
+    assert_eq!(thread.join().unwrap(), 0);
+}

@@ -3,7 +3,7 @@
 
 mod common;
 
-use luna_logger::{Hub, Logging, LoggingReport, Recorder, Signal};
+use luna_logger::{Hub, Level, Logging, LoggingReport, Recorder, Signal, message};
 use nix::sys::resource::{Resource, setrlimit};
 use nix::sys::signal::{SigHandler, Signal as Number, signal};
 use std::fs;
@@ -84,6 +84,29 @@ fn records_to_a_disk_that_becomes_full() {
     println!("\nreported {} {}", report.signals[0].recorded, report.bytes);
 }
 
+#[test]
+#[ignore = "another test starts it as a program of its own"]
+fn records_while_nobody_reads_standard_error() {
+    // Until the other one has closed it.
+    std::io::read_to_string(std::io::stdin()).unwrap();
+    // Nobody records yet: it goes to standard error.
+    message(Level::Error, "test", format_args!("nobody reads this"));
+    let hub = Hub::new("unread", Default::default());
+    let recording = Logging::to_file(file()).show_messages(Level::Info);
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    hub.enter_thread();
+    let numbers = Signal::<u64>::register("numbers").unwrap();
+    for n in 0..5 {
+        numbers.record(n);
+        message(Level::Info, "test", format_args!("{n}"));
+    }
+    let report = recorder.finish();
+    println!(
+        "\nreported {} {} {:?}",
+        report.signals[0].recorded, report.messages.recorded, report.error
+    );
+}
+
 /// How many samples of the one signal there are, which must be in order, and whether the file is whole.
 fn numbers(file: &Path) -> (u64, bool) {
     let bytes = fs::read(file).unwrap();
@@ -119,6 +142,31 @@ fn what_was_moved_on_before_a_kill_can_be_read() {
     let (read, has_ended) = numbers(&file.0);
     assert!(!has_ended);
     assert!(read >= before, "{read} of {before}");
+}
+
+#[test]
+fn who_closes_standard_error_ends_no_recording() {
+    let file = Temporary::new("unread");
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "records_while_nobody_reads_standard_error"])
+        .args(["--ignored", "--nocapture"])
+        .env(FILE, &file.0)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stderr.take());
+    // Now it may begin.
+    drop(child.stdin.take());
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let reported = lines
+        .map(Result::unwrap)
+        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
+        .last();
+    assert!(child.wait().unwrap().success());
+    assert_eq!(reported.as_deref(), Some("5 5 None"));
+    assert_eq!(numbers(&file.0), (5, true));
 }
 
 #[test]

@@ -254,6 +254,42 @@ proptest! {
 }
 
 #[test]
+fn messages_that_a_sink_refuses_are_told_in_the_recording() {
+    /// Refuses the first large block.
+    struct Once(KeepingSink, bool);
+    impl Sink for Once {
+        fn begin(&mut self, head: &[u8]) -> io::Result<()> {
+            self.0.begin(head)
+        }
+        fn block(&mut self, block: &[u8]) -> io::Result<()> {
+            if block.len() > 30_000 && !std::mem::replace(&mut self.1, true) {
+                return Err(io::Error::other("no space left"));
+            }
+            self.0.block(block)
+        }
+    }
+    let kept = Kept::default();
+    let hub = Hub::new("refused", Default::default());
+    // All of it comes with the last round.
+    let recording = Logging::to_sink(Once(kept.sink(), false)).every(Duration::from_secs(10));
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<[f64; 16]>::register("wide").unwrap();
+    for n in 0..5 {
+        message(Level::Info, "test", format_args!("{n}"));
+    }
+    for n in 0..1_000 {
+        signal.record([f64::from(n); 16]);
+    }
+    let report = recorder.finish();
+    assert_eq!((report.messages.recorded, report.messages.lost), (0, 5));
+    let read = kept.read();
+    assert_eq!(read.lost_messages.values().sum::<u64>(), 5);
+    assert_eq!(read.lost[&0], report.signals[0].lost);
+    assert!(report.signals[0].lost > 0 && report.signals[0].recorded > 0);
+}
+
+#[test]
 fn a_burst_of_messages_costs_no_samples() {
     let kept = Kept::default();
     let hub = Hub::new("burst", Default::default());

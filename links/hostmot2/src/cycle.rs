@@ -58,6 +58,8 @@ pub struct Answer<'a> {
     pub sequence: u32,
     /// The number of the write packet that the card has seen last.
     pub echo: u32,
+    /// The number of the start packet that the card has seen last: lost when it is restarted, though write packets go on.
+    pub session: u32,
     /// Whether the watchdog has bitten: the card's outputs are off.
     pub has_bitten: bool,
     /// The time stamps' counter, if there are encoders.
@@ -131,8 +133,8 @@ impl Layout {
             scratch::READ_SEQUENCE,
             &sequence.to_le_bytes(),
         )?;
-        // Both numbers, which lie side by side.
-        packet.read(timers, wide, scratch::READ_SEQUENCE, 4)?;
+        // All three numbers, which lie side by side.
+        packet.read(timers, wide, scratch::READ_SEQUENCE, 6)?;
         let mut read = |address| {
             packet
                 .read(Space::HostMot2, Width::Bits32, address, 1)
@@ -156,7 +158,7 @@ impl Layout {
 
     /// How many bytes an answer to the read packet has.
     pub fn answer_len(&self) -> usize {
-        12 + 8 * self.encoders.len()
+        16 + 8 * self.encoders.len()
             + 4 * usize::from(self.stamp.is_some())
             + 8 * self.pins.ports.len()
     }
@@ -176,7 +178,7 @@ impl Layout {
         }
         let mut reader = Reader::new(bytes);
         let mut next = || reader.u32().ok_or(error);
-        let (sequence, echo, status) = (next()?, next()?, next()?);
+        let (sequence, echo, session, status) = (next()?, next()?, next()?, next()?);
         let of_encoders = reader.rest().split_at_checked(8 * self.encoders.len());
         let (encoders, rest) = of_encoders.ok_or(error)?;
         let mut reader = Reader::new(rest);
@@ -188,6 +190,7 @@ impl Layout {
             layout: self,
             sequence,
             echo,
+            session,
             has_bitten: status & 1 != 0,
             stamp,
             encoders,
@@ -286,7 +289,9 @@ impl Answer<'_> {
 
     /// Whether the card has seen what was sent last.
     pub fn echo_state(&self, sent: SequenceWindow) -> EchoState {
-        if self.echo == sent.last {
+        if self.session != sent.first {
+            EchoState::Foreign
+        } else if self.echo == sent.last {
             EchoState::UpToDate
         } else if sent.has(self.echo) {
             EchoState::Behind

@@ -16,9 +16,9 @@ use std::time::Duration;
 pub struct Encoder {
     /// Counts since the tracker began.
     pub position: i64,
-    /// Counts a second: between the last two edges; when none comes it sinks to what the wait allows.
+    /// Counts a second: between the last two edges, at a reversal between the last two readings; when none comes it sinks to what the wait allows. Never beyond the encoder's greatest speed.
     pub rate: f64,
-    /// The position at the index, once it was seen.
+    /// The position at the index, once it was seen. None for an index that was latched before the first reading, unless it is too near to be mistaken.
     pub index: Option<i64>,
 }
 
@@ -81,6 +81,8 @@ pub struct Tracker {
     state: Option<State>,
     lost: Option<Lost>,
     index: Option<i64>,
+    /// Whether a latch that is seen now latched since the last reading.
+    is_armed: bool,
     checks_quadrature: bool,
 }
 
@@ -93,6 +95,8 @@ struct State {
     read: u64,
     /// When the last edge was.
     edge: Option<u64>,
+    /// Which way that was, 1 or −1; 0 if it is not known.
+    direction: i64,
     rate: f64,
 }
 
@@ -107,6 +111,7 @@ impl Tracker {
             state: None,
             lost: None,
             index: None,
+            is_armed: false,
             checks_quadrature: true,
         }
     }
@@ -118,8 +123,8 @@ impl Tracker {
         self
     }
 
-    /// What the counter says in an answer, whose stamps are `stamps`; `elapsed` is the most time that may lie between this reading and the one before. The first reading is position 0.
-    /// O(1).
+    /// What the counter says in an answer, whose stamps are `stamps`; `elapsed` is the most time that may lie between this reading and the one before; at the first, since the
+    /// latch of the index was armed (an index that the encoder may have left by more than half of the counter's range since then is not told). The first reading is position 0. O(1).
     ///
     /// # Errors
     ///
@@ -150,6 +155,10 @@ impl Tracker {
             return Err(Lost::Quadrature);
         }
         let now = stamps.now();
+        let farthest = self.fastest * elapsed.as_secs_f64() + SLACK;
+        // A limit that is not a number is none.
+        let may_wrap = farthest.is_nan() || farthest >= f64::from(i16::MAX);
+        let is_near = |moved: i64| !may_wrap && (moved as f64).abs() <= farthest;
         let next = match self.state {
             None => State {
                 count: raw.count,
@@ -157,26 +166,29 @@ impl Tracker {
                 position: 0,
                 read: now,
                 edge: None,
+                direction: 0,
                 rate: 0.0,
             },
             Some(last) => {
-                let farthest = self.fastest * elapsed.as_secs_f64() + SLACK;
-                // A limit that is not a number is none.
-                if farthest.is_nan() || farthest >= f64::from(i16::MAX) {
+                if may_wrap {
                     return Err(Lost::Wrapped);
                 }
                 let moved = i64::from(raw.count.wrapping_sub(last.count).cast_signed());
-                if moved as f64 > farthest || (moved as f64) < -farthest {
+                if !is_near(moved) {
                     return Err(Lost::Jumped { by: moved });
                 }
-                last.after(raw, moved, stamps)
+                last.after(raw, moved, stamps, self.fastest)
             }
         };
-        self.state = Some(next);
         if let (None, Some(latched)) = (self.index, raw.index) {
-            let since = raw.count.wrapping_sub(latched).cast_signed();
-            self.index = Some(next.position.saturating_sub(since.into()));
+            let since = raw.count.wrapping_sub(latched).cast_signed().into();
+            // Latched before the first reading it may lie whole turns of the counter away.
+            if self.is_armed || (self.state.is_none() && is_near(since)) {
+                self.index = Some(next.position.saturating_sub(since));
+            }
         }
+        self.is_armed |= raw.index.is_none();
+        self.state = Some(next);
         Ok(Encoder {
             position: next.position,
             rate: next.rate,
@@ -186,28 +198,30 @@ impl Tracker {
 }
 
 impl State {
-    fn after(self, raw: RawEncoder, moved: i64, stamps: &Stamps) -> State {
+    fn after(self, raw: RawEncoder, moved: i64, stamps: &Stamps, fastest: f64) -> State {
         let now = stamps.now();
         // A stamp is less than a turn of the stamps' counter old if the answer before is.
         let is_near = now - self.read < Stamps::TURN;
         let edge = is_near.then(|| now - stamps.age(raw.stamp));
-        let (edge, rate) = if moved != 0 {
-            // Without the two edges: between the two readings.
+        let (edge, direction, rate) = if moved != 0 {
+            let direction = moved.signum();
+            // Without two edges of one direction: between the two readings. At a reversal the edges are those of the same line, as near to each other as may be.
             let (from, to) = match (self.edge, edge) {
-                (Some(from), Some(to)) if to > from => (from, to),
+                (Some(from), Some(to)) if to > from && direction == self.direction => (from, to),
                 _ => (self.read, now),
             };
             let ticks = (to - from).max(1);
-            (edge, moved as f64 * stamps.frequency() / ticks as f64)
+            let rate = moved as f64 * stamps.frequency() / ticks as f64;
+            (edge, direction, rate)
         } else if raw.stamp != self.stamp {
             // There and back again.
-            (edge, 0.0)
+            (edge, 0, 0.0)
         } else {
             let rate = self.edge.map_or(0.0, |edge| {
                 let most = stamps.frequency() / (now - edge).max(1) as f64;
                 self.rate.min(most).max(-most)
             });
-            (self.edge, rate)
+            (self.edge, self.direction, rate)
         };
         State {
             count: raw.count,
@@ -215,7 +229,9 @@ impl State {
             position: self.position.saturating_add(moved),
             read: now,
             edge,
-            rate,
+            direction,
+            // Not `clamp`, which panics on a limit that is none.
+            rate: rate.min(fastest).max(-fastest),
         }
     }
 }

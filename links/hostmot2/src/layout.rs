@@ -12,6 +12,9 @@ use pins::Pins;
 /// How many write packets may be under way: an echo of an older one is none of ours.
 const WRITES_UNDER_WAY: u32 = 1_000;
 
+/// An encoder's control, with no latch.
+const COUNTING: u16 = encoder::INDEX_HIGH | encoder::SLOW_FILTER;
+
 /// The time stamps count at a megahertz, or as near as the clock allows.
 const STAMPS_PER_SECOND: u32 = 1_000_000;
 
@@ -176,13 +179,9 @@ impl Layout {
         if let Some((address, divider)) = self.stamp_divider {
             units.write_register(address, divider)?;
         }
-        for (number, at) in self.encoders.iter().enumerate() {
-            let mut control = encoder::INDEX_HIGH | encoder::SLOW_FILTER;
-            if self.latches_index(number) {
-                control |= encoder::LATCH_ON_INDEX | encoder::JUST_ONCE;
-            }
+        for at in &self.encoders {
             // This also clears a quadrature error, as there is one whenever an encoder gets its power.
-            units.write_register(at.control, control.into())?;
+            units.write_register(at.control, COUNTING.into())?;
         }
         if let Some((address, rate)) = self.pwm_rate {
             units.write_register(address, rate)?;
@@ -197,8 +196,9 @@ impl Layout {
         Ok([off, units])
     }
 
-    /// Makes the packet that makes the outputs outputs: neutral ones, with the watchdog waiting for the first write packet, which is to come within its time. `first` is the number before that
-    /// one's. It may be sent several times, until an answer [says](crate::Answer::is_driving) that it has come. O(ports), allocates nothing.
+    /// Makes the packet that makes the outputs outputs: neutral ones, with the watchdog waiting for the first write packet, which is to come within its time. It also arms the latches of the
+    /// index. `first` is the number before that one's, and not 0, which is that of a card without power: each answer brings it along from now on. It may be sent several times, until an answer
+    /// [says](crate::Answer::is_driving) that it has come. O(encoders + ports), allocates nothing.
     ///
     /// # Errors
     ///
@@ -213,13 +213,17 @@ impl Layout {
             packet.write_register(at.alternate, at.modules)?;
             packet.write_register(at.direction, at.driven())?;
         }
-        let number = first.to_le_bytes();
-        packet.write(
-            Space::Timers,
-            Width::Bits16,
-            scratch::WRITE_SEQUENCE,
-            &number,
-        )?;
+        for (number, at) in self.encoders.iter().enumerate() {
+            // Not earlier: what is latched long before the first answer may lie turns of the counter away.
+            if self.latches_index(number) {
+                let latching = COUNTING | encoder::LATCH_ON_INDEX | encoder::JUST_ONCE;
+                packet.write_register(at.control, latching.into())?;
+            }
+        }
+        // The numbers last: an answer that brings them says that all before was done.
+        let (timers, wide, number) = (Space::Timers, Width::Bits16, first.to_le_bytes());
+        packet.write(timers, wide, scratch::WRITE_SEQUENCE, &number)?;
+        packet.write(timers, wide, scratch::SESSION, &number)?;
         Ok(())
     }
 

@@ -27,7 +27,8 @@
 //!
 //! An answer of LBP16 is data alone. So each request writes a number into the card's scratch registers and reads it back: an answer with another number
 //! is late, doubled or not ours, and is not used. The write packet of a cycle leaves a number too, which the next answer brings along: so a write that was lost or
-//! overtaken is seen, and so is a card that was restarted or has another master.
+//! overtaken is seen. The packet that starts it leaves a third, which no other packet writes: so a card that was restarted or has another master is seen, also where nothing is driven that
+//! it would have let go of.
 
 #![forbid(unsafe_code)]
 

@@ -93,6 +93,8 @@ pub mod scratch {
     pub const READ_SEQUENCE: u16 = 0x10;
     /// Here each write packet leaves its number (two words).
     pub const WRITE_SEQUENCE: u16 = 0x14;
+    /// Here the start packet alone leaves its number (two words): a card that was restarted has lost it.
+    pub const SESSION: u16 = 0x18;
 }
 
 /// What the space [`Board`](crate::lbp16::Space::Board) says.

@@ -98,6 +98,69 @@ fn a_cycle_drives_and_reads() {
 }
 
 #[test]
+fn a_card_that_was_restarted_is_known_though_write_packets_go_on() {
+    let nothing_driven = Selection {
+        encoders: 1,
+        latch_index: 1,
+        ..Selection::default()
+    };
+    let layout = Layout::new(&description(), &nothing_driven).unwrap();
+    let (mut packet, mut answer) = (Packet::new(), Vec::new());
+    for is_started in [true, false] {
+        let mut card = Card::new();
+        if is_started {
+            layout.start_request(9, &mut packet).unwrap();
+            card.handle(packet.bytes(), 0, &mut answer).unwrap();
+        }
+        layout
+            .write_request(10, &layout.outputs_at_rest(), &mut packet)
+            .unwrap();
+        card.handle(packet.bytes(), 0, &mut answer).unwrap();
+        layout.read_request(7, &mut packet).unwrap();
+        card.handle(packet.bytes(), 0, &mut answer).unwrap();
+        let read = layout.decode(&answer).unwrap();
+        assert!(read.is_driving() && !read.has_bitten);
+        assert_eq!(
+            (read.echo, read.session),
+            (10, if is_started { 9 } else { 0 })
+        );
+        let window = SequenceWindow { first: 9, last: 10 };
+        let expected = match is_started {
+            true => hostmot2::EchoState::UpToDate,
+            false => hostmot2::EchoState::Foreign,
+        };
+        assert_eq!(read.echo_state(window), expected);
+    }
+}
+
+#[test]
+fn the_index_is_latched_from_the_start_on_and_not_from_the_set_up() {
+    let latching = Selection {
+        encoders: 1,
+        latch_index: 1,
+        ..Selection::default()
+    };
+    let layout = Layout::new(&description(), &latching).unwrap();
+    let (mut card, mut packet, mut answer) = (Card::new(), Packet::new(), Vec::new());
+    card.set_index(0, 1_000);
+    for packet in layout.set_up().unwrap() {
+        card.handle(packet.bytes(), 0, &mut answer).unwrap();
+    }
+    card.turn_encoder(0, 1_500, 0);
+    layout.start_request(1, &mut packet).unwrap();
+    card.handle(packet.bytes(), 0, &mut answer).unwrap();
+    for (count, index) in [(1_900, None), (2_100, Some(2_000)), (3_100, Some(2_000))] {
+        card.turn_encoder(0, count, 0);
+        layout.read_request(7, &mut packet).unwrap();
+        card.handle(packet.bytes(), 0, &mut answer).unwrap();
+        assert_eq!(
+            layout.decode(&answer).unwrap().encoder(0).unwrap().index,
+            index
+        );
+    }
+}
+
+#[test]
 fn its_watchdog_bites_after_its_time_and_lets_go_of_all_pins() {
     let (mut card, layout, mut packet) = driven();
     card.advance(10 * MS - 100);

@@ -1,5 +1,6 @@
 //! What ends a link.
 
+use crate::Actuator;
 use hostmot2::encoder::Lost;
 use luna::FileError;
 use std::fmt;
@@ -26,6 +27,13 @@ pub enum Fault {
         /// Why.
         why: Lost,
     },
+    /// Who writes to an actuator has not gone, but writes no more: it hangs.
+    Overdue {
+        /// To which.
+        actuator: Actuator,
+        /// The cycles in which no new set-point has come.
+        cycles: u32,
+    },
     /// The socket cannot be waited for.
     Wait(FileError),
     /// The system runs on a virtual clock; a card has its own, real time.
@@ -51,6 +59,10 @@ impl fmt::Display for Fault {
                 f.write_str("the card was restarted, or somebody else writes to it")
             }
             Fault::Encoder { encoder, why } => write!(f, "encoder {encoder}: {why}"),
+            Fault::Overdue { actuator, cycles } => write!(
+                f,
+                "no set-point for {actuator} has come in {cycles} cycles: who writes it hangs; if it is set once, give it no greatest age"
+            ),
             Fault::Wait(error) => error.fmt(f),
             Fault::VirtualTime => f.write_str(
                 "the system is on a virtual clock, which the card does not know: simulate the machine instead",

@@ -43,11 +43,13 @@
 //!
 //! A [`Sample`] says whether it is fresh. When an answer is lost, late or not for us, the last value is sent again, marked stale; a wrong one never is. What cannot be
 //! trusted any more (a position after too long a silence, a card that was restarted) ends the link, with its channels poisoned first and an emergency raised.
+//! So does who writes set-points and hangs: they are held for [`greatest_age`](Link::greatest_age) at most.
 //! The page `docs/mesa.md` of the repository says what happens at each failure.
 
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
+mod actuator;
 mod card;
 mod fault;
 mod health;
@@ -57,6 +59,7 @@ mod process;
 mod sample;
 mod socket;
 
+pub use actuator::Actuator;
 pub use card::{Card, CardDevice, OpenError, open};
 pub use fault::Fault;
 pub use health::Health;

@@ -1,7 +1,7 @@
 //! From channels to a card.
 
 use crate::process::{Actuators, CardProcess, Sensors};
-use crate::{Bucket, Card, Reading, Sample};
+use crate::{Actuator, Bucket, Card, Reading, Sample};
 use hostmot2::{ClientError, Layout, LayoutError, OutputPin, Selection};
 use luna::{Receiver, Sender};
 use std::any::Any;
@@ -24,6 +24,7 @@ pub struct Link {
     selection: Selection,
     pub(crate) sensors: Sensors,
     pub(crate) actuators: Actuators,
+    ages: Vec<(Actuator, Option<Duration>)>,
     kept: Vec<Box<dyn Any + Send>>,
 }
 
@@ -79,6 +80,7 @@ impl Link {
             selection: Selection::default(),
             sensors: Sensors::default(),
             actuators: Actuators::default(),
+            ages: Vec::new(),
             kept: Vec::new(),
         }
     }
@@ -143,11 +145,11 @@ impl Link {
         self
     }
 
-    /// Lets what comes from `channel` be the level of pin `number`. It is `neutral` before the first value, and when all senders are gone. At the end and in an emergency the pin becomes an
+    /// Lets what comes from `channel` be the level of pin `number`, again and again: for one that is set once, switch its [`greatest_age`](Self::greatest_age) off. It is `neutral` before the first value, and when all senders are gone. At the end and in an emergency the pin becomes an
     /// input with a pull-up: wire it so that this harms nobody.
     pub fn output(&mut self, number: u8, neutral: bool, channel: Receiver<bool>) -> &mut Self {
         self.actuators
-            .add_output(self.selection.outputs.len(), neutral, channel);
+            .add_output(self.selection.outputs.len(), number, neutral, channel);
         self.selection.outputs.push(OutputPin {
             pin: number,
             neutral,
@@ -164,6 +166,26 @@ impl Link {
     /// The time of the card's watchdog: if no write packet has come for so long, the card's pins become inputs. 50 ms if not stated; more than two periods.
     pub fn watchdog(&mut self, time: Duration) -> &mut Self {
         self.selection.watchdog_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self
+    }
+
+    /// How long a set-point of `actuator` is held when no new one comes. Then who writes it hangs: the link ends with [`Fault::Overdue`](crate::Fault::Overdue), an emergency, and the outputs are
+    /// off. Counted in whole periods, from the card's start on. `None` holds it for as long as there is a sender: for what is set once.
+    ///
+    /// If not stated, duties and pins have the [watchdog](Self::watchdog)'s time, so that a controller that hangs drives the machine no longer than a program that hangs; enables have `None`, since a
+    /// generator is driven by its duty too. May be called before the actuator is connected; the last call for each counts.
+    ///
+    /// ```
+    /// # fn set(link: &mut luna_mesa::Link) {
+    /// use luna_mesa::Actuator;
+    /// use std::time::Duration;
+    ///
+    /// link.greatest_age(Actuator::Pwm(0), Some(Duration::from_millis(5)))
+    ///     .greatest_age(Actuator::Output(12), None); // a relay that is switched on once
+    /// # }
+    /// ```
+    pub fn greatest_age(&mut self, actuator: Actuator, age: Option<Duration>) -> &mut Self {
+        self.ages.push((actuator, age));
         self
     }
 
@@ -185,6 +207,22 @@ impl Link {
         self
     }
 
+    /// Tells the actuators their ages, in periods. What makes no sense, in words.
+    fn set_ages(&mut self, watchdog: Duration) -> Option<&'static str> {
+        let period = self.period.as_nanos();
+        let cycles = |age: Duration| u32::try_from(age.as_nanos() / period).unwrap_or(u32::MAX);
+        self.actuators.set_all_greatest_ages(cycles(watchdog));
+        for (actuator, age) in &self.ages {
+            if age.is_some_and(|age| age < self.period) {
+                return Some("the greatest age of set-points is a period of the link or more");
+            }
+            if !self.actuators.set_greatest_age(*actuator, age.map(cycles)) {
+                return Some("an actuator has a greatest age, but is not connected");
+            }
+        }
+        None
+    }
+
     /// Puts the card into the state that the link begins with (no outputs yet), and makes the process of it. For set-up: blocks, and allocates.
     ///
     /// # Errors
@@ -203,7 +241,8 @@ impl Link {
         } else if self.selection.pwm_frequency.is_nan() || self.selection.pwm_frequency <= 0.0 {
             Some("a PWM frequency is more than 0")
         } else {
-            self.sensors.wrong().or(self.actuators.wrong())
+            let wrong = self.sensors.wrong().or(self.actuators.wrong());
+            wrong.or_else(|| self.set_ages(watchdog))
         };
         if let Some(wrong) = wrong {
             return Err(LinkError::Setting(wrong));

@@ -6,7 +6,7 @@ use common::{FASTEST, PERIOD, Truth, fault, patient, register, samples, turning,
 use hostmot2::encoder::Lost;
 use luna::prelude::*;
 use luna::{End, Report};
-use luna_mesa::{Bucket, Card, Fault, Health, Link};
+use luna_mesa::{Actuator, Bucket, Card, Fault, Health, Link};
 use luna_mesa_sim::Faults;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
@@ -182,6 +182,101 @@ fn a_card_that_was_restarted_ends_it() {
     });
     assert_eq!(fault(outcome), Fault::Foreign);
     wait_until(&server, |card| card.is_neutral());
+}
+
+#[test]
+fn a_card_that_was_restarted_ends_a_link_without_outputs_too() {
+    let server = Arc::new(turning());
+    let (count, counts) = samples();
+    let mut link = patient(&server);
+    link.encoder(0, FASTEST, count).latch_index(0);
+    let process = link.process().unwrap();
+    let mut system = System::new("test");
+    let main = system.executor("main").build().unwrap();
+    let breaker = server.clone();
+    main.process("control")
+        .spawn(async move {
+            let mut truth = Truth::default();
+            for cycle in 0..1_000 {
+                if cycle == 20 {
+                    breaker.power_cycle();
+                }
+                let sample = counts.recv().await?;
+                // Its control register is 0 now, which looks like a latch that has latched.
+                assert_eq!(sample.held().index, None);
+                truth.check(sample);
+            }
+            Ok(())
+        })
+        .unwrap();
+    main.process("card").spawn(process).unwrap();
+    assert_eq!(fault(system.run()), Fault::Foreign);
+}
+
+/// A controller that sends one set-point to each actuator, and then only looks on, for `cycles`.
+fn hung(mut link: Link, cycles: u32) -> luna::Result<Report> {
+    let (count, counts) = samples();
+    let (duty, duties) = register::<f64>();
+    let (enable, enables) = register::<bool>();
+    let (level, levels) = register::<bool>();
+    link.encoder(0, FASTEST, count)
+        .pwm_with_enable(0, duties, enables)
+        .output(12, false, levels);
+    let process = link.process().unwrap();
+    let mut system = System::new("test");
+    let main = system.executor("main").build().unwrap();
+    main.process("control")
+        .spawn(async move {
+            duty.send(0.9).await?;
+            enable.send(true).await?;
+            level.send(true).await?;
+            for _ in 0..cycles {
+                counts.recv().await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+    main.process("card").spawn(process).unwrap();
+    system.run()
+}
+
+#[test]
+fn a_controller_that_hangs_does_not_drive_for_ever() {
+    for late in [Actuator::Pwm(0), Actuator::Enable(0), Actuator::Output(12)] {
+        let server = turning();
+        let mut link = patient(&server);
+        link.greatest_age(Actuator::Pwm(0), None)
+            .greatest_age(Actuator::Output(12), None)
+            .greatest_age(late, Some(PERIOD * 20));
+        let overdue = Fault::Overdue {
+            actuator: late,
+            cycles: 21,
+        };
+        assert_eq!(fault(hung(link, u32::MAX)), overdue);
+        wait_until(&server, |card| card.is_neutral());
+    }
+}
+
+#[test]
+fn the_watchdogs_time_is_the_greatest_age_if_none_is_stated() {
+    let server = turning();
+    let mut link = patient(&server);
+    link.watchdog(PERIOD * 500);
+    let overdue = Fault::Overdue {
+        actuator: Actuator::Pwm(0),
+        cycles: 501,
+    };
+    assert_eq!(fault(hung(link, u32::MAX)), overdue);
+}
+
+#[test]
+fn what_is_set_once_stays_if_it_has_no_greatest_age() {
+    let server = turning();
+    let mut link = patient(&server);
+    link.watchdog(PERIOD * 500)
+        .greatest_age(Actuator::Pwm(0), None)
+        .greatest_age(Actuator::Output(12), None);
+    assert_eq!(hung(link, 600).unwrap().end, End::Completed);
 }
 
 #[test]

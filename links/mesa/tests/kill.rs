@@ -6,7 +6,7 @@ mod common;
 
 use common::{FASTEST, PERIOD, register, samples, seed, turning};
 use luna::prelude::*;
-use luna_mesa::Card;
+use luna_mesa::{Actuator, Card};
 use luna_mesa_sim::Server;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -31,6 +31,8 @@ fn drive(address: &str) -> luna::Result<()> {
     let mut link = card.link("card", PERIOD);
     link.watchdog(WATCHDOG).encoder(0, FASTEST, count);
     link.pwm(0, duties).output(12, false, levels);
+    // Set once, for the duty says that somebody is there.
+    link.greatest_age(Actuator::Output(12), None);
     let process = link.process().map_err(luna::Error::other)?;
     let mut system = System::new("child");
     let main = system.executor("main").build()?;

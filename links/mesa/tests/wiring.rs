@@ -4,7 +4,7 @@ mod common;
 
 use common::{PERIOD, patient, register, samples, turning, wait_until};
 use luna::prelude::*;
-use luna_mesa::{Card, LayoutError, LinkError, Sample};
+use luna_mesa::{Actuator, Card, LayoutError, LinkError, Sample};
 use luna_mesa_sim::{Card as SimCard, Server, Settings};
 use std::sync::Arc;
 use std::time::Duration;
@@ -121,6 +121,42 @@ fn the_index_is_latched_once() {
 }
 
 #[test]
+fn an_index_that_was_passed_before_the_start_is_none() {
+    let server = Arc::new(Server::start(Settings::default()).unwrap());
+    server.with_card(|card, now| {
+        card.turn_encoder(3, 990, now);
+        card.set_index(3, 1_000);
+    });
+    let (count, counts) = samples();
+    let mut link = patient(&server);
+    link.encoder(3, 1e6, count).latch_index(3);
+    let process = link.process().unwrap();
+    // More than half of the counter's range from the index that it passes.
+    server.with_card(|card, now| card.turn_encoder(3, 41_500, now));
+    let mut system = System::new("test");
+    let main = system.executor("main").build().unwrap();
+    main.process("card").spawn(process).unwrap();
+    main.process("control")
+        .spawn(async move {
+            let first = counts.recv().await?.held();
+            assert_eq!((first.position, first.index), (0, None));
+            for (to, position, index) in [(41_600, 100, None), (42_010, 510, Some(500))] {
+                server.with_card(|card, now| card.turn_encoder(3, to, now));
+                let read = loop {
+                    let read = counts.recv().await?.held();
+                    if read.position == position {
+                        break read;
+                    }
+                };
+                assert_eq!(read.index, index);
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
 fn an_emergency_takes_the_outputs_away_for_good() {
     let server = turning();
     let (duty, duties) = register();
@@ -221,6 +257,17 @@ fn what_cannot_be_is_told_at_set_up() {
         refused(link),
         LinkError::Layout(LayoutError::WatchdogTime { .. })
     ));
+
+    for (actuator, age) in [
+        (Actuator::Pwm(0), Some(PERIOD / 2)),
+        (Actuator::Pwm(1), Some(PERIOD)),
+        (Actuator::Enable(0), None),
+        (Actuator::Output(0), None),
+    ] {
+        let mut link = open();
+        link.pwm(0, register().1).greatest_age(actuator, age);
+        assert!(matches!(refused(link), LinkError::Setting(_)), "{actuator}");
+    }
 
     for patience in [0.0, 1.0, f64::NAN] {
         let mut link = open();

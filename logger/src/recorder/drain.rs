@@ -11,9 +11,6 @@ use crate::lane::{Counts, Inlet};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// Where messages are counted that no thread of the recording lost.
-const NO_THREAD: u32 = u32::MAX;
-
 /// What moves entries from rings to blocks.
 pub(super) struct Drain {
     hub: Arc<Hub>,
@@ -21,8 +18,8 @@ pub(super) struct Drain {
     queues: Vec<Queue>,
     threads: Vec<(u32, Arc<Counts>)>,
     output: Output,
-    /// Messages that threads which have ended have lost.
-    lost_before: u64,
+    /// Messages that threads which have ended have lost, by those that did.
+    lost_before: Vec<(u32, u64)>,
     news: Vec<Inlet>,
 }
 
@@ -36,7 +33,7 @@ impl Drain {
             queues: Vec::new(),
             threads: Vec::new(),
             output,
-            lost_before: 0,
+            lost_before: Vec::new(),
             news: Vec::new(),
         }
     }
@@ -52,7 +49,9 @@ impl Drain {
                 break;
             }
         }
-        let lost = self.lost_before + self.lost_now();
+        // The last block may have been refused, and what it told with it.
+        self.tell_losses();
+        let lost = self.lost();
         self.output.end(lost)
     }
 
@@ -72,15 +71,25 @@ impl Drain {
             output.entry(queue.thread, time, entry);
             queue.last = time;
         });
+        self.tell_losses();
+        self.output.end_block();
+        self.forget_ended();
+    }
+
+    /// Tells of all that was lost since it was told.
+    fn tell_losses(&mut self) {
+        self.hub.take_homeless();
+        let output = &mut self.output;
+        for (thread, lost) in &self.lost_before {
+            output.tell_losses(Losing::Messages(*thread), *lost);
+        }
         for (thread, counts) in &self.threads {
             let lost = counts.lost_messages.load(Ordering::Relaxed);
             output.tell_losses(Losing::Messages(*thread), lost);
         }
-        let lost = self.hub.lost_messages.load(Ordering::Relaxed);
-        output.tell_losses(Losing::Messages(NO_THREAD), lost);
         output.tell_losses_of_signals();
-        output.end_block();
-        self.forget_ended();
+        // Last: a block that was full and refused has cost messages too.
+        output.tell_losses_of_messages(self.hub.lost_messages.load(Ordering::Relaxed));
     }
 
     fn take_news(&mut self) {
@@ -100,14 +109,15 @@ impl Drain {
         }
     }
 
-    /// Messages that were lost on their way here, by threads that live.
-    fn lost_now(&self) -> u64 {
+    /// Messages that were lost on their way here.
+    fn lost(&self) -> u64 {
         let of_threads: u64 = self
             .threads
             .iter()
             .map(|(_, counts)| counts.lost_messages.load(Ordering::Relaxed))
             .sum();
-        of_threads + self.hub.lost_messages.load(Ordering::Relaxed)
+        let of_ended: u64 = self.lost_before.iter().map(|(_, lost)| lost).sum();
+        of_ended + of_threads + self.hub.lost_messages.load(Ordering::Relaxed)
     }
 
     /// Lets go of the rings of threads that have ended.
@@ -121,7 +131,10 @@ impl Drain {
         self.threads.retain(|(number, counts)| {
             let lives = queues.iter().any(|queue| queue.thread == *number);
             if !lives {
-                *lost_before += counts.lost_messages.load(Ordering::Relaxed);
+                let lost = counts.lost_messages.load(Ordering::Relaxed);
+                if lost > 0 {
+                    lost_before.push((*number, lost));
+                }
             }
             lives
         });

@@ -9,11 +9,15 @@ use crate::lane::{Head, Inlet, MOST_WORDS};
 use crate::message::{Lengths, MESSAGE_HEAD};
 use luna_platform::clock::Instant;
 use std::collections::HashMap;
+use std::io::{self, Write as _};
 use std::sync::Arc;
 use std::time::Duration;
 
 /// How often the time of day is told.
 const EPOCHS: Duration = Duration::from_secs(10);
+
+/// Where messages are counted that no thread of the recording lost.
+const NO_THREAD: u32 = u32::MAX;
 
 /// What makes blocks.
 pub(super) struct Output {
@@ -163,7 +167,12 @@ impl Output {
         self.messages_in_block.recorded += 1;
         self.messages_in_block.truncated += u64::from(lengths.is_cut);
         if self.show.is_some_and(|most| level <= most) {
-            eprintln!("{:>12.6} {level:<5} {target}: {text}", time as f64 / 1e9);
+            // Nobody may read there any more: that is no reason to record no more.
+            let _ = writeln!(
+                io::stderr().lock(),
+                "{:>12.6} {level:<5} {target}: {text}",
+                time as f64 / 1e9
+            );
         }
     }
 
@@ -223,10 +232,17 @@ impl Output {
     /// Tells that `lost` were lost until now, if it was not told.
     pub(super) fn tell_losses(&mut self, of: Losing, lost: u64) {
         let told = self.told.losses.get(&of).copied().unwrap_or(0);
-        if lost > told {
+        // First what says what it is about.
+        if lost > told && self.declare() {
             self.told.losses.insert(of, lost);
             self.encoder.put(&Record::Losses { of, lost });
         }
+    }
+
+    /// Tells how many messages were lost, of which `elsewhere` on no thread of the recording; the others were refused by the sink.
+    pub(super) fn tell_losses_of_messages(&mut self, elsewhere: u64) {
+        let lost = elsewhere + self.messages.lost;
+        self.tell_losses(Losing::Messages(NO_THREAD), lost);
     }
 
     pub(super) fn tell_losses_of_signals(&mut self) {

@@ -67,6 +67,8 @@ pub(crate) struct Content {
     pub(crate) samples: BTreeMap<u32, Vec<(u64, Vec<Value>)>>,
     pub(crate) messages: Vec<Message>,
     pub(crate) lost: BTreeMap<u32, u64>,
+    /// By thread.
+    pub(crate) lost_messages: BTreeMap<u32, u64>,
     pub(crate) epochs: usize,
     pub(crate) has_ended: bool,
     /// The times of all samples and messages, as they come.
@@ -122,6 +124,13 @@ pub(crate) fn read(bytes: &[u8]) -> (Content, Option<ReadError>) {
                 lost,
             } => {
                 let before = content.lost.insert(signal, lost);
+                assert!(before.is_none_or(|before| before <= lost));
+            }
+            Record::Losses {
+                of: Losing::Messages(thread),
+                lost,
+            } => {
+                let before = content.lost_messages.insert(thread, lost);
                 assert!(before.is_none_or(|before| before <= lost));
             }
             Record::Epoch { .. } => content.epochs += 1,

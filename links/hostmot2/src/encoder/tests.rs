@@ -130,6 +130,90 @@ fn the_index_is_where_it_was_passed() {
     );
 }
 
+#[test]
+fn a_reversal_is_no_spike_of_the_rate() {
+    // At rest on an edge: it goes up and down, a stamp or two apart, at any place between two readings.
+    for second in 2_001..2_100_u16 {
+        let (mut tracker, mut stamps) = (Tracker::new(60_000.0), Stamps::new(MHZ));
+        let readings = [
+            (100, 900),
+            (101, 1_999),
+            (100, second),
+            (101, second + 1_000),
+        ];
+        for (n, (count, stamp)) in readings.into_iter().enumerate() {
+            stamps.update((n as u16 + 1) * 1_000, MS);
+            let rate = tracker.update(raw(count, stamp), &stamps, MS).unwrap().rate;
+            assert!(rate.abs() <= 1_000.0, "{n}, {second}: {rate}");
+        }
+    }
+}
+
+#[test]
+fn after_there_and_back_an_edge_is_no_spike_of_the_rate() {
+    let (mut tracker, mut stamps) = (Tracker::new(60_000.0), Stamps::new(MHZ));
+    for (now, count, stamp, most) in [
+        (1_000, 100, 500, 0.0),
+        (2_000, 101, 1_500, 1_000.0),
+        (3_000, 101, 2_999, 0.0),
+        (4_000, 102, 3_001, 1_000.0),
+    ] {
+        stamps.update(now, MS);
+        let rate = tracker.update(raw(count, stamp), &stamps, MS).unwrap().rate;
+        assert!(rate.abs() <= most, "{now}: {rate}");
+    }
+}
+
+#[test]
+fn the_rate_is_never_beyond_the_greatest_speed() {
+    let (mut tracker, mut stamps) = (Tracker::new(2_000.0), Stamps::new(MHZ));
+    // Edges that jitter: the last two are a stamp apart.
+    for (now, count, stamp, rate) in [
+        (1_000, 100, 500, 0.0),
+        (2_000, 101, 2_000, 1_000.0),
+        (3_000, 102, 2_001, 2_000.0),
+    ] {
+        stamps.update(now, MS);
+        let read = tracker.update(raw(count, stamp), &stamps, MS).unwrap();
+        assert_eq!(read.rate, rate, "{now}");
+    }
+}
+
+#[test]
+fn an_index_that_was_latched_long_before_the_first_reading_is_not_told() {
+    let latched = |count| RawEncoder {
+        index: Some(0),
+        ..raw(count, 0)
+    };
+    let stamps = Stamps::new(MHZ);
+    // 40 000 counts away, which look like 25 536 the other way; then it comes near.
+    let mut tracker = Tracker::new(60_000.0);
+    for count in [40_000, 40_050, 40_100] {
+        assert_eq!(
+            tracker.update(latched(count), &stamps, MS).unwrap().index,
+            None
+        );
+    }
+    let mut tracker = Tracker::new(60_000.0);
+    let long = Duration::from_secs(1);
+    assert_eq!(
+        tracker.update(latched(10), &stamps, long).unwrap().index,
+        None
+    );
+    assert_eq!(
+        tracker.update(latched(12), &stamps, MS).unwrap().index,
+        None
+    );
+    // In the millisecond since the latch was armed it made 64 counts at most.
+    let mut tracker = Tracker::new(60_000.0);
+    let read = tracker.update(latched(50), &stamps, MS).unwrap();
+    assert_eq!((read.position, read.index), (0, Some(-50)));
+    assert_eq!(
+        tracker.update(latched(60), &stamps, MS).unwrap().index,
+        Some(-50)
+    );
+}
+
 proptest! {
     #![proptest_config(crate::seeded())]
 

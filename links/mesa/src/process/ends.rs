@@ -1,11 +1,9 @@
 //! The far ends of the channels.
 
-use crate::{Health, Reading, Sample};
+use super::age::Input;
+use crate::{Actuator, Fault, Health, Reading, Sample};
 use hostmot2::{Layout, Outputs};
-use luna::{Receiver, Sender, TryRecvError};
-
-/// How many values are taken of one channel at a time: a register has one.
-const MOST_AT_ONCE: usize = 16;
+use luna::{Receiver, Sender};
 
 /// What the card measures.
 #[derive(Debug, Default)]
@@ -88,44 +86,9 @@ struct PwmEnd {
 #[derive(Debug)]
 struct OutputEnd {
     number: usize,
+    pin: u8,
     neutral: bool,
     level: Input<bool>,
-}
-
-/// What has come from a channel last.
-#[derive(Debug)]
-struct Input<T> {
-    channel: Receiver<T>,
-    newest: Option<T>,
-    has_ended: bool,
-}
-
-impl<T: Copy> Input<T> {
-    fn new(channel: Receiver<T>) -> Self {
-        Self {
-            channel,
-            newest: None,
-            has_ended: false,
-        }
-    }
-
-    /// The newest value, while there is somebody who writes it.
-    fn take(&mut self) -> Option<T> {
-        for _ in 0..MOST_AT_ONCE {
-            match self.channel.try_recv() {
-                Ok(value) => self.newest = Some(value),
-                Err(TryRecvError::Closed | TryRecvError::Poisoned) => {
-                    self.has_ended = true;
-                    self.newest = None;
-                }
-                Err(_) => {}
-            }
-            if self.has_ended {
-                break;
-            }
-        }
-        self.newest
-    }
 }
 
 impl Actuators {
@@ -142,9 +105,16 @@ impl Actuators {
         });
     }
 
-    pub(crate) fn add_output(&mut self, number: usize, neutral: bool, level: Receiver<bool>) {
+    pub(crate) fn add_output(
+        &mut self,
+        number: usize,
+        pin: u8,
+        neutral: bool,
+        level: Receiver<bool>,
+    ) {
         self.outputs.push(OutputEnd {
             number,
+            pin,
             neutral,
             level: Input::new(level),
         });
@@ -160,13 +130,73 @@ impl Actuators {
         self.pwms.is_empty() && self.outputs.is_empty()
     }
 
+    /// Lets the set-points of `actuator` be so many cycles old at most. False if there is no such one.
+    pub(crate) fn set_greatest_age(&mut self, actuator: Actuator, cycles: Option<u32>) -> bool {
+        let pwm = |number: u8| move |end: &&mut PwmEnd| end.number == usize::from(number);
+        let pwms = &mut self.pwms;
+        let place = match actuator {
+            Actuator::Pwm(number) => {
+                let end = pwms.iter_mut().find(pwm(number));
+                end.map(|end| &mut end.duty.greatest_age)
+            }
+            Actuator::Enable(number) => {
+                let end = pwms.iter_mut().find(pwm(number));
+                let enable = end.and_then(|end| end.enable.as_mut());
+                enable.map(|enable| &mut enable.greatest_age)
+            }
+            Actuator::Output(pin) => {
+                let end = self.outputs.iter_mut().find(|end| end.pin == pin);
+                end.map(|end| &mut end.level.greatest_age)
+            }
+        };
+        place.map(|place| *place = cycles).is_some()
+    }
+
+    /// Lets those of all duties and pins be so old; an enable may stay.
+    pub(crate) fn set_all_greatest_ages(&mut self, cycles: u32) {
+        for end in &mut self.pwms {
+            end.duty.greatest_age = Some(cycles);
+        }
+        for end in &mut self.outputs {
+            end.level.greatest_age = Some(cycles);
+        }
+    }
+
+    /// One of which nothing new has come for longer than may be, and for how many cycles.
+    pub(super) fn overdue(&self) -> Option<(Actuator, u32)> {
+        let of_pwms = self.pwms.iter().find_map(|end| {
+            let number = end.number as u8;
+            let duty = end.duty.overdue();
+            let duty = duty.map(|cycles| (Actuator::Pwm(number), cycles));
+            let enable = || end.enable.as_ref().and_then(Input::overdue);
+            // Without a duty it is off, whatever its enable says.
+            let is_late = || enable().filter(|_| !end.duty.has_ended);
+            duty.or_else(|| is_late().map(|cycles| (Actuator::Enable(number), cycles)))
+        });
+        let of_output = |end: &OutputEnd| {
+            let overdue = end.level.overdue();
+            overdue.map(|cycles| (Actuator::Output(end.pin), cycles))
+        };
+        of_pwms.or_else(|| self.outputs.iter().find_map(of_output))
+    }
+
     /// Takes the newest values; says whether all who write have gone.
-    pub(super) fn take(&mut self, layout: &Layout, to: &mut Outputs, health: &Health) -> bool {
+    ///
+    /// # Errors
+    ///
+    /// Somebody who writes does not any more, without having gone: while it `is_driving`, that is.
+    pub(super) fn take(
+        &mut self,
+        layout: &Layout,
+        to: &mut Outputs,
+        health: &Health,
+        is_driving: bool,
+    ) -> Result<bool, Fault> {
         let mut have_ended = !self.are_none();
         for end in &mut self.pwms {
-            let duty = end.duty.take();
+            let duty = end.duty.take(is_driving);
             let is_enabled = match &mut end.enable {
-                Some(enable) => enable.take().unwrap_or(false) && duty.is_some(),
+                Some(enable) => enable.take(is_driving).unwrap_or(false) && duty.is_some(),
                 None => duty.is_some(),
             };
             let duty = duty.unwrap_or(0.0);
@@ -178,11 +208,14 @@ impl Actuators {
             have_ended &= end.duty.has_ended;
         }
         for end in &mut self.outputs {
-            let level = end.level.take().unwrap_or(end.neutral);
+            let level = end.level.take(is_driving).unwrap_or(end.neutral);
             layout.set_output(to, end.number, level);
             have_ended &= end.level.has_ended;
         }
-        have_ended
+        match self.overdue() {
+            Some((actuator, cycles)) if !have_ended => Err(Fault::Overdue { actuator, cycles }),
+            _ => Ok(have_ended),
+        }
     }
 
     pub(super) fn poison(&self) {

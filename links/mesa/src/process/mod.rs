@@ -1,5 +1,6 @@
 //! The process that a link is.
 
+mod age;
 mod ends;
 mod exchange;
 mod readings;
@@ -12,7 +13,7 @@ use exchange::{Exchange, Outcome};
 use hostmot2::lbp16::Packet;
 use hostmot2::{EchoState, Layout, Outputs, SequenceWindow};
 use luna::devices::Device;
-use luna::{Error, Process};
+use luna::{Error, Instant, Process};
 use luna_platform::clock::Clock;
 use readings::Readings;
 use std::any::Any;
@@ -57,6 +58,8 @@ struct State {
     outputs: Outputs,
     packet: Packet,
     writes: SequenceWindow,
+    /// When it was first told to start.
+    begun: Option<Instant>,
     /// Whether the card has confirmed its start.
     has_started: bool,
     in_a_row: u32,
@@ -90,16 +93,15 @@ impl CardProcess {
         }
         let health = Arc::new(Health::default());
         let socket = Socket::new(socket).map_err(LinkError::Socket)?;
+        // Not a number that the card has from somebody before, nor that of one that was restarted.
+        let first = sequence.rotate_left(16).max(1);
         let state = State {
             exchange: Exchange::new(socket, layout.answer_len(), sequence, health.clone()),
             readings: Readings::new(&parts, &layout, port_width),
             outputs,
             packet,
-            // Not a number that the card has from somebody before.
-            writes: SequenceWindow {
-                first: sequence.rotate_left(16),
-                last: sequence.rotate_left(16),
-            },
+            writes: SequenceWindow { first, last: first },
+            begun: None,
             has_started: false,
             in_a_row: 0,
             layout,
@@ -188,7 +190,8 @@ impl CardProcess {
                 &self.state.layout,
                 &mut self.state.outputs,
                 &self.health,
-            );
+                self.state.has_started,
+            )?;
             if have_ended || self.neutral.is_engaged() {
                 return Ok(());
             }
@@ -213,6 +216,7 @@ impl CardProcess {
             outputs,
             packet,
             writes,
+            begun,
             has_started,
             ..
         } = &mut self.state;
@@ -221,7 +225,10 @@ impl CardProcess {
                 writes.last = writes.last.wrapping_add(1);
                 layout.write_request(writes.last, outputs, packet)
             }
-            false => layout.start_request(writes.first, packet),
+            false => {
+                begun.get_or_insert_with(luna::now);
+                layout.start_request(writes.first, packet)
+            }
         };
         // It fits: that was tried before.
         if made.is_ok() {
@@ -245,6 +252,7 @@ impl CardProcess {
             exchange,
             readings,
             writes,
+            begun,
             has_started,
             ..
         } = &mut self.state;
@@ -268,7 +276,8 @@ impl CardProcess {
         if echo == EchoState::Foreign || !answer.is_driving() {
             return Err(Fault::Foreign.into());
         }
-        readings.update(&answer, &self.parts.sensors, asked, answered)?;
+        let begun = begun.unwrap_or(asked);
+        readings.update(&answer, &self.parts.sensors, [begun, asked, answered])?;
         let is_read = readings.tell(&self.parts.sensors);
         if echo == EchoState::Behind {
             health.writes_behind.add();
@@ -303,7 +312,7 @@ impl CardProcess {
 
 impl State {
     /// Asks the card and waits for its answer.
-    async fn exchange(&mut self, deadline: luna::Instant) -> Result<Outcome, luna::FileError> {
+    async fn exchange(&mut self, deadline: Instant) -> Result<Outcome, luna::FileError> {
         let number = self.exchange.next_number();
         // It fits: that was tried before.
         if self.layout.read_request(number, &mut self.packet).is_err() {

@@ -5,7 +5,6 @@ use crate::{Fault, Reading, Sample};
 use hostmot2::encoder::{Stamps, Tracker};
 use hostmot2::{Answer, Layout};
 use luna::{Instant, Sender};
-use std::time::Duration;
 
 #[derive(Debug)]
 pub(super) struct Readings {
@@ -38,18 +37,17 @@ impl Readings {
         }
     }
 
-    /// Takes over what an answer says: all of it before anybody is told.
+    /// Takes over what an answer says: all of it before anybody is told. The moments are when the card was first told to start, when it was asked, and when it had answered.
     pub(super) fn update(
         &mut self,
         answer: &Answer<'_>,
         sensors: &Sensors,
-        asked: Instant,
-        answered: Instant,
+        [begun, asked, answered]: [Instant; 3],
     ) -> Result<(), Fault> {
-        // The most that can lie between this reading and the one before.
+        // The most that can lie between this reading and the one before, or the start.
         let elapsed = self
             .measured
-            .map_or(Duration::ZERO, |[last, _]| answered - last);
+            .map_or(answered - begun, |[last, _]| answered - last);
         self.stamps.update(answer.stamp, elapsed);
         for (index, end) in sensors.encoders.iter().enumerate() {
             let raw = answer.encoder(end.number).ok_or(Fault::Foreign)?;

@@ -1,0 +1,114 @@
+//! What has come from a channel last, and how long ago.
+
+use luna::{Receiver, TryRecvError};
+
+/// How many values are taken of one channel at a time: a register has one.
+const MOST_AT_ONCE: usize = 16;
+
+/// The far end of a channel of set-points.
+#[derive(Debug)]
+pub(super) struct Input<T> {
+    pub(super) channel: Receiver<T>,
+    newest: Option<T>,
+    /// Cycles without a newer one.
+    age: u32,
+    /// How many there may be; any number if none.
+    pub(super) greatest_age: Option<u32>,
+    pub(super) has_ended: bool,
+}
+
+impl<T: Copy> Input<T> {
+    pub(super) fn new(channel: Receiver<T>) -> Self {
+        Self {
+            channel,
+            newest: None,
+            age: 0,
+            greatest_age: None,
+            has_ended: false,
+        }
+    }
+
+    /// The newest value, while there is somebody who writes it. It grows older only while it `is_driving`: before, who writes may wait for the first reading.
+    pub(super) fn take(&mut self, is_driving: bool) -> Option<T> {
+        self.age = match is_driving {
+            true => self.age.saturating_add(1),
+            false => 0,
+        };
+        for _ in 0..MOST_AT_ONCE {
+            match self.channel.try_recv() {
+                Ok(value) => {
+                    self.newest = Some(value);
+                    self.age = 0;
+                }
+                Err(TryRecvError::Closed | TryRecvError::Poisoned) => {
+                    self.has_ended = true;
+                    self.newest = None;
+                }
+                Err(_) => break,
+            }
+            if self.has_ended {
+                break;
+            }
+        }
+        self.newest
+    }
+
+    /// For how many cycles nothing new has come, if these are too many. Nothing is driven by what has not come yet, nor by what has ended.
+    pub(super) fn overdue(&self) -> Option<u32> {
+        self.newest?;
+        let most = self.greatest_age?;
+        (self.age > most).then_some(self.age)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Input;
+    use luna::Buffer;
+
+    #[test]
+    fn a_value_is_overdue_when_nothing_new_came_for_longer_than_may_be() {
+        let (sender, receiver) = luna::buffered(Buffer::overwrite_oldest(1));
+        let mut input = Input::new(receiver);
+        input.greatest_age = Some(3);
+        let mut cycle = |is_driving| {
+            let value = input.take(is_driving);
+            (value, input.overdue())
+        };
+        // Nothing has come: nothing is driven.
+        for _ in 0..10 {
+            assert_eq!(cycle(true), (None, None));
+        }
+        sender.try_send(1).unwrap();
+        // Before the start nobody need go on.
+        for _ in 0..10 {
+            assert_eq!(cycle(false), (Some(1), None));
+        }
+        for _ in 0..3 {
+            assert_eq!(cycle(true), (Some(1), None));
+        }
+        sender.try_send(2).unwrap();
+        for _ in 0..4 {
+            assert_eq!(cycle(true), (Some(2), None));
+        }
+        assert_eq!(cycle(true), (Some(2), Some(4)));
+        // Late, but there.
+        sender.try_send(3).unwrap();
+        assert_eq!(cycle(true), (Some(3), None));
+        // Who has gone is not late.
+        drop(sender);
+        for _ in 0..10 {
+            assert_eq!(cycle(true), (None, None));
+        }
+    }
+
+    #[test]
+    fn without_a_greatest_age_a_value_stays() {
+        let (sender, receiver) = luna::buffered(Buffer::overwrite_oldest(1));
+        let mut input = Input::new(receiver);
+        sender.try_send(1).unwrap();
+        for _ in 0..1_000 {
+            assert_eq!((input.take(true), input.overdue()), (Some(1), None));
+        }
+    }
+}
