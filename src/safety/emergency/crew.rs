@@ -1,7 +1,7 @@
 //! The threads that wait for an emergency, and run the functions.
 //!
-//! Two are on duty: whoever comes first runs the functions, the other sees to it that none takes too long. The rest is a reserve, of whom one takes
-//! the watch when the watcher has taken over from one that hangs. All are made before the start, and have a stack that is in memory.
+//! Three are on duty: one may run a function of the emergency and one a function of the safe state at the same time, and still somebody sees to it that none takes too long. The
+//! rest is a reserve, of whom one comes on duty for each that hangs. All are made before the start, and have a stack that is in memory.
 
 use super::Emergency;
 use super::functions::Task;
@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::Living;
 use luna_platform::clock::Instant;
-use luna_platform::crash::{CrashSlot, CrashWatch};
+use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::futex::Futex;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
@@ -17,18 +17,21 @@ use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
 };
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// How many are on duty.
-const ON_DUTY: u32 = 2;
+/// How many are on duty: one for each kind of functions, and one that watches both.
+const ON_DUTY: u32 = 3;
 
-/// The most members: all but one may hang.
-const MOST: usize = 8;
+/// The members. Seven may hang: before the last of them is left behind, there are two that run and one that watches.
+const MOST: usize = MOST_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
 const CRASH_MARGIN: Duration = Duration::from_millis(200);
+
+/// How often the end looks whether the members have ended.
+const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
 /// What the members know of each other.
 #[derive(Debug)]
@@ -38,7 +41,7 @@ pub(super) struct Crew {
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
     /// A bit for each member that was left behind.
-    left_behind: AtomicU8,
+    left_behind: AtomicU16,
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
@@ -55,7 +58,7 @@ impl Default for Crew {
         Self {
             on_duty: Futex::new(ON_DUTY),
             numbers: [const { OnceLock::new() }; MOST],
-            left_behind: AtomicU8::new(0),
+            left_behind: AtomicU16::new(0),
             members: AtomicU32::new(0),
             hears_signals: AtomicBool::new(false),
             heard: AtomicU32::new(0),
@@ -119,6 +122,8 @@ pub(crate) struct EmergencyThread {
     threads: Vec<Thread<()>>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
+    /// Something may move, and nobody has said that it has come to its end.
+    is_armed: bool,
 }
 
 impl EmergencyThread {
@@ -156,25 +161,18 @@ impl EmergencyThread {
             threads: Vec::with_capacity(MOST),
             signals,
             crash,
+            is_armed: false,
         };
-        for _ in 0..ON_DUTY {
+        // All, also where few functions are known: drivers register theirs while the system runs.
+        for _ in 0..MOST {
             all.add_member()?;
         }
         Ok(all)
     }
 
-    /// As many of the reserve as there are functions that may hang. To be called when all that are registered at set-up are.
-    pub(crate) fn complete(&mut self) -> Result<()> {
-        let Emergency {
-            at_emergency,
-            at_safe_state,
-            ..
-        } = &*self.emergency;
-        let wanted = (at_emergency.count() + at_safe_state.count() + 1).min(MOST);
-        while self.threads.len() < wanted {
-            self.add_member()?;
-        }
-        Ok(())
+    /// From now on something may move: dropping this without [`stop`](Self::stop) is an emergency.
+    pub(crate) fn arm(&mut self) {
+        self.is_armed = true;
     }
 
     fn add_member(&mut self) -> Result<()> {
@@ -214,6 +212,7 @@ impl EmergencyThread {
     /// Ends the crew, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
     /// [`Emergency::is_safe`] says for good whether there was one.
     pub(crate) fn stop(mut self) -> Option<i32> {
+        self.is_armed = false;
         self.join();
         self.heard()
     }
@@ -229,8 +228,11 @@ impl EmergencyThread {
         let crew = &self.emergency.crew;
         crew.dismiss();
         for (member, thread) in self.threads.drain(..).enumerate() {
-            // One that hangs is left to itself.
-            if !crew.is_left_behind(member as u8) {
+            // One that hangs is left to itself: who watches it may see that only now. There is no event for both, and nobody is in a hurry.
+            while !thread.is_finished() && !crew.is_left_behind(member as u8) {
+                std::thread::sleep(LOOKS_EVERY);
+            }
+            if thread.is_finished() {
                 // A panic in a function is caught; the thread's own would have been reported by the panic hook.
                 let _ = thread.join();
             }
@@ -238,7 +240,7 @@ impl EmergencyThread {
         if let Some(crash) = &self.crash {
             // The program is about to end by it, unless whoever handled the signal before knows better: it must not end as if nothing had been.
             while crash.slot().signal().is_some() {
-                std::thread::sleep(Duration::from_millis(1));
+                std::thread::sleep(LOOKS_EVERY);
             }
         }
         if let Some(signals) = self.signals.take() {
@@ -250,6 +252,10 @@ impl EmergencyThread {
 
 impl Drop for EmergencyThread {
     fn drop(&mut self) {
+        if std::mem::take(&mut self.is_armed) {
+            // The thread that runs the system panics.
+            self.emergency.trigger(Cause::Panic);
+        }
         self.join();
     }
 }

@@ -188,10 +188,6 @@ impl Functions {
         self.relay.is_under_way() && !self.has_called.load(Ordering::Acquire)
     }
 
-    pub(super) fn count(&self) -> usize {
-        self.slots.lock().len()
-    }
-
     /// How long all of them may take together.
     pub(super) fn limits(&self) -> Duration {
         let slots = self.slots.lock();
