@@ -539,3 +539,24 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
         );
     }
 }
+
+/// A device that comes and goes, more often than there is room for functions.
+#[test]
+fn what_was_withdrawn_takes_no_room() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("comes and goes");
+    let safety = system.safety();
+    let gone = safety.on_emergency("gone", LONG, log.noter("gone"));
+    system.on_emergency("first", log.noter("first"));
+    for _ in 0..300 {
+        let function = safety.on_emergency("device", LONG, log.noter("device"));
+        assert!(function.unwrap().withdraw());
+    }
+    assert!(gone.unwrap().withdraw());
+    // In the order in which they were registered, though a place before was free.
+    system.on_emergency("second", log.noter("second"));
+    let report = raise_in(&mut system);
+    assert_eq!(log.all(), ["first", "second"]);
+    assert_eq!(outcomes(&report), [FunctionOutcome::Ran; 2]);
+}

@@ -17,7 +17,7 @@ use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
 };
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -47,7 +47,10 @@ pub(super) struct Crew {
     hears_signals: AtomicBool,
     /// The signal that was heard, 0 for none.
     heard: AtomicU32,
-    heard_crash: AtomicBool,
+    /// The signal by which the program crashes, 0 for none.
+    heard_crash: AtomicI32,
+    /// The crash was noted.
+    has_noted: AtomicBool,
     /// That the functions have run was announced.
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
@@ -62,7 +65,8 @@ impl Default for Crew {
             members: AtomicU32::new(0),
             hears_signals: AtomicBool::new(false),
             heard: AtomicU32::new(0),
-            heard_crash: AtomicBool::new(false),
+            heard_crash: AtomicI32::new(0),
+            has_noted: AtomicBool::new(false),
             has_announced: AtomicBool::new(false),
             crash: OnceLock::new(),
         }
@@ -146,7 +150,7 @@ impl EmergencyThread {
         if let Some(crash) = &crash {
             // A system is started once.
             let _ = crew.crash.set(crash.slot());
-            crew.bound_crashes(emergency.at_emergency.limits());
+            emergency.bound_crashes();
         }
         let policy = match real_time {
             false => Policy::Other,
@@ -276,11 +280,8 @@ fn serve(emergency: &Emergency, member: u8, living: &Living) {
     loop {
         let seen = signals::event_count();
         emergency.hear();
-        if emergency.is_safe() && !crew.has_announced.swap(true, Ordering::AcqRel) {
-            if let Some(crash) = crew.crash.get() {
-                crash.announce_done();
-            }
-            living.announce();
+        if emergency.is_safe() {
+            announce(emergency, living);
         }
         match step(emergency, member) {
             Task::Ran(true) => {}
@@ -294,6 +295,23 @@ fn serve(emergency: &Emergency, member: u8, living: &Living) {
                 signals::wait_for_event(seen, until);
             }
         }
+    }
+}
+
+/// Says once that the functions have run.
+fn announce(emergency: &Emergency, living: &Living) {
+    let crew = &emergency.crew;
+    let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
+    if let Some(crash) = crew.crash.get().filter(|_| is_first) {
+        crash.announce_done();
+    }
+    let crash = crew.heard_crash.load(Ordering::Relaxed);
+    if crash != 0 && !crew.has_noted.swap(true, Ordering::AcqRel) {
+        // Who has crashed may hold the journal, and gives it back only now, if ever.
+        emergency.note_crash(crash);
+    }
+    if is_first {
+        living.announce();
     }
 }
 
@@ -335,9 +353,9 @@ impl Emergency {
         if let Some(crash) = crew.crash.get()
             && let Some(number) = crash.signal()
         {
-            let is_news = !crew.heard_crash.swap(true, Ordering::Relaxed);
+            let is_news = crew.heard_crash.swap(number, Ordering::Relaxed) == 0;
             if is_news || !self.has_begun() {
-                self.begin(Cause::Signal(number));
+                self.begin_for_crash();
             }
         }
     }
