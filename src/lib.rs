@@ -47,6 +47,7 @@ pub mod record;
 mod report;
 mod safety;
 mod system;
+mod tell;
 mod time;
 
 pub use csp::composition::{self, Composition};

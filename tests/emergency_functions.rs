@@ -112,6 +112,131 @@ fn all_but_one_thread_may_hang() {
     );
 }
 
+/// A function of the safe state and one of the emergency at the same time: there is still somebody who watches both.
+#[test]
+fn one_of_each_kind_may_hang() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let (hangs_before, let_go) = hang(&log, "hangs before");
+    let (hangs, let_other_go) = hang(&log, "hangs");
+    let (begun, has_begun) = mpsc::channel();
+    let mut system = System::new("both hang");
+    let mut hangs_before = hangs_before;
+    system.on_safe_state("hangs before", move || {
+        begun.send(()).unwrap();
+        hangs_before();
+    });
+    system.on_emergency_within("hangs", SHORT, hangs);
+    system.on_emergency_within("last", LONG, log.noter("last"));
+    system
+        .thread("own")
+        .process("raiser")
+        .spawn(async move {
+            luna::safety()
+                .unwrap()
+                .enter_safe_state(Error::other("before"));
+            has_begun.recv().unwrap();
+            Err(luna::emergency(Error::other("now")))
+        })
+        .unwrap();
+    system.run().unwrap_err();
+    let safety = system.report().unwrap().safety;
+    use FunctionOutcome::{LeftBehind, Ran};
+    assert_eq!(outcomes(&safety), [LeftBehind, Ran]);
+    assert_eq!(safety.safe_state_functions[0].outcome, LeftBehind);
+    drop((let_go, let_other_go));
+}
+
+/// As many hang as may, half of them functions of the safe state.
+#[test]
+fn all_but_one_thread_may_hang_whatever_they_run() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("all hang");
+    let mut kept = Vec::new();
+    for number in 0..7 {
+        let name = format!("hangs {number}");
+        let (hangs, let_go) = hang(&log, &name);
+        kept.push(let_go);
+        if number < 3 {
+            system.on_safe_state(&name, hangs);
+        } else {
+            system.on_emergency_within(&name, SHORT, hangs);
+        }
+    }
+    system.on_safe_state("last 1", log.noter("last 1"));
+    system.on_emergency_within("last 2", LONG, log.noter("last 2"));
+    let main = system.executor("main").build().unwrap();
+    main.process("raiser")
+        .spawn(async {
+            luna::safety()
+                .unwrap()
+                .enter_safe_state(Error::other("before"));
+            Err(luna::emergency(Error::other("now")))
+        })
+        .unwrap();
+    system.run().unwrap_err();
+    let safety = system.report().unwrap().safety;
+    use FunctionOutcome::{LeftBehind, Ran};
+    assert_eq!(
+        outcomes(&safety),
+        [LeftBehind, LeftBehind, LeftBehind, LeftBehind, Ran]
+    );
+    let of_safe_state: Vec<_> = safety
+        .safe_state_functions
+        .iter()
+        .map(|one| one.outcome)
+        .collect();
+    assert_eq!(of_safe_state, [LeftBehind, LeftBehind, LeftBehind, Ran]);
+}
+
+/// The system ends while a function hangs and nobody has noticed it yet.
+#[test]
+fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let (hangs, let_go) = hang(&log, "hangs");
+    let mut system = System::new("hangs at the end");
+    system.on_safe_state("hangs", hangs);
+    let main = system.executor("main").build().unwrap();
+    main.process("last")
+        .spawn(async {
+            luna::safety()
+                .unwrap()
+                .enter_safe_state(Error::other("at the end"));
+            Ok(())
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    let outcome = report.safety.safe_state_functions[0].outcome;
+    assert_eq!(outcome, FunctionOutcome::LeftBehind);
+    drop(let_go);
+}
+
+/// Nobody knew of them at the start.
+#[test]
+fn functions_that_come_late_have_somebody_who_goes_on() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let (first, let_first_go) = hang(&log, "first");
+    let (second, let_second_go) = hang(&log, "second");
+    let last = log.noter("last");
+    let mut system = System::new("late");
+    let main = system.executor("main").build().unwrap();
+    main.process("raiser")
+        .spawn(async move {
+            let safety = luna::safety().unwrap();
+            safety.on_emergency("first", SHORT, first)?;
+            safety.on_emergency("second", SHORT, second)?;
+            safety.on_emergency("last", LONG, last)?;
+            Err(luna::emergency(Error::other("now")))
+        })
+        .unwrap();
+    system.run().unwrap_err();
+    assert_eq!(log.all(), ["first", "second", "last"]);
+    drop((let_first_go, let_second_go));
+}
+
 /// It computes for ever at the highest priority there is: who watches it must be given a core all the same, and it must lose its priority.
 #[test]
 fn one_that_computes_for_ever_loses_its_priority() {
@@ -413,4 +538,25 @@ fn no_other_process_of_the_core_runs_before_the_first_function() {
             intrusion - triggered
         );
     }
+}
+
+/// A device that comes and goes, more often than there is room for functions.
+#[test]
+fn what_was_withdrawn_takes_no_room() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let mut system = System::new("comes and goes");
+    let safety = system.safety();
+    let gone = safety.on_emergency("gone", LONG, log.noter("gone"));
+    system.on_emergency("first", log.noter("first"));
+    for _ in 0..300 {
+        let function = safety.on_emergency("device", LONG, log.noter("device"));
+        assert!(function.unwrap().withdraw());
+    }
+    assert!(gone.unwrap().withdraw());
+    // In the order in which they were registered, though a place before was free.
+    system.on_emergency("second", log.noter("second"));
+    let report = raise_in(&mut system);
+    assert_eq!(log.all(), ["first", "second"]);
+    assert_eq!(outcomes(&report), [FunctionOutcome::Ran; 2]);
 }

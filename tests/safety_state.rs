@@ -231,3 +231,78 @@ fn it_is_read_and_changed_from_many_threads() {
     });
     assert_eq!(safety.degree(), Degree::Normal);
 }
+
+/// An error that looks at the safety state as it is dropped.
+#[derive(Debug)]
+struct Looks(luna::Safety, Arc<AtomicUsize>);
+
+impl std::fmt::Display for Looks {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("looks")
+    }
+}
+
+impl std::error::Error for Looks {}
+
+impl Drop for Looks {
+    fn drop(&mut self) {
+        drop(self.0.state());
+        self.1.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+#[test]
+fn causes_that_are_not_kept_are_dropped_without_the_lock() {
+    let _watch = watchdog();
+    let system = System::new("talkative");
+    let safety = system.safety();
+    let dropped = Arc::new(AtomicUsize::new(0));
+    let cause = || Error::other(Looks(safety.clone(), dropped.clone()));
+    for _ in 0..70 {
+        safety.warn(cause());
+    }
+    assert_eq!(dropped.load(Ordering::SeqCst), 6);
+    safety.reset(cause()).unwrap();
+    assert_eq!(dropped.load(Ordering::SeqCst), 7);
+}
+
+#[test]
+fn after_a_reset_functions_have_not_run() {
+    let _watch = watchdog();
+    let (run, has_run) = mpsc::channel();
+    let mut system = System::new("reset");
+    system.on_safe_state("neutral", move || run.send(()).unwrap());
+    system
+        .thread("own")
+        .process("controller")
+        .spawn(async move {
+            let safety = luna::safety().unwrap();
+            safety.enter_safe_state(why("first"));
+            has_run.recv().unwrap();
+            // It ends behind what it sent.
+            while safety.reset(why("good again")).is_err() {
+                luna::after(Duration::from_millis(1)).await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    let report = system.run().unwrap();
+    let function = &report.safety.safe_state_functions[0];
+    assert_eq!(function.outcome, luna::FunctionOutcome::NotRun);
+    assert_eq!((function.began_after, function.took), (None, None));
+}
+
+/// Nobody runs functions any more, so nobody waits for them.
+#[test]
+fn after_the_end_a_safe_state_can_be_reset() {
+    let _watch = watchdog();
+    let mut system = System::new("ended");
+    system.on_safe_state("neutral", || ());
+    let main = system.executor("main").build().unwrap();
+    main.process("short").spawn(async { Ok(()) }).unwrap();
+    system.run().unwrap();
+    let safety = system.safety();
+    safety.enter_safe_state(why("afterwards"));
+    safety.reset(why("good again")).unwrap();
+    assert_eq!(safety.degree(), Degree::Normal);
+}

@@ -27,7 +27,7 @@ use std::time::Duration;
 pub const MOST_WATCHES: usize = 64;
 
 /// The most members that a watch knows apart.
-pub const MOST_MEMBERS: usize = 8;
+pub const MOST_MEMBERS: usize = 9;
 
 /// The signal by which the program crashes, 0 for none. Written by handlers; back only if one of before has made good what it was about.
 static CRASHED: AtomicI32 = AtomicI32::new(0);

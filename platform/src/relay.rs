@@ -27,7 +27,7 @@ pub const MOST_JOBS: usize = 1 << 12;
 
 /// Who does what, in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits last.
 ///
-/// Phases only go from ready to begun to done, or from ready to closed; done goes to ready as a new round.
+/// Phases only go from ready to begun to done, or from ready or done to closed; done goes to ready as a new round.
 pub struct Relay {
     word: AtomicU64,
 }
@@ -156,6 +156,17 @@ impl Relay {
         before.ok().map(|state| state.jobs.into())
     }
 
+    /// Takes the last number back, if none has been run: whoever numbers the jobs closes the gap. Says whether it did.
+    pub fn remove(&self) -> bool {
+        let removed = self.change(|mut state| {
+            (state.phase == Phase::Ready && state.jobs > 0).then(|| {
+                state.jobs -= 1;
+                state
+            })
+        });
+        removed.is_ok()
+    }
+
     /// Begins; says whether this was the first to do so. Does nothing if it has begun, is done or closed. Async-signal-safe, as all of this.
     pub fn begin(&self) -> bool {
         let begun = self.change(|mut state| {
@@ -180,6 +191,17 @@ impl Relay {
             _ => None,
         });
         closed.is_ok() || self.state().phase == Phase::Closed
+    }
+
+    /// As [`close`](Self::close), and if it is done it stays so: it does not begin [`again`](Self::again), and is no longer [done](Self::is_done).
+    pub fn retire(&self) -> bool {
+        let retired = self.change(|mut state| {
+            (state.phase != Phase::Begun).then(|| {
+                state.phase = Phase::Closed;
+                state
+            })
+        });
+        retired.is_ok()
     }
 
     /// Makes it as it was before it began, if it is done, with all its jobs. Says whether it did.

@@ -2,6 +2,7 @@
 
 use crate::csp::network;
 use crate::system::deadlock::{Sleeping, find};
+use crate::tell::tell;
 use luna_platform::current::ProcessId;
 use std::time::Duration;
 
@@ -24,6 +25,6 @@ pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
     for wait in found.waits {
         text.push_str(&format!("\n  {wait}"));
     }
-    eprintln!("{text}");
+    tell!("{text}");
     true
 }

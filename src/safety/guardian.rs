@@ -8,6 +8,7 @@
 use super::emergency::Emergency;
 use super::state::{Cause, Degree};
 use crate::error::{Error, Result, SetupError};
+use crate::tell::tell;
 use luna_platform::clock::Instant;
 use luna_platform::memory;
 use luna_platform::parent::outlive_requests;
@@ -125,7 +126,7 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
     let prepared = match prepare() {
         Ok(prepared) => prepared,
         Err(error) => {
-            eprintln!("luna: the guardian is not ready: {error}");
+            tell!("luna: the guardian is not ready: {error}");
             std::process::exit(1);
         }
     };
@@ -159,7 +160,7 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
 
 /// A guardian that runs. Dropping it tells it that all is safe, if so, and waits for its end.
 pub(crate) struct GuardianWatch {
-    /// Whether it need not do anything when this is dropped.
+    /// Whether it need not do anything when this is dropped: only if somebody has said so.
     is_safe: bool,
     child: Child,
     input: Option<ChildStdin>,
@@ -211,7 +212,7 @@ impl GuardianWatch {
                 }
             });
         let mut watch = Self {
-            is_safe: true,
+            is_safe: false,
             child,
             input,
             is_to_end,
@@ -229,6 +230,7 @@ impl GuardianWatch {
                     mpsc::RecvTimeoutError::Disconnected => "it has ended",
                 };
                 // Nothing moves yet.
+                watch.is_safe = true;
                 let _ = watch.child.kill();
                 Err(failed(message.to_owned()))
             }
@@ -265,7 +267,7 @@ fn lost(emergency: &Emergency, is_strict: bool) {
         emergency
             .journal
             .note(Degree::Warning, Cause::GuardianLost, now, || true);
-        eprintln!(
+        tell!(
             "luna: the guardian has ended: nobody would bring the machine to safety if this program were killed"
         );
     }
@@ -282,9 +284,7 @@ impl Drop for GuardianWatch {
         }
         // It hears of it by the end of its output, which `recv` does by the reader's end.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {
-            eprintln!(
-                "luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself"
-            );
+            tell!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
             return;
         }
         let _ = self.child.wait();

@@ -130,10 +130,10 @@ impl Safety {
         limit: Duration,
         function: impl FnMut() + Send + 'static,
     ) -> Result<SafetyFunction> {
-        let number = self.0.add_function(name, limit, Box::new(function))?;
+        let id = self.0.add_function(name, limit, Box::new(function))?;
         Ok(SafetyFunction {
             emergency: self.0.clone(),
-            number,
+            id,
         })
     }
 }
@@ -147,19 +147,19 @@ impl fmt::Debug for Safety {
 /// A function that a driver has registered by its [handle](Safety). Dropping this changes nothing.
 pub struct SafetyFunction {
     emergency: Arc<Emergency>,
-    number: usize,
+    id: u64,
 }
 
 impl SafetyFunction {
     /// Takes the function back, which is dropped, because what it was for is gone. Says whether it will not run; if not, it runs at this moment, or has run. Not for
     /// the real-time path: it frees.
     pub fn withdraw(self) -> bool {
-        self.emergency.at_emergency.withdraw(self.number)
+        self.emergency.withdraw_function(self.id)
     }
 }
 
 impl fmt::Debug for SafetyFunction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("SafetyFunction").field(&self.number).finish()
+        f.debug_tuple("SafetyFunction").field(&self.id).finish()
     }
 }

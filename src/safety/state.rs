@@ -208,7 +208,8 @@ impl Journal {
             who: None,
             at,
         };
-        let latched = event.clone();
+        let mut latched = Some(event.clone());
+        // Behind those: what is not kept is the user's, and dropped without the lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
             && book.latched[2]
@@ -222,12 +223,21 @@ impl Journal {
             if !admit() {
                 return;
             }
-            self.degree.store(degree as u8, Ordering::Release);
+            self.worsen(degree);
         }
-        if let Some(slot) = (degree as usize).checked_sub(1) {
-            book.latched[slot].get_or_insert(latched);
+        if let Some(slot) = (degree as usize).checked_sub(1)
+            && book.latched[slot].is_none()
+        {
+            book.latched[slot] = latched.take();
         }
-        book.keep(event);
+        let surplus = book.keep(event);
+        drop(book);
+        drop(surplus);
+    }
+
+    /// It is that bad at least. Without the lock.
+    pub(super) fn worsen(&self, degree: Degree) {
+        self.degree.fetch_max(degree as u8, Ordering::AcqRel);
     }
 
     /// What made it an emergency.
@@ -250,17 +260,27 @@ impl Journal {
         if !may() {
             return Err(ResetError::FunctionsRun);
         }
-        // Under the lock nobody makes it worse meanwhile.
-        self.degree.store(Degree::Normal as u8, Ordering::Release);
+        // Under the lock nobody makes it worse meanwhile, but a crash.
+        let reset = self
+            .degree
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |degree| {
+                (Degree::of(degree) != Degree::Emergency).then_some(Degree::Normal as u8)
+            });
+        if reset.is_err() {
+            return Err(ResetError::Emergency);
+        }
         let before = std::mem::replace(&mut book.latched, [const { None }; 3]);
-        book.keep(event);
+        let surplus = book.keep(event);
         drop(book);
-        drop(before);
+        drop((before, surplus));
         Ok(())
     }
 
     pub(super) fn state(&self) -> SafetyState {
+        // Allocated before the lock is taken; a cause may hold text of its own all the same.
+        let mut events = Vec::with_capacity(KEPT);
         let book = self.book.lock();
+        events.extend_from_slice(&book.events);
         let degree = self.degree();
         let latched = (degree as usize)
             .checked_sub(1)
@@ -268,19 +288,23 @@ impl Journal {
         SafetyState {
             degree,
             latched,
-            events: book.events.clone(),
+            events,
             more_events: book.more,
         }
     }
 }
 
 impl Book {
-    fn keep(&mut self, event: SafetyEvent) {
+    /// Gives it back if there is no room.
+    #[must_use = "what is not kept is dropped without the lock"]
+    fn keep(&mut self, event: SafetyEvent) -> Option<SafetyEvent> {
         // Room was set aside: nothing is allocated.
         if self.events.len() < KEPT {
             self.events.push(event);
+            None
         } else {
             self.more += 1;
+            Some(event)
         }
     }
 }

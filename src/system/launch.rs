@@ -20,6 +20,7 @@ use std::sync::Arc;
 
 use super::plan::{ExecutorPlan, Place, Settings};
 use super::register::REMEMBERED;
+use crate::tell::tell;
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
@@ -141,7 +142,7 @@ fn launch_described(
         )?),
         None => None,
     };
-    let mut guard = EmergencyThread::start(emergency.clone(), living.clone(), real_time)?;
+    let guard = EmergencyThread::start(emergency.clone(), living.clone(), real_time)?;
     shortfalls.extend_from_slice(guard.shortfalls());
     let parent = if settings.parents_death {
         watch_parent(&emergency, real_time, settings.strict)?
@@ -179,6 +180,8 @@ fn launch_described(
         None => None,
     };
     let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager);
+    // Outlives the executors, whose bodies refer to it.
+    let mut held = Held::default();
     let mut executors = Vec::with_capacity(executor_plans.len());
     for executor in executor_plans {
         let started = match &handle {
@@ -214,7 +217,6 @@ fn launch_described(
         simulation: handle,
     });
 
-    let mut held = Held::default();
     loop {
         // Without the plan's lock: what runs here is the user's, and may spawn.
         if let Err(error) =
@@ -242,8 +244,6 @@ fn launch_described(
             break;
         }
     }
-    // Drivers have registered theirs by now.
-    guard.complete()?;
     Ok(Launched {
         clock: clock_kind,
         simulation,
@@ -277,7 +277,7 @@ fn watch_parent(
         Ok(thread) => Ok(Some(thread)),
         Err(error) if is_strict => Err(ParentThread::refused(&error)),
         Err(error) => {
-            eprintln!("luna: {}", ParentThread::refused(&error));
+            tell!("luna: {}", ParentThread::refused(&error));
             Ok(None)
         }
     }
@@ -326,8 +326,9 @@ fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
 /// Processes that are started and held.
 #[derive(Default)]
 struct Held {
-    members: Vec<(ProcessId, Member)>,
+    /// Before the members, to which their bodies refer.
     threads: Vec<NamedThread>,
+    members: Vec<(ProcessId, Member)>,
 }
 
 impl Held {

@@ -383,8 +383,9 @@ pub(crate) struct Members {
     /// The executors that were started, as parts of the system.
     pub(crate) places: Vec<ThreadPart>,
     pub(crate) waiting: Vec<ProcessPlan>,
-    pub(crate) started: Register,
+    /// Before who was started: dropping a thread waits for its body, which refers to its process.
     pub(crate) threads: Vec<NamedThread>,
+    pub(crate) started: Register,
     pub(crate) running: Option<Arc<Running>>,
     /// Of the run that has ended.
     pub(crate) report: Option<Report>,

@@ -12,6 +12,7 @@ use crate::error::{Error, Result, SetupError};
 use crate::record::RecordError;
 use crate::report::{End, Report, ThreadReport};
 use crate::safety::Cause;
+use crate::tell::tell;
 use crate::time::{ManagerThread, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
@@ -39,7 +40,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // Signals are for the emergency manager, which has a higher priority; and a stack for handlers, should this thread use up its own.
     let _handlers = HandlerStack::here();
     let _held_back = HeldBack::here();
-    let launched = launch(plan)?;
+    let mut launched = launch(plan)?;
+    // Dropped before what was launched: the machine first, should this thread panic.
+    let mut unwinding = Unwinding {
+        plan,
+        is_over: false,
+    };
     announce_shortfalls(plan, &launched);
 
     let running = launched.running.clone();
@@ -56,6 +62,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     // What an emergency has brought to safety before the start is not set in motion.
     if !emergency.has_begun() {
+        launched.emergency.arm();
         for (_, executor) in &launched.executors {
             executor.release();
         }
@@ -128,12 +135,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let was_emergency = emergency.is_safe();
     stolen.sample();
     let safety = emergency.conclude();
-    for function in safety.failed() {
-        // Only now: standard error may be a pipe that nobody reads.
-        eprintln!("luna: emergency function {function}; the others ran");
-    }
     if let Some(guardian) = guardian {
         guardian.end(safety.failed().next().is_none());
+    }
+    for function in safety.failed() {
+        // Only now: standard error may be a pipe that nobody reads.
+        tell!("luna: emergency function {function}; the others ran");
     }
     // Nobody of the system records any more, but who was left behind.
     #[cfg_attr(
@@ -145,7 +152,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let mut members = plan.members();
     for left_behind in members.started.left_behind() {
         if left_behind.handle.state() == ProcessState::Running {
-            eprintln!(
+            tell!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name()
             );
@@ -155,7 +162,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         std::mem::forget(left_behind.take_verdict());
     }
     for line in Warnings::rest(&members) {
-        eprintln!("{line}");
+        tell!("{line}");
     }
     let recorded = running.common.tapes.finish();
     let processes = members.started.reports();
@@ -219,7 +226,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let livelock = livelock(&members.started, standstill, clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
         // What ended the system first, though something graver has come of it.
-        eprintln!("luna: {livelock}");
+        tell!("luna: {livelock}");
     }
     let error = match report.end {
         End::Undriven => failed_before,
@@ -235,9 +242,57 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         (error, _) => error,
     };
     members.report = Some(report.clone());
+    drop(members);
+    unwinding.is_over = true;
     match error {
         Some(error) => Err(error),
         None => Ok(report),
+    }
+}
+
+/// The run has not come to its end: the thread that runs the system panics.
+struct Unwinding<'a> {
+    plan: &'a Plan,
+    is_over: bool,
+}
+
+impl Drop for Unwinding<'_> {
+    fn drop(&mut self) {
+        if self.is_over {
+            return;
+        }
+        // Nothing if it has ended already.
+        self.plan.emergency().trigger(Cause::Panic);
+        let threads = {
+            let mut members = self.plan.members();
+            members.phase = Phase::Ended;
+            members.running = None;
+            std::mem::take(&mut members.threads)
+        };
+        for (_, thread) in &threads {
+            thread.request_stop();
+        }
+        // While their processes are there: dropped before, a body would use what is gone.
+        let deadline = Instant::now() + GRACE;
+        let mut all_ended = true;
+        for (_, thread) in threads {
+            while !thread.has_stopped() && Instant::now() < deadline {
+                std::thread::sleep(SHORTEST_REST);
+            }
+            if thread.has_stopped() {
+                drop(thread);
+            } else {
+                all_ended = false;
+                thread.abandon();
+            }
+        }
+        if !all_ended {
+            // Whose they are nobody looks up any more.
+            for left_behind in self.plan.members().started.left_behind() {
+                std::mem::forget(left_behind.take_resident());
+                std::mem::forget(left_behind.take_verdict());
+            }
+        }
     }
 }
 
@@ -279,7 +334,7 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
             reasons.push(reason);
         }
     }
-    eprintln!(
+    tell!(
         "luna: system `{}` runs with best effort, without {} of what it asked for ({}). {}",
         plan.name(),
         all.len(),
@@ -329,14 +384,14 @@ fn watch(
                 let overrun = members.started.overrun();
                 drop(members);
                 if let Some(error) = overrun {
-                    eprintln!("luna: emergency: {error}");
+                    tell!("luna: emergency: {error}");
                 }
                 return (threads, lookout.into_found());
             }
         }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
         for line in lines {
-            eprintln!("{line}");
+            tell!("{line}");
         }
         // What a hypervisor takes makes nobody late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
@@ -350,7 +405,7 @@ fn watch(
             let (found, until) = lookout.look(plan, running);
             look_again = until;
             if let Some(deadlock) = found {
-                eprintln!("luna: {deadlock}");
+                tell!("luna: {deadlock}");
                 if running.mode == Mode::Strict {
                     // The machine may stand in the middle of a movement.
                     emergency.trigger(Cause::Deadlock);
@@ -426,7 +481,7 @@ impl Burial<'_> {
             if let Some(error) = error
                 && self.tells
             {
-                eprintln!("luna: {error}");
+                tell!("luna: {error}");
             }
             if was_sentenced {
                 // What it holds outside of its body goes as the body went.
@@ -480,7 +535,7 @@ fn end_threads(
         }
     }
     for report in reports.iter().filter(|report| report.abandoned) {
-        eprintln!(
+        tell!(
             "luna: `{}` did not end within {GRACE:?} and is left to itself",
             report.name
         );

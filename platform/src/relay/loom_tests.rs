@@ -95,3 +95,35 @@ fn a_job_that_comes_late_is_run_or_refused() {
         assert_eq!(scene.runs(), [1, usize::from(added.is_some())]);
     });
 }
+
+/// A job is taken back as it begins: as many run as are left, and that is known at once.
+#[test]
+fn a_job_that_is_taken_back_meanwhile() {
+    loom::model(|| {
+        let scene = Scene::new(2);
+        let other = scene.clone();
+        let trigger = loom::thread::spawn(move || {
+            other.relay.begin();
+            other.serve(1);
+        });
+        let is_removed = scene.relay.remove();
+        trigger.join().unwrap();
+        assert!(scene.relay.is_done());
+        assert_eq!(scene.runs(), [1, usize::from(!is_removed)]);
+    });
+}
+
+/// The end and a reset at once: it is ready no more.
+#[test]
+fn one_that_is_retired_as_it_is_reset() {
+    loom::model(|| {
+        let scene = Scene::new(1);
+        assert!(scene.relay.begin());
+        scene.serve(0);
+        let other = scene.clone();
+        let resets = loom::thread::spawn(move || other.relay.again());
+        assert!(scene.relay.retire());
+        resets.join().unwrap();
+        assert!(!scene.relay.begin() && !scene.relay.is_done());
+    });
+}

@@ -93,3 +93,27 @@ fn as_many_jobs_as_there_may_be() {
     }
     assert!(relay.is_done());
 }
+
+#[test]
+fn one_that_is_taken_back_is_not_run() {
+    let relay = with_jobs(2);
+    assert!(relay.remove());
+    assert_eq!(relay.add(), Some(1), "its number is free");
+    assert!(relay.remove() && relay.remove() && !relay.remove());
+    let relay = with_jobs(2);
+    assert!(relay.remove() && relay.begin() && !relay.remove());
+    let turn = run(relay.take(0));
+    assert!(relay.finish(turn) && relay.is_done());
+}
+
+#[test]
+fn one_that_is_retired_does_not_begin_again() {
+    let relay = with_jobs(1);
+    assert!(relay.begin() && !relay.retire());
+    let turn = run(relay.take(0));
+    assert!(relay.finish(turn) && relay.again() && relay.begin());
+    let turn = run(relay.take(0));
+    assert!(relay.finish(turn) && relay.retire() && relay.retire());
+    assert!(!relay.again() && !relay.begin() && !relay.is_under_way());
+    assert!(with_jobs(1).retire());
+}

@@ -1,7 +1,7 @@
 //! The threads that wait for an emergency, and run the functions.
 //!
-//! Two are on duty: whoever comes first runs the functions, the other sees to it that none takes too long. The rest is a reserve, of whom one takes
-//! the watch when the watcher has taken over from one that hangs. All are made before the start, and have a stack that is in memory.
+//! Three are on duty: one may run a function of the emergency and one a function of the safe state at the same time, and still somebody sees to it that none takes too long. The
+//! rest is a reserve, of whom one comes on duty for each that hangs. All are made before the start, and have a stack that is in memory.
 
 use super::Emergency;
 use super::functions::Task;
@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::Living;
 use luna_platform::clock::Instant;
-use luna_platform::crash::{CrashSlot, CrashWatch};
+use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::futex::Futex;
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
@@ -17,18 +17,21 @@ use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
 };
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU16, AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// How many are on duty.
-const ON_DUTY: u32 = 2;
+/// How many are on duty: one for each kind of functions, and one that watches both.
+const ON_DUTY: u32 = 3;
 
-/// The most members: all but one may hang.
-const MOST: usize = 8;
+/// The members. Seven may hang: before the last of them is left behind, there are two that run and one that watches.
+const MOST: usize = MOST_MEMBERS;
 
 /// How much longer a crash waits than the functions may take.
 const CRASH_MARGIN: Duration = Duration::from_millis(200);
+
+/// How often the end looks whether the members have ended.
+const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
 /// What the members know of each other.
 #[derive(Debug)]
@@ -38,13 +41,16 @@ pub(super) struct Crew {
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
     /// A bit for each member that was left behind.
-    left_behind: AtomicU8,
+    left_behind: AtomicU16,
     /// How many there are.
     members: AtomicU32,
     hears_signals: AtomicBool,
     /// The signal that was heard, 0 for none.
     heard: AtomicU32,
-    heard_crash: AtomicBool,
+    /// The signal by which the program crashes, 0 for none.
+    heard_crash: AtomicI32,
+    /// The crash was noted.
+    has_noted: AtomicBool,
     /// That the functions have run was announced.
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
@@ -55,11 +61,12 @@ impl Default for Crew {
         Self {
             on_duty: Futex::new(ON_DUTY),
             numbers: [const { OnceLock::new() }; MOST],
-            left_behind: AtomicU8::new(0),
+            left_behind: AtomicU16::new(0),
             members: AtomicU32::new(0),
             hears_signals: AtomicBool::new(false),
             heard: AtomicU32::new(0),
-            heard_crash: AtomicBool::new(false),
+            heard_crash: AtomicI32::new(0),
+            has_noted: AtomicBool::new(false),
             has_announced: AtomicBool::new(false),
             crash: OnceLock::new(),
         }
@@ -119,6 +126,8 @@ pub(crate) struct EmergencyThread {
     threads: Vec<Thread<()>>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
+    /// Something may move, and nobody has said that it has come to its end.
+    is_armed: bool,
 }
 
 impl EmergencyThread {
@@ -141,7 +150,7 @@ impl EmergencyThread {
         if let Some(crash) = &crash {
             // A system is started once.
             let _ = crew.crash.set(crash.slot());
-            crew.bound_crashes(emergency.at_emergency.limits());
+            emergency.bound_crashes();
         }
         let policy = match real_time {
             false => Policy::Other,
@@ -156,25 +165,18 @@ impl EmergencyThread {
             threads: Vec::with_capacity(MOST),
             signals,
             crash,
+            is_armed: false,
         };
-        for _ in 0..ON_DUTY {
+        // All, also where few functions are known: drivers register theirs while the system runs.
+        for _ in 0..MOST {
             all.add_member()?;
         }
         Ok(all)
     }
 
-    /// As many of the reserve as there are functions that may hang. To be called when all that are registered at set-up are.
-    pub(crate) fn complete(&mut self) -> Result<()> {
-        let Emergency {
-            at_emergency,
-            at_safe_state,
-            ..
-        } = &*self.emergency;
-        let wanted = (at_emergency.count() + at_safe_state.count() + 1).min(MOST);
-        while self.threads.len() < wanted {
-            self.add_member()?;
-        }
-        Ok(())
+    /// From now on something may move: dropping this without [`stop`](Self::stop) is an emergency.
+    pub(crate) fn arm(&mut self) {
+        self.is_armed = true;
     }
 
     fn add_member(&mut self) -> Result<()> {
@@ -214,6 +216,7 @@ impl EmergencyThread {
     /// Ends the crew, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
     /// [`Emergency::is_safe`] says for good whether there was one.
     pub(crate) fn stop(mut self) -> Option<i32> {
+        self.is_armed = false;
         self.join();
         self.heard()
     }
@@ -229,8 +232,11 @@ impl EmergencyThread {
         let crew = &self.emergency.crew;
         crew.dismiss();
         for (member, thread) in self.threads.drain(..).enumerate() {
-            // One that hangs is left to itself.
-            if !crew.is_left_behind(member as u8) {
+            // One that hangs is left to itself: who watches it may see that only now. There is no event for both, and nobody is in a hurry.
+            while !thread.is_finished() && !crew.is_left_behind(member as u8) {
+                std::thread::sleep(LOOKS_EVERY);
+            }
+            if thread.is_finished() {
                 // A panic in a function is caught; the thread's own would have been reported by the panic hook.
                 let _ = thread.join();
             }
@@ -238,7 +244,7 @@ impl EmergencyThread {
         if let Some(crash) = &self.crash {
             // The program is about to end by it, unless whoever handled the signal before knows better: it must not end as if nothing had been.
             while crash.slot().signal().is_some() {
-                std::thread::sleep(Duration::from_millis(1));
+                std::thread::sleep(LOOKS_EVERY);
             }
         }
         if let Some(signals) = self.signals.take() {
@@ -250,6 +256,10 @@ impl EmergencyThread {
 
 impl Drop for EmergencyThread {
     fn drop(&mut self) {
+        if std::mem::take(&mut self.is_armed) {
+            // The thread that runs the system panics.
+            self.emergency.trigger(Cause::Panic);
+        }
         self.join();
     }
 }
@@ -270,11 +280,8 @@ fn serve(emergency: &Emergency, member: u8, living: &Living) {
     loop {
         let seen = signals::event_count();
         emergency.hear();
-        if emergency.is_safe() && !crew.has_announced.swap(true, Ordering::AcqRel) {
-            if let Some(crash) = crew.crash.get() {
-                crash.announce_done();
-            }
-            living.announce();
+        if emergency.is_safe() {
+            announce(emergency, living);
         }
         match step(emergency, member) {
             Task::Ran(true) => {}
@@ -288,6 +295,23 @@ fn serve(emergency: &Emergency, member: u8, living: &Living) {
                 signals::wait_for_event(seen, until);
             }
         }
+    }
+}
+
+/// Says once that the functions have run.
+fn announce(emergency: &Emergency, living: &Living) {
+    let crew = &emergency.crew;
+    let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
+    if let Some(crash) = crew.crash.get().filter(|_| is_first) {
+        crash.announce_done();
+    }
+    let crash = crew.heard_crash.load(Ordering::Relaxed);
+    if crash != 0 && !crew.has_noted.swap(true, Ordering::AcqRel) {
+        // Who has crashed may hold the journal, and gives it back only now, if ever.
+        emergency.note_crash(crash);
+    }
+    if is_first {
+        living.announce();
     }
 }
 
@@ -329,9 +353,9 @@ impl Emergency {
         if let Some(crash) = crew.crash.get()
             && let Some(number) = crash.signal()
         {
-            let is_news = !crew.heard_crash.swap(true, Ordering::Relaxed);
+            let is_news = crew.heard_crash.swap(number, Ordering::Relaxed) == 0;
             if is_news || !self.has_begun() {
-                self.begin(Cause::Signal(number));
+                self.begin_for_crash();
             }
         }
     }

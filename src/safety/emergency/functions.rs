@@ -38,7 +38,7 @@ pub struct FunctionReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum FunctionOutcome {
-    /// There was no reason to run it.
+    /// There was no reason to run it, or that was [reset](crate::Safety::reset).
     #[default]
     NotRun,
     /// It has run, to its end.
@@ -70,6 +70,7 @@ impl fmt::Display for FunctionReport {
 pub(crate) type Run = Box<dyn FnMut() + Send>;
 
 struct Slot {
+    id: u64,
     name: String,
     limit: Duration,
     /// None while it runs, and once it was withdrawn, has hung, or will not run again.
@@ -95,7 +96,9 @@ pub(super) enum Task {
 /// Functions that run one after the other.
 pub(crate) struct Functions {
     relay: Relay,
+    /// By the numbers of the relay, and in the order of their ids.
     slots: PiLock<Vec<Slot>>,
+    next_id: AtomicU64,
     /// The instant of the trigger, 0 before.
     triggered: AtomicU64,
     /// Whether one was called since then.
@@ -107,13 +110,14 @@ impl Functions {
         Self {
             relay: Relay::new(),
             slots: PiLock::new(Vec::with_capacity(MOST)),
+            next_id: AtomicU64::new(0),
             triggered: AtomicU64::new(0),
             has_called: AtomicBool::new(false),
         }
     }
 
-    /// Adds a function behind the others; gives its number.
-    pub(crate) fn add(&self, name: &str, limit: Duration, run: Run) -> Result<usize> {
+    /// Adds a function behind the others; gives its id.
+    pub(crate) fn add(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
         let too_many = || SetupError::TooManyFunctions {
             name: name.to_owned(),
             most: MOST,
@@ -121,7 +125,8 @@ impl Functions {
         let over = || SetupError::EmergencyOver {
             name: name.to_owned(),
         };
-        let slot = Slot {
+        let mut slot = Slot {
+            id: 0,
             name: name.to_owned(),
             limit,
             run: Some(run),
@@ -142,20 +147,29 @@ impl Functions {
             return Err(over().into());
         };
         debug_assert_eq!(number, slots.len());
+        let id = self.next_id.fetch_add(1, Ordering::Relaxed);
+        slot.id = id;
         slots.push(slot);
-        Ok(number)
+        Ok(id)
     }
 
-    /// Takes a function back; says whether it had not begun. One that has run is still reported: its device is closed behind it.
-    pub(crate) fn withdraw(&self, number: usize) -> bool {
-        let mut slots = self.slots.lock();
-        let slot = &mut slots[number];
-        let taken = slot.run.take();
-        let is_withdrawn = taken.is_some() && slot.began.is_none();
-        slot.is_withdrawn |= is_withdrawn;
-        drop(slots);
-        // Its drop is the user's code.
-        drop(taken);
+    /// Takes a function back; says whether it had not begun. Before any has, its place is free again. One that has run is still reported: its device is closed
+    /// behind it.
+    pub(super) fn withdraw(&self, id: u64) -> bool {
+        // Dropped without the lock: it is the user's.
+        let (is_withdrawn, _taken, _place) = {
+            let mut slots = self.slots.lock();
+            let Ok(number) = slots.binary_search_by_key(&id, |slot| slot.id) else {
+                return false;
+            };
+            let slot = &mut slots[number];
+            let taken = slot.run.take();
+            let is_withdrawn = taken.is_some() && slot.began.is_none();
+            slot.is_withdrawn |= is_withdrawn;
+            // Under the lock, so that who is told to run one finds the right one.
+            let is_free = is_withdrawn && self.relay.remove();
+            (is_withdrawn, taken, is_free.then(|| slots.remove(number)))
+        };
         is_withdrawn
     }
 
@@ -178,6 +192,13 @@ impl Functions {
         if self.relay.is_under_way() {
             return false;
         }
+        for slot in self.slots.lock().iter_mut() {
+            (slot.began, slot.took) = (None, None);
+            // One that hangs is not run again.
+            if slot.outcome != FunctionOutcome::LeftBehind {
+                slot.outcome = FunctionOutcome::NotRun;
+            }
+        }
         self.relay.again();
         self.triggered.store(0, Ordering::Relaxed);
         self.has_called.store(false, Ordering::Relaxed);
@@ -189,15 +210,12 @@ impl Functions {
         self.relay.is_under_way() && !self.has_called.load(Ordering::Acquire)
     }
 
-    pub(super) fn count(&self) -> usize {
-        self.slots.lock().len()
-    }
-
-    /// How long all of them may take together.
-    pub(super) fn limits(&self) -> Duration {
+    /// Says how long all of them may take together. The last to say so knows of all.
+    pub(super) fn tell_limits(&self, tell: impl FnOnce(Duration)) {
         let slots = self.slots.lock();
-        let limits = slots.iter().map(|slot| slot.limit);
-        limits.fold(Duration::ZERO, Duration::saturating_add)
+        let there = slots.iter().filter(|slot| !slot.is_withdrawn);
+        let limits = there.map(|slot| slot.limit);
+        tell(limits.fold(Duration::ZERO, Duration::saturating_add));
     }
 
     /// Does what there is to do for `member`. `around` is told when a function begins, and when it has ended: what the system needs of the thread meanwhile.

@@ -94,11 +94,23 @@ impl Emergency {
         })
     }
 
-    /// Registers a function behind the others; gives its number.
-    pub(crate) fn add_function(&self, name: &str, limit: Duration, run: Run) -> Result<usize> {
-        let number = self.at_emergency.add(name, limit, run)?;
-        self.crew.bound_crashes(self.at_emergency.limits());
-        Ok(number)
+    /// Registers a function behind the others; gives its id.
+    pub(crate) fn add_function(&self, name: &str, limit: Duration, run: Run) -> Result<u64> {
+        let id = self.at_emergency.add(name, limit, run)?;
+        self.bound_crashes();
+        Ok(id)
+    }
+
+    /// Takes back a function that has not begun; says whether it did.
+    pub(crate) fn withdraw_function(&self, id: u64) -> bool {
+        let is_withdrawn = self.at_emergency.withdraw(id);
+        self.bound_crashes();
+        is_withdrawn
+    }
+
+    fn bound_crashes(&self) {
+        self.at_emergency
+            .tell_limits(|limits| self.crew.bound_crashes(limits));
     }
 
     /// Says on what the processes run, before they do.
@@ -137,6 +149,24 @@ impl Emergency {
         let begins = || self.at_emergency.begin(Instant::now_real()) || self.has_begun();
         self.journal
             .note(Degree::Emergency, cause, Instant::now(), begins);
+    }
+
+    /// Begins for a crash. Without any lock, since the thread that has crashed may hold it; what there is to note is [noted later](Self::note_crash).
+    fn begin_for_crash(&self) {
+        self.stop_time();
+        if self.at_emergency.begin(Instant::now_real()) || self.has_begun() {
+            self.journal.worsen(Degree::Emergency);
+        }
+    }
+
+    /// To be called when a crash waits for nothing any more.
+    fn note_crash(&self, signal: i32) {
+        self.journal.note(
+            Degree::Emergency,
+            Cause::Signal(signal),
+            Instant::now(),
+            || true,
+        );
     }
 
     fn stop_time(&self) {
@@ -226,5 +256,7 @@ impl Emergency {
         self.is_to_end.load(Ordering::Acquire)
             && !self.at_safe_state.relay().is_under_way()
             && (relay.is_done() || relay.close())
+            // Nobody would run what begins from now on.
+            && self.at_safe_state.relay().retire()
     }
 }

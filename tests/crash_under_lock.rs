@@ -1,0 +1,81 @@
+//! A crash of a thread that holds the safety state's lock: the emergency functions run all the same.
+
+#![cfg(unix)]
+
+mod common;
+
+use common::{Program, has_no_signals, watchdog};
+use luna::Error;
+use luna::prelude::*;
+use nix::sys::signal::Signal;
+use std::alloc::{GlobalAlloc, Layout};
+use std::os::unix::process::ExitStatusExt;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Nothing else is of this size.
+const TELLING: usize = 40_099;
+
+static IS_ARMED: AtomicBool = AtomicBool::new(false);
+
+/// Aborts as an allocator does that finds itself overwritten.
+struct Aborting;
+
+// SAFETY: it is the system's allocator, or does not return.
+unsafe impl GlobalAlloc for Aborting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        if layout.size() == TELLING && IS_ARMED.load(Ordering::SeqCst) {
+            std::process::abort();
+        }
+        // SAFETY: the caller's promise.
+        unsafe { std::alloc::System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, place: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise; it is from `alloc`.
+        unsafe { std::alloc::System.dealloc(place, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Aborting = Aborting;
+
+/// What the child program runs; nothing when this program runs it as a test.
+#[test]
+fn part() {
+    if common::part().is_none() {
+        return;
+    }
+    // No dump of this program's memory is wanted.
+    nix::sys::resource::setrlimit(nix::sys::resource::Resource::RLIMIT_CORE, 0, 0).unwrap();
+    let mut system = System::new("crashing");
+    let safety = system.safety();
+    system.on_emergency("first", move || {
+        println!("function, {}", safety.degree());
+    });
+    system
+        .thread("own")
+        .process("culprit")
+        .spawn(async {
+            let safety = luna::safety().unwrap();
+            safety.warn(Error::Panicked("x".repeat(TELLING)));
+            IS_ARMED.store(true, Ordering::SeqCst);
+            // The text of the cause is cloned under the lock.
+            drop(safety.state());
+            println!("not reached");
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn the_functions_need_no_lock_to_begin() {
+    let _watch = watchdog();
+    if has_no_signals() {
+        return;
+    }
+    let ended = Program::start("state").end();
+    let lines = ["function, emergency", "not reached"];
+    assert_eq!(ended.said(&lines), ["function, emergency"], "{ended:?}");
+    assert_eq!(ended.status.signal(), Some(Signal::SIGABRT as i32));
+}
