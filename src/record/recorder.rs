@@ -63,7 +63,7 @@ struct Writing {
 struct Known {
     rings: Vec<Listed>,
     /// How many processes of each name there were, by who spawned them.
-    names: HashMap<(u32, String), u32>,
+    names: HashMap<(u32, Arc<str>), u32>,
 }
 
 /// A process, with its ring.
@@ -121,7 +121,7 @@ impl Recorder {
     pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
         let ring = Arc::new(ByteRing::new(self.room));
         let mut known = lock(&self.known);
-        let count = known.names.entry((parent, name.to_string())).or_default();
+        let count = known.names.entry((parent, name.clone())).or_default();
         let occurrence = *count;
         *count += 1;
         known.rings.push(Listed {
@@ -149,12 +149,16 @@ impl Recorder {
         woken: &Receiver<()>,
     ) -> std::io::Result<u64> {
         let mut announced = 0;
+        let mut rings: Vec<Listed> = Vec::new();
         let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
         // One that is gone has never begun.
         while let Some(recorder) = shared.upgrade() {
             // Before the look: what is put in after it has been set is nobody's whose end is waited for.
             let stops = recorder.stops.load(Ordering::Acquire);
-            let rings: Vec<_> = lock(&recorder.known).rings.clone();
+            let count = lock(&recorder.known).rings.len();
+            // Here, and the new ones alone: who spawns waits for the lock.
+            rings.reserve(count - rings.len());
+            rings.extend_from_slice(&lock(&recorder.known).rings[rings.len()..count]);
             for (number, listed) in rings.iter().enumerate().skip(announced) {
                 let number = (number as u32).to_le_bytes();
                 let parent = listed.parent.to_le_bytes();
