@@ -27,7 +27,7 @@ pub(super) enum Kind {
     },
     /// The process has returned.
     Ended,
-    /// It was ended; whether in the middle of an operation.
+    /// It was ended; whether in the middle of an operation. If not, that it is a call says that the strand may have gone on after its last operation.
     Cut(bool),
 }
 

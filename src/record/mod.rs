@@ -319,7 +319,10 @@ impl Taper for Kept {
                 if !track.begins(cx) {
                     return Poll::Pending;
                 }
-                let polled = current::with_tape(track, || poll(cx));
+                let polled = match track.rests() {
+                    true => Poll::Pending,
+                    false => current::with_tape(track, || poll(cx)),
+                };
                 if polled.is_ready() {
                     track.end();
                 } else if track.is_over(cx) {

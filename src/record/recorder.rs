@@ -6,15 +6,17 @@ use super::file::{BlockKind, Writer};
 use luna_platform::byte_ring::ByteRing;
 use luna_platform::current;
 use luna_platform::tape::{About, Event, Tape, Turn, What};
+use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::cell::Cell;
 use std::collections::HashMap;
+use std::convert::Infallible;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::task::{Context, Poll};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// The room of a process' ring, if not stated.
@@ -47,15 +49,21 @@ pub(crate) struct Recorder {
     room: usize,
     known: Mutex<Known>,
     stops: AtomicBool,
-    writer: Mutex<Option<JoinHandle<std::io::Result<u64>>>>,
+    writer: Mutex<Option<Writing>>,
     path: PathBuf,
+}
+
+/// The thread that writes. Without the sender it does not wait any more.
+struct Writing {
+    wakes: Sender<()>,
+    thread: Thread<std::io::Result<u64>>,
 }
 
 #[derive(Default)]
 struct Known {
     rings: Vec<Listed>,
     /// How many processes of each name there were, by who spawned them.
-    names: HashMap<(u32, String), u32>,
+    names: HashMap<(u32, Arc<str>), u32>,
 }
 
 /// A process, with its ring.
@@ -94,12 +102,18 @@ impl Recorder {
             writer: Mutex::new(None),
             path: path.to_owned(),
         });
+        // So that it is there, whatever becomes of the program.
+        writer.flush().map_err(failed)?;
         let shared = Arc::downgrade(&recorder);
-        let thread = std::thread::Builder::new()
-            .name("luna-record".to_owned())
-            .spawn(move || Self::write(&shared, writer))
-            .map_err(failed)?;
-        *lock(&recorder.writer) = Some(thread);
+        let (wakes, woken) = mpsc::channel();
+        // Not `std`'s: who records may have a real-time policy and one core, and this thread is to have neither.
+        let thread = spawn(
+            Attributes::framework("luna-record", Policy::Other),
+            |_| Ok::<_, Infallible>(()),
+            move |()| Self::write(&shared, writer, &woken),
+        )
+        .map_err(|error| failed(std::io::Error::other(error.to_string())))?;
+        *lock(&recorder.writer) = Some(Writing { wakes, thread });
         Ok(recorder)
     }
 
@@ -107,7 +121,7 @@ impl Recorder {
     pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
         let ring = Arc::new(ByteRing::new(self.room));
         let mut known = lock(&self.known);
-        let count = known.names.entry((parent, name.to_string())).or_default();
+        let count = known.names.entry((parent, name.clone())).or_default();
         let occurrence = *count;
         *count += 1;
         known.rings.push(Listed {
@@ -124,18 +138,27 @@ impl Recorder {
             takes: Cell::new(false),
             last_time: Cell::new(0),
             has_ended: Cell::new(false),
+            begun: Cell::new(0),
             number: known.rings.len() as u32,
         }
     }
 
-    fn write(shared: &Weak<Self>, mut writer: Writer<BufWriter<Counting>>) -> std::io::Result<u64> {
+    fn write(
+        shared: &Weak<Self>,
+        mut writer: Writer<BufWriter<Counting>>,
+        woken: &Receiver<()>,
+    ) -> std::io::Result<u64> {
         let mut announced = 0;
+        let mut rings: Vec<Listed> = Vec::new();
         let mut bytes = Vec::with_capacity(MOST_AT_ONCE);
         // One that is gone has never begun.
         while let Some(recorder) = shared.upgrade() {
             // Before the look: what is put in after it has been set is nobody's whose end is waited for.
             let stops = recorder.stops.load(Ordering::Acquire);
-            let rings: Vec<_> = lock(&recorder.known).rings.clone();
+            let count = lock(&recorder.known).rings.len();
+            // Here, and the new ones alone: who spawns waits for the lock.
+            rings.reserve(count - rings.len());
+            rings.extend_from_slice(&lock(&recorder.known).rings[rings.len()..count]);
             for (number, listed) in rings.iter().enumerate().skip(announced) {
                 let number = (number as u32).to_le_bytes();
                 let parent = listed.parent.to_le_bytes();
@@ -175,8 +198,10 @@ impl Recorder {
                 writer.flush()?;
                 return Ok(writer.into_inner().get_ref().bytes);
             }
+            // What a round has found is in the file before the next: the last events of a program that is killed are those that are looked for.
+            writer.flush()?;
             drop(recorder);
-            std::thread::park_timeout(PAUSE);
+            let _ = woken.recv_timeout(PAUSE);
         }
         Ok(0)
     }
@@ -195,9 +220,9 @@ impl Recorder {
     /// Writes what is left. To be called when all processes have ended that ever will.
     pub(crate) fn finish(&self) -> Result<RecordReport, RecordError> {
         self.stops.store(true, Ordering::Release);
-        let thread = lock(&self.writer).take();
-        let written = thread.map(|thread| {
-            thread.thread().unpark();
+        let writing = lock(&self.writer).take();
+        let written = writing.map(|Writing { wakes, thread }| {
+            drop(wakes);
             thread.join()
         });
         let bytes = match written {
@@ -262,6 +287,8 @@ pub(crate) struct Track {
     takes: Cell<bool>,
     last_time: Cell<u64>,
     has_ended: Cell<bool>,
+    /// How many operations were begun, by all strands.
+    begun: Cell<u64>,
     number: u32,
 }
 
@@ -273,6 +300,8 @@ struct Strand {
     operations: Cell<u64>,
     /// The operation of its last event.
     noted: Cell<u64>,
+    /// Which of the process' operations its last one was.
+    begun: Cell<u64>,
     runs: Cell<bool>,
     is_call: Cell<bool>,
 }
@@ -298,6 +327,8 @@ impl Track {
 
     fn begin(&self, strand: &Strand, is_call: bool) {
         strand.operations.set(strand.operations.get() + 1);
+        self.begun.set(self.begun.get() + 1);
+        strand.begun.set(self.begun.get());
         strand.runs.set(true);
         strand.is_call.set(is_call);
     }
@@ -309,26 +340,37 @@ impl Track {
 
     /// The process has returned, or the framework has ended it in the middle of an operation.
     pub(crate) fn end(&self) {
-        let is_within = self.strands.iter().any(|strand| strand.runs.get());
-        self.last(if is_within { CUT_WITHIN } else { ENDED });
+        if self.strands.iter().any(|strand| strand.runs.get()) {
+            return self.cut();
+        }
+        if !self.has_ended.replace(true) {
+            self.last(&self.strands[0], ENDED, false);
+            self.ring.close();
+        }
     }
 
-    /// Its body is gone: if it has not returned, it was ended.
+    /// Its body is gone: if it has not returned, it was ended. Each strand says how far it had come: a replay is to go there, and no further.
     pub(crate) fn cut(&self) {
-        self.last(match self.strands[0].runs.get() {
-            true => CUT_WITHIN,
-            false => CUT,
-        });
-    }
-
-    fn last(&self, code: u8) {
         if self.has_ended.replace(true) {
             return;
         }
-        let strand = &self.strands[0];
-        strand.is_call.set(false);
-        self.ring.put(Self::head(strand, code).get(), &[]);
+        let begun = self.begun.get();
+        let used = self.strands[1..]
+            .iter()
+            .filter(|strand| strand.is_used.get());
+        for strand in used.chain([&self.strands[0]]) {
+            match strand.runs.get() {
+                true => self.last(strand, CUT_WITHIN, false),
+                // If another strand has done something since, it may have gone on to that: as into a parallel construct, or out of it.
+                false => self.last(strand, CUT, strand.begun.get() < begun),
+            }
+        }
         self.ring.close();
+    }
+
+    fn last(&self, strand: &Strand, code: u8, has_gone_on: bool) {
+        strand.is_call.set(has_gone_on);
+        self.ring.put(Self::head(strand, code).get(), &[]);
     }
 }
 

@@ -20,6 +20,8 @@ use std::task::{Context, Poll};
 
 /// After all stamps: who has not ended by then waits for something that was not recorded.
 const END: u64 = 1 << 61;
+/// How often a process is polled without an event, when one of its strands is past what was recorded: the others may have some left.
+const MOST_IDLE_POLLS: u32 = 1000;
 /// After all stamps, and before the end: what was under way when its process was cut.
 const LATE: u64 = 1 << 60;
 
@@ -95,6 +97,10 @@ impl Replayer {
         }
         // One that is not known has a number that no other one has.
         let (number, queues) = known.unwrap_or((u32::MAX, Queues::new()));
+        let returns = queues
+            .get(&0)
+            .and_then(VecDeque::back)
+            .is_some_and(|event| event.kind == Kind::Ended);
         let strands = queues.into_iter();
         let strands = strands.map(|(path, events)| (path, Strand::new(events)));
         Track {
@@ -106,6 +112,9 @@ impl Replayer {
             begun: Cell::new(false),
             outputs: Cell::new(0),
             past_end: Cell::new(false),
+            returns,
+            has_overrun: Cell::new(false),
+            idle_polls: Cell::new(0),
         }
     }
 
@@ -165,6 +174,12 @@ pub(crate) struct Track {
     outputs: Cell<u64>,
     /// The recording says nothing more of it.
     past_end: Cell<bool>,
+    /// It returned in the recording. Else what a strand does after its last event was not recorded any more.
+    returns: bool,
+    /// A strand has done something at once after that: it cannot be made to wait for that.
+    has_overrun: Cell<bool>,
+    /// How often it was polled since the last event or operation.
+    idle_polls: Cell<u32>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -237,6 +252,24 @@ impl Strand {
 }
 
 impl Track {
+    /// Whether the body is not to be polled any more: it has come further than the recording, or the replay has come to a difference, and it would only go on.
+    pub(crate) fn rests(&self) -> bool {
+        let is_at_cut = |strand: &Strand| {
+            let next = strand.events.front();
+            next.is_some_and(|event| {
+                matches!(event.kind, Kind::Cut(_)) && event.operation <= strand.operations
+            })
+        };
+        if self.has_overrun.get() || self.strands.borrow().get(&0).is_some_and(is_at_cut) {
+            let polls = self.idle_polls.get() + 1;
+            self.idle_polls.set(polls);
+            if polls > MOST_IDLE_POLLS {
+                self.past_end.set(true);
+            }
+        }
+        self.past_end.get() || self.replayer.differs()
+    }
+
     /// Whether the body may be polled for the first time.
     pub(crate) fn begins(&self, cx: &mut Context<'_>) -> bool {
         if !self.begun.get() {
@@ -288,7 +321,7 @@ impl Track {
 
     /// All that was recorded has to have come again.
     fn check_rest(&self) {
-        if self.replayer.differs() || !self.replayer.is_whole {
+        if self.replayer.differs() || !self.replayer.is_whole || self.past_end.get() {
             return;
         }
         let strands = self.strands.borrow();
@@ -339,11 +372,13 @@ impl Track {
     fn take_event(&self, is_call: bool) -> Option<Noted> {
         self.with_strand(|strand| {
             let operation = strand.operations;
-            strand
-                .events
-                .pop_front_if(|event| event.operation == operation && event.is_call == is_call)
+            strand.events.pop_front_if(|event| {
+                let is_same = event.operation == operation && event.is_call == is_call;
+                is_same && !matches!(event.kind, Kind::Cut(_))
+            })
         })
         .inspect(|_| {
+            self.idle_polls.set(0);
             self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
         })
     }
@@ -355,11 +390,13 @@ impl Track {
     ) -> Poll<Result<Turn, &'static str>> {
         let operation = strand.operations;
         let Some(event) = strand.events.front() else {
-            // A branch that has no events, or none any more, foresees all: it is its process that says whether the recording goes on.
-            return Poll::Ready(match current::branch_path() {
-                0 => Err("it goes on"),
-                _ => Ok(Turn::Look),
-            });
+            return match current::branch_path() {
+                0 => Poll::Ready(Err("it goes on")),
+                // A branch that has no events, or none any more, foresees all, as its process goes on to its end.
+                _ if self.returns => Poll::Ready(Ok(Turn::Look)),
+                // How far it had come was not recorded.
+                _ => Poll::Pending,
+            };
         };
         if event.operation < operation {
             return match event.kind {
@@ -371,7 +408,8 @@ impl Track {
         if event.operation > operation {
             return Poll::Ready(Ok(Turn::Look));
         }
-        if event.is_call {
+        let is_cut = matches!(event.kind, Kind::Cut(_));
+        if event.is_call && !is_cut {
             return Poll::Ready(Err("an operation that may wait"));
         }
         match event.kind {
@@ -506,6 +544,7 @@ impl Tape for Track {
         }
         let stage = self.with_strand(|strand| std::mem::replace(&mut strand.stage, Stage::Idle));
         let Stage::Running(turn) = stage else { return };
+        self.idle_polls.set(0);
         let operation = self.with_strand(|strand| strand.operations);
         match turn {
             Turn::Given(given) => {
@@ -551,7 +590,10 @@ impl Tape for Track {
         self.with_strand(
             |strand| match strand.events.front().map(|event| &event.kind) {
                 // What came after it was not recorded any more.
-                Some(Kind::Cut(_)) if strand.events[0].operation == strand.operations => {
+                Some(Kind::Cut(_))
+                    if strand.events[0].operation == strand.operations
+                        && !strand.events[0].is_call =>
+                {
                     Poll::Pending
                 }
                 _ => strand.wait_for_calls(cx),
@@ -706,8 +748,19 @@ impl Strand {
 impl Track {
     /// There is no event for what is done now.
     fn nothing_for(&self, output: Option<u64>, found: &str) {
-        let (operation, expected) =
-            self.with_strand(|strand| (strand.operations, strand.events.front().map(told)));
+        let (operation, expected, is_cut) = self.with_strand(|strand| {
+            let next = strand.events.front();
+            let is_cut = match next {
+                Some(event) => {
+                    matches!(event.kind, Kind::Cut(_)) && event.operation < strand.operations
+                }
+                None => current::branch_path() != 0 && !self.returns,
+            };
+            (strand.operations, next.map(told), is_cut)
+        });
+        if is_cut {
+            return self.has_overrun.set(true);
+        }
         match expected {
             Some(expected) => self.differ(operation, output, expected, found.into()),
             None => self.beyond(operation, found),
