@@ -320,12 +320,13 @@ fn a_changed_program_is_noticed() {
     ] {
         match replay(&recording, change).0 {
             Err(Error::Record(RecordError::Diverged(at))) => {
-                let process = match change {
-                    Change::FewerSends => "second",
-                    Change::GoesOn => "first",
-                    _ => "sink",
+                let processes: &[&str] = match change {
+                    // Whose last send came before one of the other's is missed by the sink first.
+                    Change::FewerSends => &["second", "sink"],
+                    Change::GoesOn => &["first"],
+                    _ => &["sink"],
                 };
-                assert_eq!(at.process, process, "{change:?}: {at}");
+                assert!(processes.contains(&&*at.process), "{change:?}: {at}");
                 assert_eq!(
                     at.output.is_some(),
                     matches!(

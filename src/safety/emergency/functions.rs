@@ -38,7 +38,7 @@ pub struct FunctionReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum FunctionOutcome {
-    /// There was no reason to run it, or that was [reset](crate::Safety::reset).
+    /// There was no reason to run it, or there is none any more, since the state was reset.
     #[default]
     NotRun,
     /// It has run, to its end.
