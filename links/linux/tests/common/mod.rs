@@ -5,9 +5,9 @@
 use luna::devices::{DeviceManager, DeviceState};
 use luna::{End, System};
 use std::io::Write;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc;
+use std::sync::{Arc, Once};
 use std::time::Duration;
 
 /// Whether the complete platform layer is below: the portable one cannot wait for files.
@@ -21,6 +21,16 @@ pub(crate) fn watchdog() -> impl Drop {
             self.0.take();
         }
     }
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            // The functions that fail here are to; a backtrace takes longer than they may.
+            if std::thread::current().name() != Some("luna-emergency") {
+                before(panic);
+            }
+        }));
+    });
     let (alive, ended) = mpsc::channel::<()>();
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     std::thread::spawn(move || {
