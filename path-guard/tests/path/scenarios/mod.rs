@@ -34,5 +34,5 @@ scenarios! {
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,
         a_favour_that_ends;
     files: files_that_become_ready, links;
-    recording: signals_and_messages, signals_without_room, signals_that_nobody_records;
+    logging: signals_and_messages, signals_without_room, signals_that_nobody_records;
 }
