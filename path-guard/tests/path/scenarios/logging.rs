@@ -54,7 +54,7 @@ fn nowhere() -> Logging {
 pub(crate) fn signals_and_messages(places: &mut Places) {
     places
         .system
-        .record(nowhere().every(Duration::from_millis(1)));
+        .log(nowhere().every(Duration::from_millis(1)));
     record(places);
 }
 
@@ -63,7 +63,7 @@ pub(crate) fn signals_without_room(places: &mut Places) {
     let recording = nowhere().every(Duration::from_secs(1));
     places
         .system
-        .record(recording.room_for_samples(30).room_for_messages(600));
+        .log(recording.room_for_samples(30).room_for_messages(600));
     record(places);
 }
 
