@@ -3,6 +3,8 @@
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, WriterSink, message};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::io::{self, Write};
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 struct Counting;
 
@@ -32,13 +34,34 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Says at the first byte of a block that it waits, and waits until the other end is gone.
+struct Stalled(Sender<()>, Receiver<()>, bool);
+
+impl Write for Stalled {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // The head is written by who starts the recording.
+        if std::mem::replace(&mut self.2, true) {
+            let _ = self.0.send(());
+            let _ = self.1.recv();
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 #[test]
 fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
     let hub = Hub::new("allocation", Default::default());
-    let recording = Logging::to_sink(WriterSink::new(std::io::sink()));
+    let ((waits, waiting), (open, gate)) = (channel(), channel::<()>());
+    let recording = Logging::to_sink(WriterSink::new(Stalled(waits, gate, false)));
     // So little room that most is lost.
     let recorder =
         Recorder::start(&hub, recording.room_for_samples(50).room_for_messages(600)).unwrap();
+    // From here on nothing is moved out of the rings.
+    waiting.recv().unwrap();
     hub.enter_thread();
     let one = Signal::<f64>::register("one").unwrap();
     let many = Signal::<[u16; 16]>::register("many").unwrap();
@@ -58,6 +81,7 @@ fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
     assert_eq!(after - before, 0);
     let control = Box::new(1);
     assert!(COUNTED.get() > after, "it counts: {control}");
+    drop(open);
     let report = recorder.finish();
     assert_eq!(report.signals[0].recorded + report.signals[0].lost, 20_000);
     assert!(report.lost_samples() > 0 && report.messages.lost > 0);
