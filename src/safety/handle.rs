@@ -62,6 +62,7 @@ impl Safety {
     }
 
     /// The state, with causes, processes' names and times. Not for the real-time path: it allocates, and takes the system's plain lock.
+    /// Nobody who says something waits for that: the state's own lock is held for a few moves only.
     pub fn state(&self) -> SafetyState {
         let mut state = self.0.journal.state();
         for event in state.events.iter_mut().chain(&mut state.latched) {
@@ -93,7 +94,7 @@ impl Safety {
     }
 
     /// Leaves a warning or the safe state, for a reason that is kept with the other events. A person's decision, or that of a process that knows that what was wrong
-    /// is not any more. Real-time path: no, since it may free what the causes hold; O(1).
+    /// is not any more. Real-time path: no, since it allocates, and may free what the causes hold; O(functions of the safe state).
     ///
     /// # Errors
     ///

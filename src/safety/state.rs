@@ -6,6 +6,7 @@ use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
 use std::fmt;
 use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// How many events of a system are kept.
 const KEPT: usize = 64;
@@ -161,29 +162,46 @@ impl fmt::Display for ResetError {
 
 impl std::error::Error for ResetError {}
 
-/// What was said, and what is latched.
+/// What was said, and what is latched. Who looks takes the lock for a few moves and never allocates under it, so that who says something on the real-time path waits for
+/// no reader's memory.
 #[derive(Debug)]
 pub(crate) struct Journal {
     degree: AtomicU8,
+    /// The first events. Each place is written once, under the lock, and then read without it.
+    kept: Box<[OnceLock<SafetyEvent>]>,
     book: PiLock<Book>,
 }
 
 #[derive(Debug)]
 struct Book {
-    events: Vec<SafetyEvent>,
+    /// How many places of `kept` are written.
+    kept: usize,
     more: u64,
     /// What made it a warning, a safe state and an emergency.
-    latched: [Option<SafetyEvent>; 3],
+    latched: [Option<Latched>; 3],
+    /// Where what is latched is when the places are used up. New ones come with a reset, which is off the path.
+    apart: Apart,
 }
+
+/// Where an event is.
+#[derive(Debug, Clone, Copy)]
+enum Latched {
+    Kept(usize),
+    Apart,
+}
+
+type Apart = [Arc<OnceLock<SafetyEvent>>; 3];
 
 impl Journal {
     pub(crate) fn new() -> Self {
         Self {
             degree: AtomicU8::new(Degree::Normal as u8),
+            kept: (0..KEPT).map(|_| OnceLock::new()).collect(),
             book: PiLock::new(Book {
-                events: Vec::with_capacity(KEPT),
+                kept: 0,
                 more: 0,
-                latched: [const { None }; 3],
+                latched: [None; 3],
+                apart: Apart::default(),
             }),
         }
     }
@@ -193,7 +211,7 @@ impl Journal {
     }
 
     /// Notes that somebody said so. If it was not that bad before, `admit` is asked first, so that no reset comes in between; without its consent nothing is noted.
-    /// O(1); no allocation but the clones of what the cause holds.
+    /// O(1); no allocation: the cause is moved to its place.
     pub(crate) fn note(
         &self,
         degree: Degree,
@@ -208,13 +226,12 @@ impl Journal {
             who: None,
             at,
         };
-        let mut latched = Some(event.clone());
-        // Behind those: what is not kept is the user's, and dropped without the lock.
+        // Behind the event: what is not kept is the user's, and dropped without the lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
-            && book.latched[2]
-                .as_ref()
-                .is_some_and(|latched| latched.cause == event.cause)
+            && self.latched(&book, Degree::Emergency, |latched| {
+                latched.cause == event.cause
+            }) == Some(true)
         {
             // Another member of the crew has heard of it just before.
             return;
@@ -225,14 +242,21 @@ impl Journal {
             }
             self.worsen(degree);
         }
-        if let Some(slot) = (degree as usize).checked_sub(1)
-            && book.latched[slot].is_none()
-        {
-            book.latched[slot] = latched.take();
+        let latches = (degree as usize)
+            .checked_sub(1)
+            .filter(|&slot| book.latched[slot].is_none());
+        let mut event = Some(event);
+        let place = self.keep(&mut book, &mut event);
+        if let Some(slot) = latches {
+            book.latched[slot] = Some(match place {
+                Some(place) => Latched::Kept(place),
+                None => Latched::Apart,
+            });
+            // It is the first since the last reset, so there is room.
+            event = event.and_then(|event| book.apart[slot].set(event).err());
         }
-        let surplus = book.keep(event);
         drop(book);
-        drop(surplus);
+        drop(event);
     }
 
     /// It is that bad at least. Without the lock.
@@ -242,7 +266,11 @@ impl Journal {
 
     /// What made it an emergency.
     pub(crate) fn emergency(&self) -> Option<SafetyEvent> {
-        self.book.lock().latched[2].clone()
+        let (latched, apart) = {
+            let book = self.book.lock();
+            (book.latched[2]?, book.apart[2].clone())
+        };
+        self.event(latched, &apart).cloned()
     }
 
     pub(super) fn reset(&self, why: Error, may: impl FnOnce() -> bool) -> Result<(), ResetError> {
@@ -253,6 +281,7 @@ impl Journal {
             who: None,
             at: Instant::now(),
         };
+        let new_places = Apart::default();
         let mut book = self.book.lock();
         if self.degree() == Degree::Emergency {
             return Err(ResetError::Emergency);
@@ -269,42 +298,71 @@ impl Journal {
         if reset.is_err() {
             return Err(ResetError::Emergency);
         }
-        let before = std::mem::replace(&mut book.latched, [const { None }; 3]);
-        let surplus = book.keep(event);
+        book.latched = [None; 3];
+        let before = std::mem::replace(&mut book.apart, new_places);
+        let mut event = Some(event);
+        self.keep(&mut book, &mut event);
         drop(book);
-        drop((before, surplus));
+        drop((before, event));
         Ok(())
     }
 
     pub(super) fn state(&self) -> SafetyState {
-        // Allocated before the lock is taken; a cause may hold text of its own all the same.
-        let mut events = Vec::with_capacity(KEPT);
-        let book = self.book.lock();
-        events.extend_from_slice(&book.events);
-        let degree = self.degree();
-        let latched = (degree as usize)
-            .checked_sub(1)
-            .and_then(|slot| book.latched[slot].clone());
+        let (degree, kept, more_events, latched) = {
+            let book = self.book.lock();
+            let degree = self.degree();
+            let latched = (degree as usize)
+                .checked_sub(1)
+                .and_then(|slot| Some((book.latched[slot]?, book.apart[slot].clone())));
+            (degree, book.kept, book.more, latched)
+        };
+        let events = self.kept[..kept].iter().filter_map(OnceLock::get);
         SafetyState {
             degree,
-            latched,
-            events,
-            more_events: book.more,
+            latched: latched.and_then(|(latched, apart)| self.event(latched, &apart).cloned()),
+            events: events.cloned().collect(),
+            more_events,
         }
+    }
+
+    fn event<'a>(
+        &'a self,
+        latched: Latched,
+        apart: &'a OnceLock<SafetyEvent>,
+    ) -> Option<&'a SafetyEvent> {
+        match latched {
+            Latched::Kept(place) => self.kept[place].get(),
+            Latched::Apart => apart.get(),
+        }
+    }
+
+    /// What `look` says of what made it that bad.
+    fn latched<R>(
+        &self,
+        book: &Book,
+        degree: Degree,
+        look: impl FnOnce(&SafetyEvent) -> R,
+    ) -> Option<R> {
+        let slot = (degree as usize).checked_sub(1)?;
+        self.event(book.latched[slot]?, &book.apart[slot]).map(look)
+    }
+
+    /// Takes the event to a place, which it gives; leaves it if there is no room.
+    fn keep(&self, book: &mut Book, event: &mut Option<SafetyEvent>) -> Option<usize> {
+        let place = book.kept;
+        let Some(room) = self.kept.get(place) else {
+            book.more += 1;
+            return None;
+        };
+        let written = room.set(event.take()?);
+        debug_assert!(
+            written.is_ok(),
+            "only who holds the lock writes, each place once"
+        );
+        book.kept += 1;
+        Some(place)
     }
 }
 
-impl Book {
-    /// Gives it back if there is no room.
-    #[must_use = "what is not kept is dropped without the lock"]
-    fn keep(&mut self, event: SafetyEvent) -> Option<SafetyEvent> {
-        // Room was set aside: nothing is allocated.
-        if self.events.len() < KEPT {
-            self.events.push(event);
-            None
-        } else {
-            self.more += 1;
-            Some(event)
-        }
-    }
-}
+#[cfg(test)]
+mod tests;

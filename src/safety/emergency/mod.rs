@@ -152,7 +152,7 @@ impl Emergency {
     }
 
     /// Begins for a crash. Without any lock, since the thread that has crashed may hold it; what there is to note is [noted later](Self::note_crash).
-    fn begin_for_crash(&self) {
+    pub(super) fn begin_for_crash(&self) {
         self.stop_time();
         if self.at_emergency.begin(Instant::now_real()) || self.has_begun() {
             self.journal.worsen(Degree::Emergency);

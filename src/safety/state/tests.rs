@@ -1,0 +1,60 @@
+use super::*;
+use crate::safety::Emergency;
+use std::sync::Weak;
+
+#[test]
+fn an_emergency_by_a_crash_needs_no_lock() {
+    let emergency = Emergency::new(Weak::new());
+    // Who has crashed holds it. One more lock by this thread would panic.
+    let _book = emergency.journal.book.lock();
+    emergency.begin_for_crash();
+    assert_eq!(emergency.degree(), Degree::Emergency);
+    assert!(emergency.has_begun());
+}
+
+#[test]
+fn what_is_latched_is_known_when_no_more_events_are_kept() {
+    let journal = Journal::new();
+    let note = |degree, text: &str| {
+        let cause = Cause::Raised(Error::Panicked(text.to_owned()));
+        journal.note(degree, cause, Instant::now(), || true);
+    };
+    for number in 0..KEPT + 3 {
+        note(Degree::Warning, &number.to_string());
+    }
+    let shown = || journal.state().to_string();
+    assert_eq!(shown(), "warning: panicked: 0");
+    note(Degree::SafeState, "first");
+    note(Degree::SafeState, "second");
+    assert_eq!(shown(), "safe state: panicked: first");
+    assert_eq!(journal.state().more_events, 5);
+    let before = journal.state();
+    journal.reset(Error::Timeout, || true).unwrap();
+    assert_eq!(
+        (journal.state().degree, journal.state().latched),
+        (Degree::Normal, None)
+    );
+    note(Degree::SafeState, "anew");
+    assert_eq!(shown(), "safe state: panicked: anew");
+    note(Degree::Emergency, "at last");
+    let emergency = journal.emergency().unwrap();
+    assert_eq!(emergency.to_string(), "emergency: panicked: at last");
+    // What was read stays as it was.
+    assert_eq!(before.to_string(), "safe state: panicked: first");
+    assert_eq!(journal.state().events, before.events);
+}
+
+#[test]
+fn one_signal_is_noted_once_whoever_hears_of_it() {
+    let journal = Journal::new();
+    for number in [15, 15, 2] {
+        journal.note(
+            Degree::Emergency,
+            Cause::Signal(number),
+            Instant::now(),
+            || true,
+        );
+    }
+    assert_eq!(journal.state().events.len(), 2);
+    assert_eq!(journal.state().to_string(), "emergency: SIGTERM");
+}
