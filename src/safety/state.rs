@@ -1,10 +1,12 @@
 //! How safe the machine is, as far as anybody has said: normal, warned of, in a safe state, in an emergency. Latched: it only gets worse, until somebody resets it.
 
 use crate::error::Error;
+use crate::logging::Log;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
 use std::fmt;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 /// How many events of a system are kept.
@@ -166,6 +168,8 @@ impl std::error::Error for ResetError {}
 pub(crate) struct Journal {
     degree: AtomicU8,
     book: PiLock<Book>,
+    /// Who records that it changes.
+    log: OnceLock<Log>,
 }
 
 #[derive(Debug)]
@@ -185,6 +189,19 @@ impl Journal {
                 more: 0,
                 latched: [const { None }; 3],
             }),
+            log: OnceLock::new(),
+        }
+    }
+
+    /// From now on this records that it changes.
+    pub(crate) fn record(&self, log: Log) {
+        // A system is started once.
+        let _ = self.log.set(log);
+    }
+
+    fn tell(&self, degree: Degree, process: Option<ProcessId>) {
+        if let Some(log) = self.log.get() {
+            log.tell_safety(process.map_or(0, ProcessId::get), degree as u8);
         }
     }
 
@@ -209,6 +226,8 @@ impl Journal {
             at,
         };
         let mut latched = Some(event.clone());
+        let mut changes = false;
+        let by = event.process;
         // Behind those: what is not kept is the user's, and dropped without the lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
@@ -224,6 +243,7 @@ impl Journal {
                 return;
             }
             self.worsen(degree);
+            changes = true;
         }
         if let Some(slot) = (degree as usize).checked_sub(1)
             && book.latched[slot].is_none()
@@ -232,6 +252,9 @@ impl Journal {
         }
         let surplus = book.keep(event);
         drop(book);
+        if changes {
+            self.tell(degree, by);
+        }
         drop(surplus);
     }
 
@@ -270,8 +293,10 @@ impl Journal {
             return Err(ResetError::Emergency);
         }
         let before = std::mem::replace(&mut book.latched, [const { None }; 3]);
+        let by = event.process;
         let surplus = book.keep(event);
         drop(book);
+        self.tell(Degree::Normal, by);
         drop((before, surplus));
         Ok(())
     }
