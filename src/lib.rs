@@ -55,6 +55,8 @@ pub use csp::named::{Named, named};
 pub use csp::par::{ParAll, par_all, par_for};
 pub use csp::process::{IntoProcess, Process, run};
 pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
+#[cfg(feature = "events")]
+pub use logging::EventsReport;
 #[cfg(feature = "logger")]
 pub use logging::{
     FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, WriterSink,

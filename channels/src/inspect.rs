@@ -6,6 +6,7 @@
 use crate::place::{Ending, Lists, Place};
 use crate::waiter::Waiter;
 use luna_platform::current::User;
+use luna_platform::events;
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::panic::Location;
@@ -31,6 +32,25 @@ pub enum PlaceKind {
     Semaphore,
     /// No place at all: STOP, an alternative without an open guard.
     Stop,
+}
+
+impl PlaceKind {
+    /// What it is in events; nothing where none happen.
+    pub fn in_events(self) -> Option<events::Kind> {
+        match self {
+            PlaceKind::Rendezvous | PlaceKind::Buffered(_) => Some(events::Kind::Channel),
+            PlaceKind::Barrier => Some(events::Kind::Barrier),
+            PlaceKind::Mutex | PlaceKind::Condition | PlaceKind::Semaphore => {
+                Some(events::Kind::Lock)
+            }
+            PlaceKind::Stop => None,
+        }
+    }
+}
+
+/// What a place without a name is called in events.
+fn place_in_source(made_at: &Location<'_>) -> String {
+    format!("{}:{}", made_at.file(), made_at.line())
 }
 
 /// Who waits at a place.
@@ -169,13 +189,27 @@ impl Kind {
     }
 }
 
+impl PlaceView {
+    /// What it is called in events: its name, or where it was made.
+    pub fn name_in_events(&self) -> String {
+        match &self.name {
+            Some(name) => name.clone(),
+            None => place_in_source(self.made_at),
+        }
+    }
+}
+
 impl Identity {
     #[track_caller]
     pub(crate) fn new(kind: PlaceKind) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
+        let (id, made_at) = (NEXT.fetch_add(1, Ordering::Relaxed), Location::caller());
+        if let Some(kind) = kind.in_events() {
+            events::name(kind, id as u32, 0, || place_in_source(made_at));
+        }
         Self {
-            id: NEXT.fetch_add(1, Ordering::Relaxed),
-            made_at: Location::caller(),
+            id,
+            made_at,
             links: UnsafeCell::new(Links {
                 before: None,
                 after: None,
@@ -193,9 +227,22 @@ impl Identity {
         self.id
     }
 
+    /// Its number in events, of which there are as many as 32 bits have.
+    pub(crate) fn number(&self) -> u32 {
+        self.id as u32
+    }
+
+    /// What it is in events.
+    pub(crate) fn kind_in_events(&self) -> events::Kind {
+        let kind = self.kind.with(0).in_events();
+        kind.unwrap_or(events::Kind::Channel)
+    }
+
     /// The first name stays.
     pub(crate) fn set_name(&self, name: &str) {
-        let _ = self.name.set(Box::new(name.to_owned()));
+        if self.name.set(Box::new(name.to_owned())).is_ok() {
+            events::name(self.kind_in_events(), self.number(), 0, || name.to_owned());
+        }
     }
 
     pub(crate) fn set_external(&self) {

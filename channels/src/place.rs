@@ -4,9 +4,11 @@ use crate::inspect::Identity;
 use crate::spots::{Nodes, Side, Spots};
 use crate::taped::{Order, Taped};
 use luna_platform::current::{Heir, ProcessId, User};
+use luna_platform::events;
 use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
-use luna_platform::wait_list::WaitList;
+use luna_platform::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
+use std::ptr::NonNull;
 
 /// Whether more can be communicated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,6 +93,20 @@ impl Lists {
     }
 }
 
+/// The number of who waits, for events; 0 if it is no process.
+///
+/// # Safety
+///
+/// The node is live, and guarded by a lock that is held.
+#[inline(always)]
+pub(crate) unsafe fn user_number(node: NonNull<WaitNode>) -> u64 {
+    // SAFETY: the contract. One field is read: others look at other parts of the node's surroundings.
+    match unsafe { node.as_ref() }.user() {
+        User::Process(id) => id.get().into(),
+        User::Outside => 0,
+    }
+}
+
 impl LastUser {
     pub(crate) const NOBODY: LastUser = LastUser(u32::MAX);
 
@@ -171,6 +187,21 @@ impl Place {
             }),
             identity,
         }
+    }
+
+    /// Tells that a value goes from one to the other; 0 is nobody who is known, such as a buffer.
+    #[inline(always)]
+    pub(crate) fn tell(&self, communication: impl FnOnce() -> [u64; 2]) {
+        if events::is_on() {
+            let number = self.identity.number();
+            events::tell(events::code::COMMUNICATION, number, communication);
+        }
+    }
+
+    /// Notes that the current process is about to wait here.
+    #[inline(always)]
+    pub(crate) fn waits(&self) {
+        events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
     /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).

@@ -17,6 +17,7 @@ use crate::task;
 use crate::watch;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Home};
+use luna_platform::events;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::reclaim;
@@ -77,6 +78,8 @@ pub(crate) struct Shared {
     counted: Counted,
     /// Whose thread it shares with others, if it has none of its own.
     stage: Option<Arc<Stage>>,
+    /// Its name, if it is on a stage: its thread has another.
+    name: Option<Box<str>>,
     /// Set when one on a stage has stopped.
     stopped: Futex,
 }
@@ -155,8 +158,9 @@ impl Shared {
         thread_priority: u8,
         living: Arc<Living>,
         presence: Arc<Presence>,
-        stage: Option<Arc<Stage>>,
+        stage: Option<(Arc<Stage>, &str)>,
     ) -> Arc<Self> {
+        let name = stage.as_ref().map(|(_, name)| Box::from(*name));
         Arc::new(Shared {
             home: Home::new(),
             thread_priority: AtomicU8::new(thread_priority),
@@ -172,9 +176,15 @@ impl Shared {
             presence,
             spin: AtomicU64::new(0),
             counted: Counted::default(),
-            stage,
+            stage: stage.map(|(stage, _)| stage),
+            name,
             stopped: Futex::new(0),
         })
+    }
+
+    /// Its name, on a stage.
+    pub(crate) fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or_default()
     }
 
     /// It has stopped, on a stage.
@@ -298,7 +308,7 @@ impl Executor {
             attributes.asked_policy().rank(),
             stage.living().clone(),
             stage.presence().clone(),
-            Some(stage.clone()),
+            Some((stage.clone(), attributes.name())),
         );
         if !stage.admit(shared.clone()) {
             shared.refuse_all();
@@ -736,6 +746,7 @@ fn sleep(shared: &Shared, deadline: Instant) {
             return;
         }
     }
+    events::tell_executor(events::code::ASLEEP);
     if deadline != Instant::NEVER || watch::is_waiting(shared.inbound.bell()) {
         shared.inbound.sleep(deadline);
     } else {
@@ -743,6 +754,7 @@ fn sleep(shared: &Shared, deadline: Instant) {
             .inbound
             .sleep_still(&shared.presence, || shared.living.announce());
     }
+    events::tell_executor(events::code::AWAKE);
 }
 
 impl fmt::Debug for Executor {

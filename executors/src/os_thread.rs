@@ -11,6 +11,7 @@ use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::{self, Home, ProcessId};
+use luna_platform::events;
 use luna_platform::park::{self, Parker};
 use luna_platform::reclaim::{self, Shared};
 use luna_platform::spin::{self, Outside};
@@ -166,6 +167,9 @@ fn run<F: Future>(
         record.set_process(NonNull::from(&*process));
         Forget(record)
     });
+    if let Some(record) = record {
+        events::name_process(id.get(), level, || record.name().to_owned());
+    }
     let mut cx = Context::from_waker(&waker);
     // It may block, and nobody's first blocking call is to allocate.
     park::prepare();
@@ -175,19 +179,25 @@ fn run<F: Future>(
         if record.is_some_and(|record| !record.is_cancelled()) {
             process.count_poll();
         }
+        events::begin_turn(id.get());
         // SAFETY: this thread is the home, and the process ends with this function.
         let polled = unsafe { current::with_process(&process, || future.as_mut().poll(&mut cx)) };
         if let Poll::Ready(output) = polled {
             current::set_on_path(false);
             return output;
         }
+        events::end_turn(id.get(), false);
         loop {
             // Before each park, also one that returns at once: a process that always readies itself again has deadlines and files too.
             if timers.next_deadline() != Instant::NEVER {
                 timers.expire(Instant::now());
             }
             watch::glance(parker.bell());
-            if sleep(parker, timers.next_deadline()) {
+            events::tell_executor(events::code::ASLEEP);
+            let is_woken = sleep(parker, timers.next_deadline());
+            events::tell_executor(events::code::AWAKE);
+            if is_woken {
+                events::ready(|| id.get());
                 break;
             }
         }

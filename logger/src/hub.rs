@@ -3,10 +3,14 @@
 use crate::format::{ClockBase, MOST_SIGNALS, Type};
 use crate::lane::{self, Inlet};
 use luna_platform::clock::{Counter, Instant};
+#[cfg(feature = "events")]
+use luna_platform::{current, events, lock::PiLock};
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt;
 use std::ptr;
+#[cfg(feature = "events")]
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
@@ -38,6 +42,20 @@ pub struct Hub {
     /// What has no better place to be counted: messages on threads that have no ring.
     pub(crate) lost_messages: AtomicU64,
     registry: Mutex<Registry>,
+    /// What there are names for, once events are recorded.
+    #[cfg(feature = "events")]
+    names: OnceLock<Arc<events::Names>>,
+    /// Where threads without a ring of their own tell the few events that they may have.
+    #[cfg(feature = "events")]
+    others: PiLock<Option<events::Writer>>,
+}
+
+/// The reading end of a ring of events.
+#[cfg(feature = "events")]
+pub(crate) struct EventInlet {
+    /// Of a thread that is not known by a lane of its own.
+    pub(crate) name: Option<String>,
+    pub(crate) events: events::Reader,
 }
 
 /// What time stamps are read from.
@@ -64,6 +82,9 @@ impl Stamp {
 pub(crate) struct Rooms {
     pub(crate) samples: usize,
     pub(crate) messages: usize,
+    /// How many events; 0 if none are recorded.
+    #[cfg(feature = "events")]
+    pub(crate) events: usize,
 }
 
 /// What a signal is, for the recorder.
@@ -114,6 +135,8 @@ struct Registry {
     numbers: HashMap<Arc<str>, u32>,
     /// Rings that the recorder has not taken yet.
     inlets: Vec<Inlet>,
+    #[cfg(feature = "events")]
+    events: Vec<EventInlet>,
     threads: u32,
     rooms: Option<Rooms>,
 }
@@ -141,6 +164,10 @@ impl Hub {
             base,
             lost_messages: AtomicU64::new(0),
             registry: Mutex::default(),
+            #[cfg(feature = "events")]
+            names: OnceLock::new(),
+            #[cfg(feature = "events")]
+            others: PiLock::new(None),
         })
     }
 
@@ -173,9 +200,119 @@ impl Hub {
             }
             is_new
         });
+        #[cfg(feature = "events")]
+        if is_new {
+            // They were another's.
+            events::detach();
+        }
         if is_new && self.is_recording() {
             lane::prepare(self);
         }
+    }
+
+    /// Makes the ring of the executor that the calling thread is now, if events are recorded and it has none: to be called before a process runs there. Several executors
+    /// may share a thread ([`TimeBase::OfThread`]). Not for the real-time path: it allocates, once.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder};
+    /// use luna_platform::events::{self, code};
+    ///
+    /// let file = std::env::temp_dir().join(format!("luna-events-{}.luna", std::process::id()));
+    /// let hub = Hub::new("bench", Default::default());
+    /// let recorder = Recorder::start(&hub, Logging::to_file(&file).events()).unwrap();
+    /// hub.enter_thread();
+    /// hub.enter_home();
+    /// events::tell(code::DONE, 7, || [code::ended::OK, 0]);
+    /// let report = recorder.finish();
+    /// assert_eq!((report.events.recorded, report.events.lost), (1, 0));
+    /// # std::fs::remove_file(file).unwrap();
+    /// ```
+    #[cfg(feature = "events")]
+    #[inline]
+    pub fn enter_home(self: &Arc<Self>) {
+        if self.names.get().is_some() && !events::is_on() {
+            self.make_events();
+        }
+    }
+
+    /// Tells an event, also of a thread that is not recorded: there it takes a lock, and is for what happens seldom. No allocation.
+    #[cfg(feature = "events")]
+    pub fn tell(&self, of: u16, subject: u32, arguments: [u64; 2]) {
+        if events::is_on() {
+            events::tell(of, subject, || arguments);
+        } else if let Some(others) = &mut *self.others.lock() {
+            others.put(of, subject, arguments);
+        }
+    }
+
+    #[cfg(feature = "events")]
+    #[cold]
+    fn make_events(self: &Arc<Self>) {
+        if !self.is_recording() || current::on_path() {
+            return;
+        }
+        // Executors that share a thread are told apart; else the thread is known by its samples and messages.
+        let known = match self.base {
+            TimeBase::Machine => lane::number(self),
+            TimeBase::OfThread => None,
+        };
+        let Some(rooms) = self.registry().rooms else {
+            return;
+        };
+        let (number, writer) = self.add_events(known, rooms.events, lane::thread_name);
+        self.name(events::Kind::Executor, number, lane::thread_name(number));
+        events::attach(writer);
+    }
+
+    /// Makes a ring, of a thread that is known by this number, or else gets one and this name.
+    #[cfg(feature = "events")]
+    fn add_events(
+        &self,
+        known: Option<u32>,
+        room: usize,
+        name: impl FnOnce(u32) -> String,
+    ) -> (u32, events::Writer) {
+        let counter = match self.stamp {
+            Stamp::Counter(counter) => Some(counter),
+            Stamp::Clock => None,
+        };
+        let mut registry = self.registry();
+        let number = known.unwrap_or_else(|| {
+            let next = registry.threads;
+            registry.threads += 1;
+            next
+        });
+        let (writer, events) = events::ring(room, number, counter);
+        registry.events.push(EventInlet {
+            name: known.is_none().then(|| name(number)),
+            events,
+        });
+        (number, writer)
+    }
+
+    /// Names something that was there before the recording.
+    #[cfg(feature = "events")]
+    pub fn name(&self, kind: events::Kind, number: u32, name: String) {
+        if let Some(names) = self.names.get() {
+            names.name(kind, number, name);
+        }
+    }
+
+    /// Whether events are recorded.
+    #[cfg(feature = "events")]
+    pub fn records_events(&self) -> bool {
+        self.names.get().is_some()
+    }
+
+    #[cfg(feature = "events")]
+    pub(crate) fn names(&self) -> Option<Arc<events::Names>> {
+        self.names.get().cloned()
+    }
+
+    /// Takes the rings of events that are new.
+    #[cfg(feature = "events")]
+    pub(crate) fn take_events(&self) -> Vec<EventInlet> {
+        std::mem::take(&mut self.registry().events)
     }
 
     /// Whether samples and messages are kept.
@@ -201,6 +338,14 @@ impl Hub {
     pub(crate) fn begin_recording(self: &Arc<Self>, rooms: Rooms) -> bool {
         if self.registry().rooms.replace(rooms).is_some() {
             return false;
+        }
+        #[cfg(feature = "events")]
+        if rooms.events > 0 {
+            // It is recorded once.
+            let _ = self.names.set(events::listen());
+            const FEW: usize = 64;
+            let (_, others) = self.add_events(None, FEW, |_| "other threads".to_owned());
+            *self.others.lock() = Some(others);
         }
         self.recording.store(true, Ordering::Relaxed);
         let mut latest = latest();

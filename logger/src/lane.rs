@@ -20,13 +20,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The most words of an entry.
 pub(crate) const MOST_WORDS: usize = 64;
 
-/// The first word of an entry: what it is (8 bits), its words (8 bits), and a signal's number (the upper 32).
+/// The first word of an entry: what it is (8 bits), its words (8 bits), an event's code (16 bits), and a signal's number (the upper 32).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Head(pub(crate) u64);
 
 impl Head {
     pub(crate) const SAMPLE: u8 = 1;
     pub(crate) const MESSAGE: u8 = 2;
+    #[cfg(feature = "events")]
+    pub(crate) const EVENT: u8 = 3;
 
     pub(crate) fn new(kind: u8, words: usize, signal: u32) -> Self {
         debug_assert!(words <= MOST_WORDS);
@@ -44,11 +46,19 @@ impl Head {
     pub(crate) fn signal(self) -> u32 {
         (self.0 >> 32) as u32
     }
+
+    /// An event's code; its subject stands where a sample has its signal.
+    #[cfg(feature = "events")]
+    pub(crate) fn code(self) -> u16 {
+        (self.0 >> 16) as u16
+    }
 }
 
 /// The writing end of a thread's rings.
 pub(crate) struct Lane {
     hub: Arc<Hub>,
+    #[cfg(feature = "events")]
+    number: u32,
     stamp: Stamp,
     samples: Ring,
     messages: Ring,
@@ -94,6 +104,13 @@ pub(crate) struct Inlet {
     pub(crate) counts: Arc<Counts>,
 }
 
+/// What the calling thread is called, which has this number.
+pub(crate) fn thread_name(number: u32) -> String {
+    let thread = std::thread::current();
+    let name = thread.name().map(str::to_owned);
+    name.unwrap_or_else(|| format!("thread {number}"))
+}
+
 thread_local! {
     /// The lane that this thread used last: null, or one of those that it owns.
     static LANE: Cell<*const Lane> = const { Cell::new(ptr::null()) };
@@ -126,28 +143,33 @@ impl Lane {
 
     fn make(hub: &Arc<Hub>) -> Option<Box<Lane>> {
         let mut made = None;
-        let is_heard = hub.add_lane(|number, Rooms { samples, messages }| {
-            let (samples, samples_out) = Self::ring(samples);
-            let (messages, messages_out) = Self::ring(messages);
-            let counts = Arc::new(Counts::default());
-            made = Some(Box::new(Lane {
-                hub: hub.clone(),
-                stamp: hub.stamp,
-                samples: Ring(UnsafeCell::new(samples)),
-                messages: Ring(UnsafeCell::new(messages)),
-                counts: counts.clone(),
-            }));
-            let name = std::thread::current()
-                .name()
-                .map_or_else(|| format!("thread {number}"), str::to_owned);
-            Inlet {
-                number,
-                name,
-                samples: samples_out,
-                messages: messages_out,
-                counts,
-            }
-        });
+        let is_heard = hub.add_lane(
+            |number,
+             Rooms {
+                 samples, messages, ..
+             }| {
+                let (samples, samples_out) = Self::ring(samples);
+                let (messages, messages_out) = Self::ring(messages);
+                let counts = Arc::new(Counts::default());
+                made = Some(Box::new(Lane {
+                    hub: hub.clone(),
+                    #[cfg(feature = "events")]
+                    number,
+                    stamp: hub.stamp,
+                    samples: Ring(UnsafeCell::new(samples)),
+                    messages: Ring(UnsafeCell::new(messages)),
+                    counts: counts.clone(),
+                }));
+                let name = thread_name(number);
+                Inlet {
+                    number,
+                    name,
+                    samples: samples_out,
+                    messages: messages_out,
+                    counts,
+                }
+            },
+        );
         made.filter(|_| is_heard)
     }
 
@@ -168,6 +190,12 @@ impl Lane {
 /// Makes the calling thread's rings for `hub`, if there are none. Not for the real-time path.
 pub(crate) fn prepare(hub: &Arc<Hub>) {
     with_lane(hub, |_| ());
+}
+
+/// The number of the calling thread's lane.
+#[cfg(feature = "events")]
+pub(crate) fn number(hub: &Arc<Hub>) -> Option<u32> {
+    with_lane(hub, |lane| lane.number)
 }
 
 /// Records a sample. Wait-free, O(elements).

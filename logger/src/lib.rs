@@ -50,6 +50,8 @@ pub use facade::install;
 pub use format::Level;
 pub use hub::{Entered, Hub, RegisterError, TimeBase};
 pub use message::message;
+#[cfg(feature = "events")]
+pub use recorder::EventsReport;
 pub use recorder::{
     FileSink, Logging, LoggingReport, MessagesReport, Recorder, SignalReport, Sink, StartError,
     WriterSink,

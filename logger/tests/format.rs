@@ -2,8 +2,8 @@
 
 use luna_logger::Level;
 use luna_logger::format::{
-    ClockBase, Event, Losing, ReadErrorKind, Reader, Record, SignalInfo, Subject, Type, Value,
-    Values, Writer,
+    ClockBase, Event, Losing, ReadErrorKind, Reader, Record, RunsOn, SignalInfo, Subject, Type,
+    Value, Values, Writer,
 };
 use proptest::prelude::*;
 
@@ -48,10 +48,14 @@ fn record(kind: u8, small: u32, large: u64, bytes: &[u8; 24]) -> Record<'_> {
             arguments: [large, 1],
         }),
         5 => Record::Name {
-            subject: Subject::Channel,
+            subject: Subject::Process,
             number: small,
             parent: 0,
             name,
+            runs_on: (small % 2 == 0).then_some(RunsOn {
+                executor: small,
+                level: small as u8,
+            }),
         },
         6 => Record::Losses {
             of: Losing::Events(small),

@@ -33,6 +33,7 @@ pub mod clock;
 #[cfg(not(loom))]
 pub mod crash;
 pub mod current;
+pub mod events;
 #[cfg(not(loom))]
 pub mod facts;
 #[cfg(all(unix, not(loom)))]

@@ -9,6 +9,7 @@ use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
 use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
 use luna_platform::clock::Clock;
+use luna_platform::events;
 use luna_platform::lock::PiLock;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
@@ -457,6 +458,7 @@ impl<F> Supervised<F> {
     /// Makes the body, on the thread that it is to run on.
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.enter_thread();
+        frame.common.log.enter_home();
         let alarm = Alarm(&frame.common.emergency);
         let body = make();
         std::mem::forget(alarm);
@@ -485,6 +487,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             Poll::Ready(ended) => {
                 // That it returned without an error is what nothing said means.
                 if !matches!(ended, Ok(Ok(()))) {
+                    events::note_failure();
                     frame
                         .verdict()
                         .say(ended.map_or_else(Ended::Failed, Ended::Returned));

@@ -110,7 +110,7 @@ pub enum Level {
 #[inline(always)]
 pub fn message(_: Level, _: &str, _: fmt::Arguments<'_>) {}
 
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct Log;
 
 /// Nothing can be asked for.
@@ -129,6 +129,11 @@ impl Log {
 
     #[inline(always)]
     pub(crate) fn enter_thread(&self) {}
+
+    #[inline(always)]
+    pub(crate) fn enter_home(&self) {}
+
+    pub(crate) fn tell_safety(&self, _: u32, _: u8) {}
 
     pub(crate) fn start(&self, _: Asked) -> Result<Session, SetupError> {
         Ok(Session)

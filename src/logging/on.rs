@@ -9,8 +9,15 @@ use crate::error::{Error, SetupError};
 use luna_logger::{Entered, Hub, Recorder, TimeBase};
 use std::sync::Arc;
 
+#[cfg(feature = "events")]
+pub use luna_logger::EventsReport;
+
 /// The variable of the environment that names a file to record to.
 const VARIABLE: &str = "LUNA_LOG";
+
+/// The variable that says for how many events there is room in each ring of such a recording.
+#[cfg(feature = "events")]
+const EVENTS: &str = "LUNA_LOG_EVENTS";
 
 impl From<RegisterError> for Error {
     fn from(error: RegisterError) -> Error {
@@ -22,7 +29,7 @@ impl From<RegisterError> for Error {
 pub(crate) type Asked = Option<Logging>;
 
 /// A system's logger.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(crate) struct Log(Arc<Hub>);
 
 impl Log {
@@ -51,15 +58,59 @@ impl Log {
         let by_variable = || {
             std::env::var_os(VARIABLE)
                 .filter(|path| !path.is_empty())
-                .map(Logging::to_file)
+                .map(|path| with_events(Logging::to_file(path)))
         };
-        asked
+        let session = asked
             .or_else(by_variable)
             .map(|recording| Recorder::start(&self.0, recording))
             .transpose()
             .map(Session)
-            .map_err(SetupError::Logging)
+            .map_err(SetupError::Logging)?;
+        #[cfg(feature = "events")]
+        if self.0.records_events() {
+            // Those that are made from now on are named as they are made.
+            for place in luna_channels::inspect::places() {
+                if let Some(kind) = place.kind.in_events() {
+                    self.0.name(kind, place.id as u32, place.name_in_events());
+                }
+            }
+        }
+        Ok(session)
     }
+
+    /// A process is about to run on the calling thread, or on the executor that it is now.
+    #[inline]
+    pub(crate) fn enter_home(&self) {
+        #[cfg(feature = "events")]
+        self.0.enter_home();
+    }
+
+    /// The safety state has changed, by a process or by nobody (0).
+    pub(crate) fn tell_safety(&self, process: u32, degree: u8) {
+        #[cfg(feature = "events")]
+        self.0.tell(
+            luna_platform::events::code::EMERGENCY,
+            process,
+            [degree.into(), 0],
+        );
+        #[cfg(not(feature = "events"))]
+        let _ = (process, degree);
+    }
+}
+
+/// With events, if who started the program asks for them.
+#[cfg(feature = "events")]
+fn with_events(recording: Logging) -> Logging {
+    let room = std::env::var(EVENTS).ok();
+    match room.and_then(|room| room.parse().ok()) {
+        Some(room) => recording.room_for_events(room),
+        None => recording,
+    }
+}
+
+#[cfg(not(feature = "events"))]
+fn with_events(recording: Logging) -> Logging {
+    recording
 }
 
 /// A recording that is under way, if there is one.

@@ -1,6 +1,7 @@
 //! How safe the machine is, as far as anybody has said: normal, warned of, in a safe state, in an emergency. Latched: it only gets worse, until somebody resets it.
 
 use crate::error::Error;
+use crate::logging::Log;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
@@ -170,6 +171,8 @@ pub(crate) struct Journal {
     /// The first events. Each place is written once, under the lock, and then read without it.
     kept: Box<[OnceLock<SafetyEvent>]>,
     book: PiLock<Book>,
+    /// Who records that it changes.
+    log: OnceLock<Log>,
 }
 
 #[derive(Debug)]
@@ -203,6 +206,19 @@ impl Journal {
                 latched: [None; 3],
                 apart: Apart::default(),
             }),
+            log: OnceLock::new(),
+        }
+    }
+
+    /// From now on this records that it changes.
+    pub(crate) fn record(&self, log: Log) {
+        // A system is started once.
+        let _ = self.log.set(log);
+    }
+
+    fn tell(&self, degree: Degree, process: Option<ProcessId>) {
+        if let Some(log) = self.log.get() {
+            log.tell_safety(process.map_or(0, ProcessId::get), degree as u8);
         }
     }
 
@@ -226,6 +242,8 @@ impl Journal {
             who: None,
             at,
         };
+        let mut changes = false;
+        let by = event.process;
         // Behind the event: what is not kept is the user's, and dropped without the lock.
         let mut book = self.book.lock();
         if matches!(event.cause, Cause::Signal(_))
@@ -241,6 +259,7 @@ impl Journal {
                 return;
             }
             self.worsen(degree);
+            changes = true;
         }
         let latches = (degree as usize)
             .checked_sub(1)
@@ -256,6 +275,9 @@ impl Journal {
             event = event.and_then(|event| book.apart[slot].set(event).err());
         }
         drop(book);
+        if changes {
+            self.tell(degree, by);
+        }
         drop(event);
     }
 
@@ -300,9 +322,11 @@ impl Journal {
         }
         book.latched = [None; 3];
         let before = std::mem::replace(&mut book.apart, new_places);
+        let by = event.process;
         let mut event = Some(event);
         self.keep(&mut book, &mut event);
         drop(book);
+        self.tell(Degree::Normal, by);
         drop((before, event));
         Ok(())
     }

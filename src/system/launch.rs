@@ -130,6 +130,7 @@ fn launch_described(
     })?;
 
     let emergency = plan.emergency().clone();
+    emergency.record(log.clone());
     if let Some(simulation) = &handle {
         emergency.simulate(simulation.clone());
     }

@@ -4,6 +4,10 @@ use super::accounting::{Accounting, UsageSince, short};
 use luna_executors::Interference;
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::current::{ProcessId, User};
+use luna_platform::events::{
+    self,
+    code::{self, late},
+};
 use std::fmt;
 use std::time::Duration;
 
@@ -132,6 +136,8 @@ pub(crate) struct LateCycles {
     /// When the loop asked for the cycle that is to begin, and how long the one before ran.
     asked: Instant,
     previous_run: Option<u64>,
+    /// Whether the kernel had taken the core away, as far as the last late cycle could tell.
+    had_switch: bool,
 }
 
 /// What the report knows and the path did not.
@@ -170,13 +176,34 @@ impl LateCycles {
 
     /// A cycle begins that was to at `slot`. O(1); three system calls if it is late, or each is accounted for.
     #[inline]
-    pub(crate) fn cycle_begins(&mut self, number: u64, slot: Instant, now: Instant) {
+    pub(crate) fn cycle_begins(&mut self, number: u64, slot: Instant, now: Instant) -> bool {
         luna_executors::look_at_clock(now);
-        if now.nanos_since(slot) > self.threshold {
+        let is_late = now.nanos_since(slot) > self.threshold;
+        if is_late {
             self.note(number, slot, now);
         } else if self.accounted {
             self.accounting.begin(now);
         }
+        is_late
+    }
+
+    /// Tells that the cycle which has just begun is late, with what is known of the cause by now.
+    #[cold]
+    pub(crate) fn tell(&self, number: u32, slot: Instant, began: Instant) {
+        let waited_from = slot.max(self.asked);
+        let other = luna_executors::interference(waited_from, began, |turn| {
+            luna_platform::current::user() != User::Process(turn.process)
+        });
+        let cause = if self.asked > slot {
+            late::LOOP_ITSELF
+        } else if other.is_some() {
+            late::OTHER_PROCESS
+        } else if self.had_switch {
+            late::OTHER_THREAD
+        } else {
+            late::UNKNOWN
+        };
+        events::tell(code::LATE, number, || [began.nanos_since(slot), cause]);
     }
 
     #[cold]
@@ -184,6 +211,7 @@ impl LateCycles {
         self.count += 1;
         // Also of one that is not kept: the next is to be counted from here.
         let usage = self.accounting.turn(began);
+        self.had_switch = usage.is_some_and(|usage| usage.counted.involuntary_switches > 0);
         let lateness = began.nanos_since(slot);
         let of = |note: &Option<Note>| note.as_ref().map_or(0, Note::lateness);
         // The least of those that are kept makes room: an empty place first.

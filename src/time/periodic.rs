@@ -11,6 +11,7 @@ use crate::record;
 use crate::safety::Ledger;
 use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::sync::Arc;
@@ -471,7 +472,13 @@ impl Periodic {
         let number = self.number;
         let statistics = self.statistics();
         statistics.kept += 1;
-        statistics.late.cycle_begins(number, target, now);
+        events::tell(events::code::SLOT, statistics.number, || {
+            [number, now.nanos_since(target)]
+        });
+        let is_late = statistics.late.cycle_begins(number, target, now);
+        if is_late && events::is_on() {
+            statistics.late.tell(statistics.number, target, now);
+        }
         statistics.missed += skipped;
         statistics.wake_latency.record(now.nanos_since(target));
         if let Some(previous) = previous {

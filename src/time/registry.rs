@@ -6,6 +6,7 @@ use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
 use luna_executors::Living;
 use luna_platform::clock::{Clock, Instant};
+use luna_platform::events;
 use luna_platform::lock::PiLock;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -211,7 +212,9 @@ impl Scope {
         };
         loops.names.push(short);
         statistics.name = short;
+        statistics.number = loops.names.len() as u32;
         drop(loops);
+        events::name_loop(statistics.number, name);
         statistics.period = period;
         if self.grows {
             // Nobody reports it.

@@ -9,6 +9,8 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(crate) struct Statistics {
     pub(crate) name: LoopName,
+    /// Its number among the system's loops, from 1.
+    pub(crate) number: u32,
     pub(crate) period: Duration,
     pub(crate) slots_elapsed: u64,
     pub(crate) kept: u64,
@@ -25,6 +27,7 @@ impl Statistics {
     pub(crate) fn new() -> Box<Self> {
         Box::new(Self {
             name: LoopName::default(),
+            number: 0,
             period: Duration::ZERO,
             slots_elapsed: 0,
             kept: 0,

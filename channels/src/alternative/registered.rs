@@ -24,6 +24,7 @@ use crate::selection::Selection;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, PlainReady, Wakeup};
+use luna_platform::events;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use luna_platform::tape::{Event, Turn, What};
 use std::fmt;
@@ -735,7 +736,13 @@ impl<T> Future for AlternativeRecv<'_, '_, T> {
     type Output = (usize, Result<T, RecvError>);
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        self.alternative.poll_recv(cx)
+        let polled = self.alternative.poll_recv(cx);
+        if events::is_on()
+            && let Poll::Ready((index, _)) = &polled
+        {
+            self.alternative.tell(*index);
+        }
+        polled
     }
 }
 
@@ -748,6 +755,20 @@ impl<T> Drop for AlternativeRecv<'_, '_, T> {
 }
 
 impl<T> Alternative<'_, T> {
+    /// Tells that the current process has received from this channel.
+    #[cold]
+    fn tell(&self, index: usize) {
+        let channel = self.entries[index].map_or(0, |entry| {
+            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+            let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+            channel.place().identity.number()
+        });
+        let process = events::current_process() as u32;
+        events::tell(events::code::ALTERNATIVE, process, || {
+            [index as u64, channel.into()]
+        });
+    }
+
     /// A receive is dropped which is not over, or which gave way.
     #[inline(never)]
     fn end_recv(&mut self) {

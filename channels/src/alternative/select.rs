@@ -6,6 +6,7 @@ use super::stop::Stop;
 use crate::selection::Selection;
 use crate::taped;
 use luna_platform::current::{self, Process, Wakeup};
+use luna_platform::events;
 use luna_platform::tape::{Event, Turn, What};
 use std::fmt;
 use std::future::Future;
@@ -142,6 +143,7 @@ impl<S: Seeds> Select<S> {
                 return None;
             }
             this.state = State::Over;
+            tell(guards.as_mut(), number);
             // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
             return Some(Poll::Ready(unsafe { guards.output(number) }));
         }
@@ -178,6 +180,7 @@ impl<S: Seeds> Select<S> {
                 return Some(Poll::Pending);
             }
             this.state = State::Over;
+            tell(guards.as_mut(), number);
             Some(Poll::Ready(guards.output(number)))
         }
     }
@@ -214,10 +217,33 @@ impl<S: Seeds> Select<S> {
         };
         polled.map(|number| {
             this.state = State::Over;
+            tell(guards.as_mut(), number);
             // SAFETY: the guard was chosen and is over, and the alternative is not polled again.
             unsafe { guards.output(number) }
         })
     }
+}
+
+/// Tells that the current process goes on with guard `number`.
+#[inline(always)]
+fn tell<G: Guards>(guards: Pin<&mut G>, number: u32) {
+    if events::is_on() {
+        tell_choice(guards, number);
+    }
+}
+
+#[cold]
+fn tell_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
+    let mut collected = Collected::default();
+    guards.collect(false, 0, &mut collected);
+    let chosen = collected.0.iter().find(|(other, _)| *other == number);
+    let place = chosen.and_then(|(_, guard)| guard.place());
+    // SAFETY: a place outlives its guards.
+    let place = place.map_or(0, |place| unsafe { place.as_ref() }.identity.number());
+    let process = events::current_process() as u32;
+    events::tell(events::code::ALTERNATIVE, process, || {
+        [number.into(), place.into()]
+    });
 }
 
 /// One poll of an alternative, whatever the types of its guards.

@@ -296,6 +296,7 @@ impl Future for LocalSync<'_> {
             this.group.poll_global(cx);
         }
         if !this.is_through() {
+            this.group.barrier.shared().place.waits();
             return Poll::Pending;
         }
         // It may be on its way to being readied.

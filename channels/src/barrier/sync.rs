@@ -101,6 +101,7 @@ impl<'a> SyncOp<'a> {
             // Dropping a waker can run anything, so not under the lock.
             drop(former);
             if number == (*node).ticket {
+                self.shared().place.waits();
                 Poll::Pending
             } else {
                 Poll::Ready(())
@@ -198,6 +199,7 @@ impl Future for SyncOp<'_> {
                     .senders
                     .insert(this.node().cast(), current::priority(), wakeup);
                 this.phase = Phase::Listed;
+                shared.place.waits();
                 return Poll::Pending;
             }
         }

@@ -6,7 +6,7 @@
 use super::at_home::{give_to_first, take_from_first};
 use super::{AtHome, Channel};
 use crate::alternative::{Entry, Look};
-use crate::place::{LastUser, Lists};
+use crate::place::{LastUser, Lists, user_number};
 use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
@@ -43,6 +43,8 @@ impl<T> Channel<T> {
             // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
+                self.place
+                    .tell(|| [process.id().get().into(), user_number(node)]);
                 Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                 Waiter::settle_plain(receiver);
                 drop(lists);
@@ -82,6 +84,8 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.sender = LastUser::process(process.id());
+                    self.place
+                        .tell(|| [process.id().get().into(), user_number(first)]);
                     lists.receivers.remove_first(first);
                     Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                     Waiter::settle_plain(receiver);
@@ -130,6 +134,8 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.receiver = LastUser::process(process.id());
+                    self.place
+                        .tell(|| [user_number(first), process.id().get().into()]);
                     lists.senders.remove_first(first);
                     Waiter::put_value_of(node, Waiter::take_value_of(sender));
                     Waiter::settle_plain(sender);
@@ -227,7 +233,7 @@ impl<T> Channel<T> {
                 return None;
             }
             let first = lists.senders.first()?;
-            let taken = take_from_first(&mut lists, first, process)?;
+            let taken = take_from_first(&self.place, &mut lists, first, process)?;
             note(lists.senders.is_empty());
             Some(taken)
         }
@@ -248,7 +254,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
-            let (value, ready) = take_from_first(&mut lists, first, process)?;
+            let (value, ready) = take_from_first(&self.place, &mut lists, first, process)?;
             Waiter::put_value_of(node, value);
             Some(ready)
         }
@@ -269,7 +275,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.receivers.first()?;
-            give_to_first(&mut lists, first, node, process)
+            give_to_first(&self.place, &mut lists, first, node, process)
         }
     }
 

@@ -8,7 +8,7 @@
 //! that a lock favours comes here, and a lock favours no second one.
 
 use super::Channel;
-use crate::place::{LastUser, Lists};
+use crate::place::{LastUser, Lists, Place, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
 use luna_platform::current::{self, PlainReady, Process};
@@ -48,6 +48,7 @@ impl AtHome {
 /// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
 #[inline(always)]
 pub(super) unsafe fn give_to_first<T>(
+    place: &Place,
     lists: &mut Lists,
     first: NonNull<WaitNode>,
     offered: NonNull<Waiter<T>>,
@@ -57,6 +58,7 @@ pub(super) unsafe fn give_to_first<T>(
     unsafe {
         let receiver = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(receiver)?;
+        place.tell(|| [process.id().get().into(), user_number(first)]);
         lists.sender = LastUser::process(process.id());
         lists.receivers.remove_first(first);
         Waiter::put_value_of(receiver, Waiter::take_value_of(offered));
@@ -72,6 +74,7 @@ pub(super) unsafe fn give_to_first<T>(
 /// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
 #[inline(always)]
 pub(super) unsafe fn take_from_first<T>(
+    place: &Place,
     lists: &mut Lists,
     first: NonNull<WaitNode>,
     process: &Process,
@@ -80,6 +83,7 @@ pub(super) unsafe fn take_from_first<T>(
     unsafe {
         let sender = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(sender)?;
+        place.tell(|| [user_number(first), process.id().get().into()]);
         lists.receiver = LastUser::process(process.id());
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);
@@ -122,6 +126,7 @@ impl<T> Channel<T> {
                 let capacity = self.capacity();
                 if capacity != 0 && self.store.with(|store| (*store).len() < capacity) {
                     lists.sender = LastUser::process(process.id());
+                    self.place.tell(|| [process.id().get().into(), 0]);
                     let value = offered.as_ref().waiter.take_value();
                     self.store.with_mut(|store| (*store).push_back(value));
                     drop(lists);
@@ -136,7 +141,9 @@ impl<T> Channel<T> {
                 lists.senders.insert_alone(node.cast());
                 return AtHome::Waits;
             };
-            let Some(ready) = give_to_first::<T>(&mut lists, first, offered.cast(), process) else {
+            let Some(ready) =
+                give_to_first::<T>(&self.place, &mut lists, first, offered.cast(), process)
+            else {
                 return match lists.is_rendezvous {
                     true => self.send_to_guard(lists, offered, process),
                     false => AtHome::No,
@@ -180,7 +187,8 @@ impl<T> Channel<T> {
                 lists.receivers.insert_alone(node.cast());
                 return AtHome::Waits;
             };
-            let Some((value, ready)) = take_from_first(&mut lists, first, process) else {
+            let Some((value, ready)) = take_from_first(&self.place, &mut lists, first, process)
+            else {
                 return match lists.is_rendezvous {
                     true => self.recv_from_guard(lists, node, process),
                     false => AtHome::No,
@@ -224,11 +232,13 @@ impl<T> Channel<T> {
                 return AtHome::No;
             };
             Waiter::put_value_of(node, value);
+            self.place.tell(|| [0, process.id().get().into()]);
             let Some((first, ready)) = moves_up else {
                 drop(lists);
                 return AtHome::done(process);
             };
             let sender = first.cast::<Waiter<T>>();
+            self.place.tell(|| [user_number(first), 0]);
             lists.senders.remove_first(first);
             let next = Waiter::take_value_of(sender);
             self.store.with_mut(|store| (*store).push_back(next));

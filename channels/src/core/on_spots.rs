@@ -1,11 +1,12 @@
 //! What two do who are awake at the same time, on different threads: see [`spots`](crate::spots).
 
 use super::{Channel, Locked, Section};
-use crate::place::LastUser;
+use crate::place::{LastUser, user_number};
 use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::spin;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -51,6 +52,8 @@ impl<T> Channel<T> {
                     && let Some(receiver) = lists.on_spots.get(Side::Receiver)
                 {
                     lists.sender = LastUser::of(current::user());
+                    let place = &self.place;
+                    place.tell(|| [events::current_process(), user_number(receiver)]);
                     let value = Waiter::take_value_of(node);
                     if has_room::<T>() {
                         spots.put(Side::Receiver, value);
@@ -97,6 +100,8 @@ impl<T> Channel<T> {
                     && let Some(sender) = lists.on_spots.get(Side::Sender)
                 {
                     lists.receiver = LastUser::of(current::user());
+                    let place = &self.place;
+                    place.tell(|| [user_number(sender), events::current_process()]);
                     let value = match has_room::<T>() {
                         true => spots.take(Side::Sender),
                         false => Waiter::take_value_of(sender.cast()),

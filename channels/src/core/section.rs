@@ -4,11 +4,12 @@ use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::buffer::WhenFull;
 use crate::call::lend_to_receiver;
-use crate::place::{LastUser, Lists};
+use crate::place::{LastUser, Lists, user_number};
 use crate::source::{Offered, Source};
 use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::current::{self, Heir, Priority, Ready, Wakeup};
+use luna_platform::events;
 use luna_platform::home_lock::HomeGuard;
 use luna_platform::sync::atomic::Ordering;
 use luna_platform::wait_list::{WaitList, WaitNode};
@@ -163,7 +164,11 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
 
     /// Takes a sender's value that waits, and its node out of the list: settled, or held for rendezvous `ticket`.
     #[inline]
-    fn take_waiting_sender<const TAPED: bool>(&mut self, extended: bool) -> Option<Received<T>> {
+    fn take_waiting_sender<const TAPED: bool>(
+        &mut self,
+        extended: bool,
+        into_store: bool,
+    ) -> Option<Received<T>> {
         // SAFETY: the nodes in the list are senders' waiters, which hold or make their value once.
         unsafe {
             let sender = claim_first::<T>(&mut self.lists.senders, |_| true)?;
@@ -173,6 +178,13 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             if TAPED {
                 Waiter::put_order(sender, self.lists.stamp(Stamped::Meeting));
             }
+            self.channel.place.tell(|| {
+                let receiver = match into_store {
+                    true => 0,
+                    false => events::current_process(),
+                };
+                [user_number(sender.cast()), receiver]
+            });
             if !extended {
                 let ready = Waiter::settle(sender, Outcome::Done);
                 return Some(Received::Done(value, ready, Holding::NOBODY));
@@ -187,6 +199,18 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             };
             Some(Received::Done(value, Ready::NOBODY, holding))
         }
+    }
+
+    /// Tells that the current process gives its value to this receiver.
+    ///
+    /// # Safety
+    ///
+    /// It was claimed, and is not settled.
+    #[inline(always)]
+    unsafe fn tell_sent(&self, receiver: NonNull<Waiter<T>>) {
+        let place = &self.channel.place;
+        // SAFETY: the contract, and the lock is held.
+        place.tell(|| unsafe { [events::current_process(), user_number(receiver.cast())] });
     }
 
     fn next_ticket(&mut self) -> u32 {
@@ -293,6 +317,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 match Offered::take(offered) {
                     Some(value) => {
                         receiver.as_ref().put_value(value);
+                        self.tell_sent(receiver);
                         if TAPED {
                             Waiter::put_order(receiver, self.lists.stamp(Stamped::Meeting));
                         }
@@ -322,6 +347,8 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 self.lists.note_stored(stamp, stored);
             }
         }
+        let place = &self.channel.place;
+        place.tell(|| [events::current_process(), 0]);
         let overwritten = self.with_store(|store| {
             let overwritten = match buffer.when_full {
                 WhenFull::DropOldest if is_full => store.pop_front(),
@@ -357,6 +384,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                 return Sent::Broken(Waiter::settle(receiver, Outcome::Poisoned));
             };
             receiver.as_ref().put_value(value);
+            self.tell_sent(receiver);
             // Extended rendezvous are seldom enough for this.
             let stamp = self.lists.stamp(Stamped::Meeting);
             Waiter::put_order(receiver, stamp);
@@ -420,9 +448,11 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                     self.lists.note_taken(stored + 1, stamp);
                 }
             }
+            let place = &self.channel.place;
+            place.tell(|| [0, events::current_process()]);
             // A sender that waited for room moves up.
             let moved_up = if has_room {
-                self.take_waiting_sender::<TAPED>(false)
+                self.take_waiting_sender::<TAPED>(false, true)
             } else {
                 None
             };
@@ -437,7 +467,7 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             };
             return Received::Done(value, ready, Holding::NOBODY);
         }
-        match self.take_waiting_sender::<TAPED>(extended) {
+        match self.take_waiting_sender::<TAPED>(extended, false) {
             Some(received) => received,
             // Only there is it asked whether it has ended.
             None if TAPED && self.lists.ending == Ending::Closed => Received::Ended(Ending::Closed),

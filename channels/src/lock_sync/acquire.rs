@@ -95,6 +95,7 @@ impl<'a> AcquireOp<'a> {
             lists.senders.insert(self.node().cast(), priority, wakeup);
         }
         self.phase = Phase::Listed;
+        shared.place.waits();
         Poll::Pending
     }
 
@@ -115,6 +116,7 @@ impl<'a> AcquireOp<'a> {
         drop(lists);
         // Dropping a waker can run anything, so not under the lock.
         drop(former);
+        self.semaphore.shared().place.waits();
         Poll::Pending
     }
 

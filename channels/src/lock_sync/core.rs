@@ -198,6 +198,7 @@ impl Core {
         };
         drop(lists);
         chain::follow(changed);
+        self.place.waits();
         Poll::Pending
     }
 
@@ -219,6 +220,7 @@ impl Core {
             let former = Entry::set_wakeup(entry, cx);
             drop(lists);
             drop(former);
+            self.place.waits();
             Poll::Pending
         }
     }

@@ -114,6 +114,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             drop(lists);
             drop(former);
         }
+        self.condition.shared().place.waits();
         Poll::Pending
     }
 
@@ -215,6 +216,7 @@ impl<'a, T> WaitOp<'_, 'a, T> {
             }
             Phase::New(guard) => {
                 self.begin(guard, cx);
+                self.condition.shared().place.waits();
                 Poll::Pending
             }
             Phase::Listed => {

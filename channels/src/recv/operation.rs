@@ -196,11 +196,18 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 // SAFETY: the node was listed.
                 outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
                 if outcome == Outcome::Waiting {
-                    return Poll::Pending;
+                    return self.waits();
                 }
             }
         }
         Poll::Ready(self.settled(outcome))
+    }
+
+    /// It waits at its channel.
+    #[inline(always)]
+    fn waits<R>(&self) -> Poll<R> {
+        self.receiver.channel().place().waits();
+        Poll::Pending
     }
 
     /// Whether it has not done anything yet.
@@ -336,7 +343,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                         channel.look_from_spot(this.node(), Side::Receiver, cx)
                     };
                     return match outcome {
-                        Outcome::Waiting => Poll::Pending,
+                        Outcome::Waiting => this.waits(),
                         outcome => Poll::Ready(this.settled(outcome)),
                     };
                 }
@@ -377,11 +384,11 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 this.phase = Phase::Listed;
                 drop(section);
                 if !looks {
-                    return Poll::Pending;
+                    return this.waits();
                 }
                 // SAFETY: the node was listed.
                 match unsafe { this.receiver.channel().look_for_partner(this.node(), cx) } {
-                    Outcome::Waiting => Poll::Pending,
+                    Outcome::Waiting => this.waits(),
                     outcome => Poll::Ready(this.settled(outcome)),
                 }
             }
@@ -418,7 +425,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return Poll::Pending;
+                    return this.waits();
                 }
                 AtHome::Done => {
                     this.phase = Phase::Settled(Outcome::Done);

@@ -207,7 +207,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 // SAFETY: the node was listed.
                 outcome = unsafe { self.sender.channel().update_wakeup(self.node(), cx) };
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                    return Poll::Pending;
+                    return self.waits();
                 }
             }
         }
@@ -234,11 +234,18 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         cx: &Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
         match outcome {
-            Outcome::Waiting => Poll::Pending,
+            Outcome::Waiting => self.waits(),
             // Its receiver has the value, and is not done with it: that may take long.
             Outcome::Held => self.poll_listed(cx),
             outcome => Poll::Ready(self.settled(outcome)),
         }
+    }
+
+    /// It waits at its channel.
+    #[inline(always)]
+    fn waits<R>(&self) -> Poll<R> {
+        self.sender.channel().place().waits();
+        Poll::Pending
     }
 
     /// Whether it has not done anything yet.
@@ -380,7 +387,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 this.phase = Phase::Listed;
                 section.release();
                 if !looks {
-                    return Poll::Pending;
+                    return this.waits();
                 }
                 // SAFETY: the node was listed.
                 let outcome = unsafe { this.sender.channel().look_for_partner(this.node(), cx) };
@@ -390,7 +397,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 this.phase = Phase::Listed;
                 section.release();
                 ready.wake();
-                Poll::Pending
+                this.waits()
             }
             Sent::Ended(ending) => {
                 section.release();
@@ -424,7 +431,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return Poll::Pending;
+                    return this.waits();
                 }
                 AtHome::Done => {
                     this.phase = Phase::Over;

@@ -6,6 +6,7 @@ use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
 use luna_platform::clock::Instant;
 use luna_platform::current::{Activity, Process, ProcessId};
+use luna_platform::events;
 use luna_platform::home_lock::HomeLock;
 use luna_platform::path;
 use luna_platform::tape::Taper;
@@ -43,6 +44,8 @@ impl Notice {
     pub(crate) const CANCELLED: u8 = 1;
     pub(crate) const TIMED: u8 = 2;
     pub(crate) const ENDED: u8 = 4;
+    /// Its turns are told: see [`events`].
+    pub(crate) const RECORDED: u8 = 8;
 }
 
 /// What the record sees of the process itself, in one word: nothing yet, where it lies, or how often it was polled before it went.
@@ -161,6 +164,9 @@ impl Record {
             panic: None,
         };
         path::name_process(spec.id, &spec.name);
+        events::tell(events::code::SPAWNED, spec.id.get(), || {
+            [events::current_process(), 0]
+        });
         let is_timed = spec.timed || spec.overseer.is_some();
         let timing = (is_timed || spec.taper.is_some()).then(|| {
             Box::new(Timing {
@@ -195,6 +201,10 @@ impl Record {
         self.id
     }
 
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
     pub(crate) fn level(&self) -> u8 {
         self.level
     }
@@ -212,7 +222,8 @@ impl Record {
         } else {
             0
         };
-        timed | if cancelled { Notice::CANCELLED } else { 0 }
+        let recorded = if events::is_on() { Notice::RECORDED } else { 0 };
+        timed | recorded | if cancelled { Notice::CANCELLED } else { 0 }
     }
 
     /// Whether the body has ended.
@@ -404,6 +415,14 @@ impl Record {
             drop(shown);
             return;
         }
+        events::done(
+            self.id.get(),
+            match exit {
+                RawExit::Completed => events::code::ended::OK,
+                RawExit::Cancelled => events::code::ended::CANCELLED,
+                RawExit::Panicked(_) => events::code::ended::PANICKED,
+            },
+        );
         let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,

@@ -5,6 +5,7 @@ use crate::process::Enrolled;
 use crate::task::{self, Tasks};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Guest};
+use luna_platform::events;
 use luna_platform::timer_queue::TimerQueue;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -18,6 +19,11 @@ pub(super) struct Member {
     timers: Arc<TimerQueue>,
     guest: Guest,
     tasks: Tasks,
+    events: events::Kept,
+    /// Whether it was named to who records it.
+    is_named: bool,
+    /// Whether nobody could run when its last turns ended.
+    rests: bool,
     /// How many turns it has left until all have had theirs.
     left: u64,
     /// It takes nobody in any more, and its processes are cancelled.
@@ -46,6 +52,9 @@ impl Member {
             _end: End(shared.clone()),
             shared,
             tasks: Tasks::new(),
+            events: events::Kept::default(),
+            is_named: false,
+            rests: false,
             left: TURNS,
             is_closed: false,
             _enrolled: enrolled,
@@ -86,9 +95,11 @@ impl Member {
     fn enter(&mut self) {
         self.guest.enter();
         self.tasks.exchange();
+        self.events.exchange();
     }
 
     fn leave(&mut self) {
+        self.events.exchange();
         self.tasks.exchange();
         self.guest.leave();
     }
@@ -105,6 +116,9 @@ impl Member {
         self.enter();
         let (mut taken, most) = (0, most.min(self.left));
         let runs = released && self.is_running();
+        if std::mem::take(&mut self.rests) {
+            events::tell_executor(events::code::AWAKE);
+        }
         let lived = catch_unwind(AssertUnwindSafe(|| {
             turns(|| {
                 loop {
@@ -133,8 +147,23 @@ impl Member {
         if lived.is_err() {
             self.give_up();
         }
+        if events::is_on() {
+            self.tell();
+        }
         self.leave();
         (taken, lived.is_ok())
+    }
+
+    /// Tells who records it its name, and whether it rests now.
+    #[cold]
+    fn tell(&mut self) {
+        if !std::mem::replace(&mut self.is_named, true) {
+            events::name_executor(|| self.shared.name().to_owned());
+        }
+        self.rests = current::ready_levels() == 0;
+        if self.rests {
+            events::tell_executor(events::code::ASLEEP);
+        }
     }
 
     /// Takes in what came from elsewhere: new processes, and wakes that are not less urgent than who is ready here.

@@ -23,6 +23,7 @@ use crate::interference;
 use crate::process::{Body, Notice, Of, Record};
 use crate::seats::{Seat, Seats};
 use luna_platform::current::{self, Methods, Place, Process};
+use luna_platform::events;
 use luna_platform::reclaim::Retired;
 use std::any::Any;
 use std::cell::{Cell, RefCell, UnsafeCell};
@@ -168,6 +169,8 @@ where
         this.record.set_process(NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
         TASKS.set(TASKS.get() + 1);
+        let (id, name) = (this.record.id(), || this.record.name().to_owned());
+        events::name_process(id.get(), level, name);
         this.process.ready_at(level, Place::Last);
     }
 }
@@ -249,6 +252,7 @@ where
 unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
     // SAFETY: the contract keeps the task, and with it its executor's part that others see, even if both end meanwhile.
     let this = unsafe { owner.cast::<Task>().as_ref() };
+    events::ready(|| this.record.id().get());
     this.shared.inbound().wake(&this.seat, level);
 }
 
@@ -280,7 +284,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
     }
 }
 
-/// Polls a process that was cancelled, or has an overseer, or has ended.
+/// Polls a process that was cancelled, or has an overseer, or has ended, or whose turns are told.
 ///
 /// # Safety
 ///
@@ -296,11 +300,19 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         if !this.record.is_cancelled() {
             this.process.count_poll();
         }
-        let poll = this.methods.poll_attentively;
+        let id = this.process.id();
+        events::begin_turn(id.get());
+        let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
+        let poll = match is_plain {
+            true => this.poll,
+            false => this.methods.poll_attentively,
+        };
         let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task, cx));
-        interference::polled(this.process.id());
+        interference::polled(id);
         if has_ended {
             end(task, is_queued);
+        } else {
+            events::end_turn(id.get(), is_queued);
         }
     }
 }

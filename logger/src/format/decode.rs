@@ -1,6 +1,6 @@
 //! Records out of a block.
 
-use super::record::{Event, Record, SignalInfo, Subject};
+use super::record::{Event, Record, RunsOn, SignalInfo, Subject};
 use super::types::{ClockBase, Level, Losing, Type, Values};
 use super::{MOST_ELEMENTS, MOST_SIGNALS, kind};
 
@@ -186,12 +186,23 @@ pub(super) fn record<'a>(
             subject: body.small()?,
             arguments: [body.number()?, body.number()?],
         }),
-        kind::NAME => Record::Name {
-            subject: Subject::from_byte(body.byte()?).ok_or("a name is of nothing known")?,
-            number: body.small()?,
-            parent: body.small()?,
-            name: body.text()?,
-        },
+        kind::NAME => {
+            let subject = Subject::from_byte(body.byte()?).ok_or("a name is of nothing known")?;
+            Record::Name {
+                subject,
+                number: body.small()?,
+                parent: body.small()?,
+                name: body.text()?,
+                // As the first version of the format had it, there is none.
+                runs_on: match subject != Subject::Process || body.rest.is_empty() {
+                    true => None,
+                    false => Some(RunsOn {
+                        executor: body.small()?,
+                        level: u8::try_from(body.small()?).map_err(|_| "a level is too high")?,
+                    }),
+                },
+            }
+        }
         kind::LOSSES => {
             let (what, number) = (body.byte()?, body.small()?);
             Record::Losses {

@@ -1,7 +1,7 @@
 //! Records into blocks.
 
 use super::checksum::crc32;
-use super::record::{Event, Record, SignalInfo};
+use super::record::{Event, Record, RunsOn, SignalInfo};
 use super::types::{Losing, Values};
 use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
 
@@ -177,11 +177,16 @@ impl Encoder {
                 number: of,
                 parent,
                 name,
+                runs_on,
             } => {
                 self.body.push(subject as u8);
                 self.number(of.into());
                 self.number(parent.into());
                 self.text(name);
+                if let Some(RunsOn { executor, level }) = runs_on {
+                    self.number(executor.into());
+                    self.number(level.into());
+                }
                 kind::NAME
             }
             Record::Losses { of, lost } => {

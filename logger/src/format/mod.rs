@@ -25,7 +25,7 @@ mod writer;
 pub use encoder::Encoder;
 pub use error::{ReadError, ReadErrorKind};
 pub use reader::Reader;
-pub use record::{Event, Record, SignalInfo, Subject};
+pub use record::{Event, Record, RunsOn, SignalInfo, Subject};
 pub use types::{ClockBase, Level, Losing, Type, Value, Values};
 pub use writer::Writer;
 

@@ -58,10 +58,12 @@ pub enum Record<'a> {
         subject: Subject,
         /// Its number.
         number: u32,
-        /// The number of what it belongs to (a sub-process to its process, a process to its executor's thread); 0 if nothing.
+        /// The number of what it belongs to (a sub-process to its process, a loop to its process); 0 if nothing.
         parent: u32,
         /// Its name.
         name: &'a str,
+        /// A process': where it runs, if that is known.
+        runs_on: Option<RunsOn>,
     },
     /// So many were lost, from the beginning of the recording until here.
     Losses {
@@ -82,6 +84,15 @@ pub enum Record<'a> {
         /// When it ended.
         time: u64,
     },
+}
+
+/// Where a process runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunsOn {
+    /// The number of its executor, which is that of a thread of the recording.
+    pub executor: u32,
+    /// Its priority level there.
+    pub level: u8,
 }
 
 /// What a signal is.

@@ -87,13 +87,26 @@ impl Drain {
             let lost = counts.lost_messages.load(Ordering::Relaxed);
             output.tell_losses(Losing::Messages(*thread), lost);
         }
+        #[cfg(feature = "events")]
+        output.tell_losses_of_events();
         output.tell_losses_of_signals();
         // Last: a block that was full and refused has cost messages too.
         output.tell_losses_of_messages(self.hub.lost_messages.load(Ordering::Relaxed));
     }
 
     fn take_news(&mut self) {
+        // Before the threads of rings that are taken: who has events has been announced as a thread.
+        #[cfg(feature = "events")]
+        let events = self.hub.take_events();
         self.output.take_signals(&mut self.news);
+        #[cfg(feature = "events")]
+        {
+            for inlet in events {
+                self.output.add_events(inlet.name, &inlet.events);
+                self.queues.push(Queue::of_events(inlet.events));
+            }
+            self.output.take_names();
+        }
         for inlet in self.news.drain(..) {
             let Inlet {
                 number,

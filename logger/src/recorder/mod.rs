@@ -9,12 +9,16 @@
 //! counter ticks into nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` where blocks go.
 
 mod drain;
+#[cfg(feature = "events")]
+mod events;
 mod output;
 mod queue;
 mod report;
 mod sink;
 mod timeline;
 
+#[cfg(feature = "events")]
+pub use report::EventsReport;
 pub use report::{LoggingReport, MessagesReport, SignalReport};
 pub use sink::{FileSink, Sink, WriterSink};
 
@@ -80,6 +84,8 @@ impl Logging {
             rooms: Rooms {
                 samples: 3 * 32_768,
                 messages: 8192,
+                #[cfg(feature = "events")]
+                events: 0,
             },
             period: Duration::from_millis(10),
             show: None,
@@ -96,6 +102,26 @@ impl Logging {
     /// Makes room for so many bytes of messages in each thread's other ring, at 32 a message beside its text; 64 KiB if not stated.
     pub fn room_for_messages(mut self, bytes: usize) -> Self {
         self.rooms.messages = bytes.div_ceil(8).min(MOST_ROOM);
+        self
+    }
+
+    /// Records CSP events too, with room for 65 536 in the ring of each executor and OS-thread process.
+    #[cfg(feature = "events")]
+    pub fn events(self) -> Self {
+        self.room_for_events(1 << 16)
+    }
+
+    /// Records CSP events too, with room for so many in the ring of each executor and OS-thread process, rounded up to a power of two; 0 is none. What they take is
+    /// allocated when the thread starts: 32 bytes each.
+    ///
+    /// ```
+    /// use luna_logger::Logging;
+    /// let recording = Logging::to_file("run.luna").room_for_events(10_000);
+    /// # drop(recording);
+    /// ```
+    #[cfg(feature = "events")]
+    pub fn room_for_events(mut self, events: usize) -> Self {
+        self.rooms.events = events.min(MOST_ROOM / 4);
         self
     }
 

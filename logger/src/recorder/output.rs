@@ -1,5 +1,9 @@
 //! Entries into blocks, blocks into the sink, and the count of what became of each.
 
+#[cfg(feature = "events")]
+use super::events::Events;
+#[cfg(feature = "events")]
+use super::report::EventsReport;
 use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::sink::Sink;
 use super::timeline::epoch;
@@ -35,6 +39,8 @@ pub(super) struct Output {
     told: Told,
     messages: MessagesReport,
     messages_in_block: MessagesReport,
+    #[cfg(feature = "events")]
+    events: Events,
     last_time: u64,
     bytes: u64,
     error: Option<String>,
@@ -60,6 +66,8 @@ struct Count {
 impl Output {
     pub(super) fn new(hub: Arc<Hub>, to: String, sink: Box<dyn Sink>, show: Option<Level>) -> Self {
         Self {
+            #[cfg(feature = "events")]
+            events: Events::new(hub.names()),
             hub,
             to,
             sink,
@@ -88,6 +96,43 @@ impl Output {
         self.threads.push((number, name));
     }
 
+    /// A ring of events, and its thread, if that is not known otherwise.
+    #[cfg(feature = "events")]
+    pub(super) fn add_events(
+        &mut self,
+        name: Option<String>,
+        events: &luna_platform::events::Reader,
+    ) {
+        if let Some(name) = name {
+            self.add_thread(events.number(), name);
+        }
+        self.events.add(events.number(), events.losses());
+    }
+
+    #[cfg(feature = "events")]
+    pub(super) fn take_names(&mut self) {
+        self.events.take_names();
+    }
+
+    #[cfg(feature = "events")]
+    fn event(&mut self, thread: u32, time: u64, entry: &[u64]) {
+        if self.declare() {
+            let encoder = &mut self.encoder;
+            self.events
+                .put(thread, time, entry, |record| encoder.put(record));
+        } else {
+            self.events.refuse(thread, entry);
+        }
+    }
+
+    #[cfg(feature = "events")]
+    pub(super) fn tell_losses_of_events(&mut self) {
+        let lost: Vec<_> = self.events.lost().collect();
+        for (thread, lost) in lost {
+            self.tell_losses(Losing::Events(thread), lost);
+        }
+    }
+
     /// Writes an entry of `thread`.
     pub(super) fn entry(&mut self, thread: u32, time: u64, entry: &[u64]) {
         self.last_time = self.last_time.max(time);
@@ -95,6 +140,8 @@ impl Output {
         match head.kind() {
             Head::SAMPLE => self.sample(head.signal(), time, &entry[2..]),
             Head::MESSAGE => self.message(thread, time, entry),
+            #[cfg(feature = "events")]
+            Head::EVENT => self.event(thread, time, entry),
             // Nothing else is written to a ring.
             _ => {}
         }
@@ -185,6 +232,11 @@ impl Output {
                 clock: self.hub.clock_base(),
                 written_by: concat!("luna-logger ", env!("CARGO_PKG_VERSION")),
             });
+        }
+        #[cfg(feature = "events")]
+        {
+            let encoder = &mut self.encoder;
+            self.events.codes(|record| encoder.put(record));
         }
         while let Some((number, name)) = self.threads.get(self.told.threads) {
             self.told.threads += 1;
@@ -295,6 +347,8 @@ impl Output {
             self.messages.recorded += messages.recorded;
             self.messages.truncated += messages.truncated;
         }
+        #[cfg(feature = "events")]
+        self.events.end_block(has_failed);
         !has_failed
     }
 
@@ -302,6 +356,8 @@ impl Output {
     pub(super) fn end(mut self, lost_messages: u64) -> LoggingReport {
         if self.declare() {
             self.tell_losses_of_signals();
+            #[cfg(feature = "events")]
+            self.tell_losses_of_events();
             self.encoder.put(&Record::End {
                 time: self.last_time,
             });
@@ -321,6 +377,11 @@ impl Output {
             bytes: self.bytes,
             signals,
             messages: self.messages,
+            #[cfg(feature = "events")]
+            events: EventsReport {
+                recorded: self.events.recorded(),
+                lost: self.events.lost().map(|(_, lost)| lost).sum(),
+            },
             error: self.error,
         }
     }

@@ -1,6 +1,8 @@
 //! The reading end of a ring.
 
 use crate::lane::Head;
+#[cfg(feature = "events")]
+use luna_platform::events;
 use rtrb::Consumer;
 
 /// How many words are taken from a ring at a time.
@@ -11,14 +13,29 @@ pub(super) struct Queue {
     pub(super) thread: u32,
     /// The time of the entry before: a thread's time does not go back.
     pub(super) last: u64,
-    ring: Consumer<u64>,
+    ring: Ring,
     batch: Vec<u64>,
     /// Where the first entry that was not taken begins in the batch.
     at: usize,
 }
 
+enum Ring {
+    Words(Consumer<u64>),
+    #[cfg(feature = "events")]
+    Events(events::Reader),
+}
+
 impl Queue {
     pub(super) fn new(thread: u32, ring: Consumer<u64>) -> Self {
+        Self::of(thread, Ring::Words(ring))
+    }
+
+    #[cfg(feature = "events")]
+    pub(super) fn of_events(events: events::Reader) -> Self {
+        Self::of(events.number(), Ring::Events(events))
+    }
+
+    fn of(thread: u32, ring: Ring) -> Self {
         Self {
             thread,
             last: 0,
@@ -51,20 +68,38 @@ impl Queue {
     fn refill(&mut self) {
         self.batch.drain(..self.at);
         self.at = 0;
-        let words = self.ring.slots().min(BATCH - self.batch.len());
-        // There are at least as many as it has just said.
-        if let Ok(chunk) = self.ring.read_chunk(words) {
-            let (first, second) = chunk.as_slices();
-            self.batch.extend_from_slice(first);
-            self.batch.extend_from_slice(second);
-            chunk.commit_all();
+        let room = BATCH - self.batch.len();
+        match &mut self.ring {
+            Ring::Words(ring) => {
+                let words = ring.slots().min(room);
+                // There are at least as many as it has just said.
+                if let Ok(chunk) = ring.read_chunk(words) {
+                    let (first, second) = chunk.as_slices();
+                    self.batch.extend_from_slice(first);
+                    self.batch.extend_from_slice(second);
+                    chunk.commit_all();
+                }
+            }
+            #[cfg(feature = "events")]
+            Ring::Events(events) => {
+                let before = self.batch.len();
+                events.take(&mut self.batch, room / 4);
+                let head = Head::new(Head::EVENT, 4, 0);
+                let heads = self.batch[before..].iter_mut().step_by(4);
+                heads.for_each(|word| *word |= head.0);
+            }
         }
     }
 
     /// Whether its thread has ended, and nothing is left.
     pub(super) fn is_over(&self) -> bool {
-        // In this order: what was written before the end is seen.
-        self.ring.is_abandoned() && self.ring.is_empty() && self.at == self.batch.len()
+        let is_over = match &self.ring {
+            // In this order: what was written before the end is seen.
+            Ring::Words(ring) => ring.is_abandoned() && ring.is_empty(),
+            #[cfg(feature = "events")]
+            Ring::Events(events) => events.is_over(),
+        };
+        is_over && self.at == self.batch.len()
     }
 }
 

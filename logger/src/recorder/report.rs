@@ -15,6 +15,9 @@ pub struct LoggingReport {
     pub signals: Vec<SignalReport>,
     /// The messages.
     pub messages: MessagesReport,
+    /// The events.
+    #[cfg(feature = "events")]
+    pub events: EventsReport,
     /// Why something could not be written, if so: the first reason.
     pub error: Option<String>,
 }
@@ -45,6 +48,17 @@ pub struct MessagesReport {
     pub truncated: u64,
 }
 
+/// What became of events.
+#[cfg(feature = "events")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct EventsReport {
+    /// How many are in the recording.
+    pub recorded: u64,
+    /// How many are not: there was no room in a ring, or where the recording goes.
+    pub lost: u64,
+}
+
 impl LoggingReport {
     /// Of a recorder whose thread has panicked.
     pub(super) fn broken(to: String) -> Self {
@@ -53,6 +67,8 @@ impl LoggingReport {
             bytes: 0,
             signals: Vec::new(),
             messages: MessagesReport::default(),
+            #[cfg(feature = "events")]
+            events: EventsReport::default(),
             error: Some("the recorder's thread panicked".to_owned()),
         }
     }
@@ -76,6 +92,11 @@ impl fmt::Display for LoggingReport {
         )?;
         if self.messages.lost > 0 {
             write!(f, ", lost {} messages", self.messages.lost)?;
+        }
+        #[cfg(feature = "events")]
+        if self.events != EventsReport::default() {
+            let EventsReport { recorded, lost } = self.events;
+            write!(f, ", {recorded} events, lost {lost}")?;
         }
         for signal in self.signals.iter().filter(|signal| signal.lost > 0) {
             let SignalReport {

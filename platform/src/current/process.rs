@@ -5,6 +5,7 @@ use super::inheritance::{Inheritance, LevelNow};
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;
+use crate::events;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
@@ -330,11 +331,19 @@ impl Process {
     ///
     /// The home's lock is held.
     pub(super) unsafe fn count_lent(&self, lent: Lent, more: bool) -> bool {
+        let before = events::is_on().then(|| self.level.get());
         // SAFETY: the contract.
-        unsafe {
+        let is_counted = unsafe {
             self.inheritance
                 .count(&self.level, self.own_level, lent, more)
+        };
+        if let Some(before) = before
+            && self.level.get() != before
+        {
+            let levels = || [before.into(), self.level.get().into()];
+            events::tell(events::code::PRIORITY, self.id.get(), levels);
         }
+        is_counted
     }
 
     /// Readies the process without its waker, that many levels below its own.
@@ -364,6 +373,7 @@ impl Process {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
         self.queued_level.set(level);
+        events::ready(|| self.id.get());
         // SAFETY: the contract.
         let link = unsafe { self.link() };
         // SAFETY: the contract; by the invariant it is in no queue.

@@ -93,6 +93,11 @@ impl Attributes {
         self
     }
 
+    /// The thread's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// The policy that was asked for.
     pub fn asked_policy(&self) -> Policy {
         self.policy

@@ -12,6 +12,7 @@ pub use trigger::EmergencyTrigger;
 use super::report::SafetyReport;
 use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
+use crate::logging::Log;
 use crate::system::Plan;
 use crew::Crew;
 use functions::{Functions, Run};
@@ -111,6 +112,11 @@ impl Emergency {
     fn bound_crashes(&self) {
         self.at_emergency
             .tell_limits(|limits| self.crew.bound_crashes(limits));
+    }
+
+    /// Says who records that the safety state changes.
+    pub(crate) fn record(&self, log: Log) {
+        self.journal.record(log);
     }
 
     /// Says on what the processes run, before they do.

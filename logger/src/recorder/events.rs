@@ -1,0 +1,276 @@
+//! What the recorder knows of events: what their subjects are called, and what became of them.
+//!
+//! A name is told before the first event that mentions what it names, and anew where a block with it was lost. So a recording has the names of what it tells of, and no
+//! others.
+
+use crate::format::{Event, Record, RunsOn, Subject};
+use crate::lane::Head;
+use luna_platform::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
+use std::collections::{HashMap, HashSet};
+use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
+
+/// What stands for something with a name: its kind and its number.
+type Key = u64;
+
+fn key(kind: Kind, number: u64) -> Key {
+    (kind as u64) << 32 | number & u64::from(u32::MAX)
+}
+
+/// Spreads keys well enough that nobody chooses.
+#[derive(Default)]
+struct Spread(u64);
+
+impl Hasher for Spread {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.write_u64(u64::from(*byte) ^ self.0);
+        }
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        let spread = key.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        self.0 = spread ^ spread >> 32;
+    }
+}
+
+type Build = BuildHasherDefault<Spread>;
+
+/// The events of a recording.
+#[derive(Default)]
+pub(super) struct Events {
+    /// Where names come from; nowhere if no events are recorded.
+    names: Option<Arc<Names>>,
+    known: HashMap<Key, Name, Build>,
+    /// What was told, or has no name that could be.
+    told: HashSet<Key, Build>,
+    are_codes_told: bool,
+    /// A name that comes in parts, by thread.
+    parts: HashMap<u32, Parts>,
+    /// Those who have ended in the present block: nobody asks for their names any more.
+    ended: Vec<Key>,
+    in_block: HashMap<u32, u64, Build>,
+    refused: HashMap<u32, u64, Build>,
+    losses: Vec<(u32, Losses)>,
+    recorded: u64,
+}
+
+struct Parts {
+    name: Name,
+    bytes: Vec<u8>,
+    length: usize,
+}
+
+impl Events {
+    pub(super) fn new(names: Option<Arc<Names>>) -> Self {
+        Self {
+            names,
+            ..Self::default()
+        }
+    }
+
+    /// A thread, or executor, whose events come.
+    pub(super) fn add(&mut self, thread: u32, losses: Losses) {
+        self.losses.push((thread, losses));
+    }
+
+    /// Learns of new names.
+    pub(super) fn take_names(&mut self) {
+        let Some(names) = &self.names else { return };
+        for name in names.take() {
+            self.learn(name);
+        }
+    }
+
+    fn learn(&mut self, name: Name) {
+        let key = key(name.kind, name.number.into());
+        // A later name takes the place of the one before, also of what has been told.
+        self.told.remove(&key);
+        self.known.insert(key, name);
+    }
+
+    /// The names of the codes, if they are to be told.
+    pub(super) fn codes(&mut self, mut put: impl FnMut(&Record<'_>)) {
+        if self.names.is_none() || std::mem::replace(&mut self.are_codes_told, true) {
+            return;
+        }
+        for (number, name) in code::NAMES {
+            put(&Record::Name {
+                subject: Subject::Code,
+                number: number.into(),
+                parent: 0,
+                name,
+                runs_on: None,
+            });
+        }
+    }
+
+    /// Puts an event, and before it the names of what it mentions. A part of a name is none: it is kept.
+    pub(super) fn put(
+        &mut self,
+        thread: u32,
+        time: u64,
+        entry: &[u64],
+        mut put: impl FnMut(&Record<'_>),
+    ) {
+        let head = Head(entry[0]);
+        let (of, subject) = (head.code(), head.signal());
+        let [a, b] = [entry[2], entry[3]];
+        if of >= TEXT_HEAD {
+            return self.take_part(thread, of, subject, [a, b]);
+        }
+        let kind = match of {
+            code::COMMUNICATION => Kind::Channel,
+            code::ASLEEP | code::AWAKE => Kind::Executor,
+            code::SLOT | code::LATE => Kind::Loop,
+            _ => Kind::Process,
+        };
+        self.mention(kind, subject.into(), &mut put);
+        match of {
+            code::READY | code::SPAWNED => self.mention(Kind::Process, a, &mut put),
+            code::COMMUNICATION => {
+                self.mention(Kind::Process, a, &mut put);
+                self.mention(Kind::Process, b, &mut put);
+            }
+            code::ALTERNATIVE => self.mention(Kind::Channel, b, &mut put),
+            code::WAITING => {
+                let kinds = [Kind::Channel, Kind::Barrier, Kind::Lock, Kind::Loop];
+                if let Some(kind) = kinds.into_iter().find(|kind| *kind as u64 == a) {
+                    self.mention(kind, b, &mut put);
+                }
+            }
+            code::DONE => self.ended.push(key(Kind::Process, subject.into())),
+            _ => {}
+        }
+        put(&Record::Event(Event {
+            thread,
+            time,
+            code: of,
+            subject,
+            arguments: [a, b],
+        }));
+        *self.in_block.entry(thread).or_default() += 1;
+    }
+
+    #[inline]
+    fn mention(&mut self, kind: Kind, number: u64, put: &mut impl FnMut(&Record<'_>)) {
+        let key = key(kind, number);
+        if number != 0 || kind == Kind::Executor {
+            if self.told.contains(&key) {
+                return;
+            }
+            self.tell(key, put);
+        }
+    }
+
+    #[cold]
+    fn tell(&mut self, key: Key, put: &mut impl FnMut(&Record<'_>)) {
+        if !self.known.contains_key(&key) {
+            self.take_names();
+        }
+        self.told.insert(key);
+        let Some(name) = self.known.get(&key) else {
+            return;
+        };
+        let subject = match name.kind {
+            Kind::Process => Subject::Process,
+            Kind::Executor => Subject::Executor,
+            Kind::Channel => Subject::Channel,
+            Kind::Barrier => Subject::Barrier,
+            Kind::Lock => Subject::Lock,
+            Kind::Loop => Subject::Loop,
+        };
+        let runs_on = name
+            .runs_on
+            .map(|(executor, level)| RunsOn { executor, level });
+        put(&Record::Name {
+            subject,
+            number: name.number,
+            parent: name.parent,
+            name: &name.text,
+            runs_on,
+        });
+        let parent = name.parent;
+        if let Some(RunsOn { executor, .. }) = runs_on {
+            self.mention(Kind::Executor, executor.into(), put);
+        }
+        if parent != 0 {
+            self.mention(Kind::Process, parent.into(), put);
+        }
+    }
+
+    fn take_part(&mut self, thread: u32, of: u16, subject: u32, [a, b]: [u64; 2]) {
+        if of == TEXT_HEAD {
+            let name = Name {
+                kind: Kind::Loop,
+                number: subject,
+                parent: b as u32,
+                text: String::new(),
+                runs_on: None,
+            };
+            let parts = Parts {
+                name,
+                bytes: Vec::new(),
+                length: a as usize,
+            };
+            self.parts.insert(thread, parts);
+        } else if of == TEXT
+            && let Some(parts) = self.parts.get_mut(&thread)
+        {
+            parts.bytes.extend(a.to_le_bytes());
+            parts.bytes.extend(b.to_le_bytes());
+            if parts.bytes.len() >= parts.length
+                && let Some(mut parts) = self.parts.remove(&thread)
+            {
+                parts.bytes.truncate(parts.length);
+                parts.name.text = String::from_utf8_lossy(&parts.bytes).into_owned();
+                self.learn(parts.name);
+            }
+        }
+    }
+
+    /// An event that the sink has no place for.
+    pub(super) fn refuse(&mut self, thread: u32, entry: &[u64]) {
+        let head = Head(entry[0]);
+        if head.code() >= TEXT_HEAD {
+            self.take_part(thread, head.code(), head.signal(), [entry[2], entry[3]]);
+        } else {
+            *self.refused.entry(thread).or_default() += 1;
+        }
+    }
+
+    /// The block was taken, or refused with all that is in it.
+    pub(super) fn end_block(&mut self, has_failed: bool) {
+        for (thread, events) in self.in_block.drain() {
+            if has_failed {
+                *self.refused.entry(thread).or_default() += events;
+            } else {
+                self.recorded += events;
+            }
+        }
+        if has_failed {
+            self.told.clear();
+            self.are_codes_told = false;
+        }
+        for key in self.ended.drain(..) {
+            self.known.remove(&key);
+            self.told.remove(&key);
+        }
+    }
+
+    /// How many of each thread were lost until now.
+    pub(super) fn lost(&self) -> impl Iterator<Item = (u32, u64)> + '_ {
+        self.losses.iter().map(|(thread, losses)| {
+            let refused = self.refused.get(thread).copied().unwrap_or(0);
+            (*thread, losses.get() + refused)
+        })
+    }
+
+    pub(super) fn recorded(&self) -> u64 {
+        self.recorded
+    }
+}

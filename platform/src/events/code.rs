@@ -1,0 +1,74 @@
+//! What events are there. `docs/logger.md` says what their subjects and numbers are.
+
+/// A process has become ready.
+pub const READY: u16 = 1;
+/// A process' turn begins.
+pub const RUNNING: u16 = 2;
+/// A process' turn ends, and it waits, or is ready again.
+pub const WAITING: u16 = 3;
+/// A process has ended.
+pub const DONE: u16 = 4;
+/// A value has gone through a channel.
+pub const COMMUNICATION: u16 = 5;
+/// An alternative has chosen.
+pub const ALTERNATIVE: u16 = 6;
+/// An executor sleeps.
+pub const ASLEEP: u16 = 7;
+/// An executor works again.
+pub const AWAKE: u16 = 8;
+/// A process has another priority.
+pub const PRIORITY: u16 = 9;
+/// A loop begins a cycle.
+pub const SLOT: u16 = 10;
+/// A cycle began late.
+pub const LATE: u16 = 11;
+/// The safety state has changed.
+pub const EMERGENCY: u16 = 12;
+/// A process was spawned.
+pub const SPAWNED: u16 = 13;
+
+/// All of them, with their names.
+pub const NAMES: [(u16, &str); 13] = [
+    (READY, "ready"),
+    (RUNNING, "running"),
+    (WAITING, "waiting"),
+    (DONE, "done"),
+    (COMMUNICATION, "communication"),
+    (ALTERNATIVE, "alternative"),
+    (ASLEEP, "executor asleep"),
+    (AWAKE, "executor awake"),
+    (PRIORITY, "priority"),
+    (SLOT, "slot"),
+    (LATE, "late cycle"),
+    (EMERGENCY, "emergency"),
+    (SPAWNED, "spawned"),
+];
+
+/// In [`WAITING`]: what it waits for is not known, or is several things.
+pub const WAITS_UNKNOWN: u64 = 0;
+/// In [`WAITING`]: it is ready again, and has only let others run.
+pub const STILL_READY: u64 = 255;
+
+/// In [`DONE`]: how a process has ended.
+pub mod ended {
+    /// Its body returned `Ok`.
+    pub const OK: u64 = 0;
+    /// Its body returned an error, or the framework found one in it.
+    pub const ERROR: u64 = 1;
+    /// It panicked.
+    pub const PANICKED: u64 = 2;
+    /// It was cancelled.
+    pub const CANCELLED: u64 = 3;
+}
+
+/// In [`LATE`]: why, as far as it is known at that moment.
+pub mod late {
+    /// Nobody of the program held it up that is known: an interrupt, the core's sleep, a hypervisor.
+    pub const UNKNOWN: u64 = 0;
+    /// The cycle before had not ended.
+    pub const LOOP_ITSELF: u64 = 1;
+    /// Another process of its executor ran instead.
+    pub const OTHER_PROCESS: u64 = 2;
+    /// The kernel gave the core to another thread meanwhile.
+    pub const OTHER_THREAD: u64 = 3;
+}

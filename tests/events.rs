@@ -1,0 +1,546 @@
+//! CSP events of systems, as their recordings have them.
+
+use luna::prelude::*;
+use luna::{Logging, Sink};
+use luna_logger::format::{Event, Reader, Record, Subject};
+use luna_platform::events::code;
+use std::collections::{BTreeMap, HashMap};
+use std::io;
+use std::sync::{Arc, Mutex};
+
+/// A recording in memory.
+#[derive(Default, Clone)]
+struct Memory(Arc<Mutex<Vec<u8>>>);
+
+impl Sink for Memory {
+    fn begin(&mut self, head: &[u8]) -> io::Result<()> {
+        self.block(head)
+    }
+
+    fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        self.0.lock().unwrap().extend_from_slice(block);
+        Ok(())
+    }
+}
+
+/// What a recording tells of events.
+#[derive(Default)]
+struct Told {
+    events: Vec<Event>,
+    names: HashMap<(Subject, u32), String>,
+    parents: HashMap<(Subject, u32), u32>,
+    executors: HashMap<u32, (u32, u8)>,
+    threads: BTreeMap<u32, String>,
+    lost: u64,
+}
+
+impl Told {
+    fn read(recording: &Memory) -> Told {
+        let bytes = recording.0.lock().unwrap();
+        let mut reader = Reader::new(&bytes[..]).unwrap();
+        let mut told = Told::default();
+        let mut lost = HashMap::new();
+        while let Some(record) = reader.next().unwrap() {
+            match record {
+                Record::Event(event) => told.events.push(event),
+                Record::Name {
+                    subject,
+                    number,
+                    parent,
+                    name,
+                    runs_on,
+                } => {
+                    told.names.insert((subject, number), name.to_owned());
+                    told.parents.insert((subject, number), parent);
+                    if let Some(runs_on) = runs_on {
+                        told.executors
+                            .insert(number, (runs_on.executor, runs_on.level));
+                    }
+                }
+                Record::Thread { number, name } => {
+                    told.threads.insert(number, name.to_owned());
+                }
+                Record::Losses {
+                    of: luna_logger::format::Losing::Events(thread),
+                    lost: number,
+                } => {
+                    lost.insert(thread, number);
+                }
+                _ => {}
+            }
+        }
+        told.lost = lost.values().sum();
+        told
+    }
+
+    fn name(&self, subject: Subject, number: u64) -> &str {
+        let name = self.names.get(&(subject, number as u32));
+        name.map_or("", String::as_str)
+    }
+
+    fn process(&self, number: u64) -> &str {
+        self.name(Subject::Process, number)
+    }
+
+    fn of(&self, code: u16) -> impl Iterator<Item = &Event> {
+        self.events.iter().filter(move |event| event.code == code)
+    }
+
+    /// Who communicates with whom: the channel, the sender, the receiver.
+    fn communications(&self) -> Vec<(&str, &str, &str)> {
+        self.of(code::COMMUNICATION)
+            .map(|event| {
+                (
+                    self.name(Subject::Channel, event.subject.into()),
+                    self.process(event.arguments[0]),
+                    self.process(event.arguments[1]),
+                )
+            })
+            .collect()
+    }
+
+    /// All of it in words, without the numbers that differ from run to run of one program.
+    fn lines(&self) -> Vec<String> {
+        let line = |event: &Event| {
+            let [a, b] = event.arguments;
+            let what = self.name(Subject::Code, event.code.into());
+            let time = event.time;
+            let of = |number: u64| self.process(number);
+            match event.code {
+                code::COMMUNICATION => {
+                    let channel = self.name(Subject::Channel, event.subject.into());
+                    format!("{time} {what} {channel}: {} {}", of(a), of(b))
+                }
+                code::ASLEEP | code::AWAKE => {
+                    let executor = self.name(Subject::Executor, event.subject.into());
+                    format!("{time} {what} {executor}")
+                }
+                code::SLOT | code::LATE => {
+                    let one = self.name(Subject::Loop, event.subject.into());
+                    format!("{time} {what} {one}: {a} {b}")
+                }
+                code::READY | code::SPAWNED => {
+                    format!("{time} {what} {}: {}", of(event.subject.into()), of(a))
+                }
+                code::WAITING => {
+                    let on = self.name(Subject::Channel, b);
+                    format!("{time} {what} {}: {a} {on}", of(event.subject.into()))
+                }
+                _ => format!("{time} {what} {}: {a} {b}", of(event.subject.into())),
+            }
+        };
+        self.events.iter().map(line).collect()
+    }
+}
+
+fn recorded(system: &mut System) -> Memory {
+    let memory = Memory::default();
+    system.log(Logging::to_sink(memory.clone()).events());
+    memory
+}
+
+/// The network of the bench, so many rounds of it, on one executor.
+fn commstime(system: &mut System, rounds: u64) -> luna::Result<()> {
+    let (a, from_prefix) = luna::channel::<u64>();
+    let (b, to_successor) = luna::channel::<u64>();
+    let (c, from_successor) = luna::channel::<u64>();
+    let (d, to_consumer) = luna::channel::<u64>();
+    let (a, b, c, d) = (a.named("a"), b.named("b"), c.named("c"), d.named("d"));
+    let main = system.executor("main").build()?;
+    main.process("prefix").spawn(async move {
+        a.send(0).await?;
+        while let Ok(number) = from_successor.recv().await {
+            if a.send(number).await.is_err() {
+                break;
+            }
+        }
+        Ok(())
+    })?;
+    main.process("delta").spawn(async move {
+        while let Ok(number) = from_prefix.recv().await {
+            if d.send(number).await.is_err() || b.send(number).await.is_err() {
+                break;
+            }
+        }
+        Ok(())
+    })?;
+    main.process("successor").spawn(async move {
+        while let Ok(number) = to_successor.recv().await {
+            if c.send(number + 1).await.is_err() {
+                break;
+            }
+        }
+        Ok(())
+    })?;
+    main.process("consumer").spawn(async move {
+        for round in 0..rounds {
+            assert_eq!(to_consumer.recv().await?, round);
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+fn commstime_on_virtual_time(rounds: u64) -> luna::Result<(luna::Report, Told)> {
+    let mut system = System::new("commstime");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    commstime(&mut system, rounds)?;
+    let report = system.run()?;
+    Ok((report, Told::read(&memory)))
+}
+
+#[test]
+fn commstime_is_told_communication_by_communication() -> luna::Result<()> {
+    let rounds = 5;
+    let (report, told) = commstime_on_virtual_time(rounds)?;
+    let round = [
+        ("a", "prefix", "delta"),
+        ("d", "delta", "consumer"),
+        ("b", "delta", "successor"),
+        ("c", "successor", "prefix"),
+    ];
+    let communications = told.communications();
+    // The consumer goes after the last round it counts, and the others on to where they find it gone.
+    let expected: Vec<_> = (0..rounds).flat_map(|_| round).collect();
+    assert_eq!(communications[..expected.len()], expected);
+    assert!(communications.len() <= expected.len() + 1);
+    let counts = report.logging.unwrap().events;
+    assert_eq!(
+        (counts.recorded, counts.lost),
+        (told.events.len() as u64, 0)
+    );
+    // Each turn begins and ends, one after the other, on the executor of its process.
+    let mut turn = None;
+    for event in &told.events {
+        match event.code {
+            code::RUNNING => assert_eq!(turn.replace(event.subject), None),
+            code::WAITING => assert_eq!(turn.take(), Some(event.subject)),
+            code::DONE => {
+                assert_eq!(event.arguments[0], code::ended::OK);
+                turn = None;
+            }
+            _ => {}
+        }
+        if matches!(event.code, code::RUNNING | code::WAITING | code::DONE) {
+            let (executor, level) = told.executors[&event.subject];
+            assert_eq!((executor, level), (event.thread, 16));
+            assert_eq!(told.name(Subject::Executor, executor.into()), "main");
+        }
+    }
+    assert_eq!(told.of(code::DONE).count(), 4);
+    // It waits at the channel that it then communicates by.
+    let first = told.of(code::WAITING).next().unwrap();
+    assert_eq!(
+        (
+            told.process(first.subject.into()),
+            told.name(Subject::Channel, first.arguments[1])
+        ),
+        ("prefix", "a")
+    );
+    Ok(())
+}
+
+#[test]
+fn on_virtual_time_each_recording_is_the_same() -> luna::Result<()> {
+    let (_, one) = commstime_on_virtual_time(20)?;
+    let (_, other) = commstime_on_virtual_time(20)?;
+    assert_eq!(one.lines(), other.lines());
+    Ok(())
+}
+
+/// A sink that refuses each other block.
+struct Moody(Memory, bool);
+
+impl Sink for Moody {
+    fn begin(&mut self, head: &[u8]) -> io::Result<()> {
+        self.0.begin(head)
+    }
+
+    fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        self.1 = !self.1;
+        if self.1 {
+            return Err(io::Error::other("not now"));
+        }
+        self.0.block(block)
+    }
+}
+
+#[test]
+fn what_is_recorded_and_what_is_lost_is_all_there_was() -> luna::Result<()> {
+    let rounds = 3000;
+    // On virtual time there are as many each time.
+    let run = |recording: Logging| -> luna::Result<_> {
+        let mut system = System::new("commstime");
+        system.virtual_clock().log(recording);
+        commstime(&mut system, rounds)?;
+        Ok(system.run()?.logging.unwrap().events)
+    };
+    let memory = Memory::default();
+    let all = run(Logging::to_sink(memory.clone()).room_for_events(1 << 20))?;
+    assert_eq!(all.lost, 0);
+    assert!(all.recorded >= 16 * rounds, "{all:?}");
+
+    let memory = Memory::default();
+    let few = run(Logging::to_sink(memory.clone()).room_for_events(64))?;
+    assert_eq!(few.recorded + few.lost, all.recorded);
+    let told = Told::read(&memory);
+    assert_eq!(
+        (told.events.len() as u64, told.lost),
+        (few.recorded, few.lost)
+    );
+
+    let memory = Memory::default();
+    let sink = Moody(memory.clone(), false);
+    let moody = run(Logging::to_sink(sink).room_for_events(1 << 20))?;
+    assert_eq!(moody.recorded + moody.lost, all.recorded);
+    // What was not refused can be read, with its names.
+    let told = Told::read(&memory);
+    assert_eq!(told.events.len() as u64, moody.recorded);
+    let is_named = |(channel, _, _): &(&str, &str, &str)| !channel.is_empty();
+    assert!(told.communications().iter().all(is_named));
+    Ok(())
+}
+
+#[test]
+fn alternatives_say_which_guard_they_took() -> luna::Result<()> {
+    let mut system = System::new("choice");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let (left, from_left) = luna::channel::<u8>();
+    let (right, from_right) = luna::channel::<u8>();
+    let (left, right) = (left.named("left"), right.named("right"));
+    let main = system.executor("main").build()?;
+    for (name, end) in [("of right", right), ("of left", left)] {
+        main.process(name).spawn(async move {
+            for number in 0..3 {
+                end.send(number).await?;
+                luna::after(std::time::Duration::from_millis(1)).await;
+            }
+            Ok(())
+        })?;
+    }
+    main.process("chooser").spawn(async move {
+        for _ in 0..2 {
+            luna::pri_alt! {
+                _ = from_left.recv() => (),
+                _ = from_right.recv() => (),
+            }
+        }
+        let both = [from_left, from_right];
+        let mut inputs = luna::Alternative::fair(&both);
+        for _ in 0..4 {
+            inputs.recv().await.1?;
+        }
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    let choices: Vec<_> = told
+        .of(code::ALTERNATIVE)
+        .map(|event| {
+            let channel = told.name(Subject::Channel, event.arguments[1]);
+            assert_eq!(told.process(event.subject.into()), "chooser");
+            (event.arguments[0], channel)
+        })
+        .collect();
+    assert_eq!(choices.len(), 6);
+    assert_eq!(choices[..2], [(0, "left"), (1, "right")]);
+    let names = ["left", "right"];
+    assert!(
+        choices
+            .iter()
+            .all(|(index, name)| names[*index as usize] == *name)
+    );
+    // Each of them is a communication of the same channel by the same process.
+    let received = told.communications();
+    let channels: Vec<&str> = received.iter().map(|one| one.0).collect();
+    assert_eq!(
+        channels,
+        choices.iter().map(|one| one.1).collect::<Vec<_>>()
+    );
+    assert!(received.iter().all(|(channel, sender, receiver)| {
+        sender.ends_with(channel) && *receiver == "chooser"
+    }));
+    Ok(())
+}
+
+#[test]
+fn loops_locks_priorities_and_emergencies_are_told() -> luna::Result<()> {
+    let mut system = System::new("machine");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let mutex = Arc::new(luna::sync::Mutex::new(0).named("table"));
+    let main = system.executor("main").build()?;
+    let second = system.executor("second").build()?;
+    let period = std::time::Duration::from_millis(10);
+    main.process("servo").priority(20).spawn(async move {
+        let mut tick = luna::periodic("control loop of the arm", period)?;
+        for _ in 0..3 {
+            tick.next().await;
+        }
+        Err(luna::emergency(luna::Error::other("no index pulse")))
+    })?;
+    let held = mutex.clone();
+    main.process("holder").priority(5).spawn(async move {
+        let _guard = held.lock().await.unwrap();
+        luna::after(period / 4).await;
+        Ok(())
+    })?;
+    main.process("urgent").priority(25).spawn(async move {
+        luna::after(period / 8).await;
+        let _guard = mutex.lock().await.unwrap();
+        Ok(())
+    })?;
+    let (output, input) = luna::channel::<u32>();
+    let output = output.named("between");
+    second
+        .process("sender")
+        .spawn(async move { Ok(output.send(1).await?) })?;
+    main.process("receiver").spawn(async move {
+        input.recv().await?;
+        Ok(())
+    })?;
+    let outcome = system.run();
+    assert!(outcome.is_err());
+    let told = Told::read(&memory);
+
+    let slots: Vec<_> = told
+        .of(code::SLOT)
+        .map(|event| {
+            let name = told.name(Subject::Loop, event.subject.into());
+            (name, event.arguments)
+        })
+        .collect();
+    let name = "control loop of the arm";
+    assert_eq!(slots, [1, 2, 3].map(|number| (name, [number, 0])));
+    let parent = told.parents[&(Subject::Loop, 1)];
+    assert_eq!(told.process(parent.into()), "servo");
+    // On virtual time they are exactly a period apart.
+    let times: Vec<u64> = told.of(code::SLOT).map(|event| event.time).collect();
+    assert!(
+        times
+            .windows(2)
+            .all(|two| two[1] - two[0] == period.as_nanos() as u64)
+    );
+
+    let on_lock: Vec<_> = told
+        .of(code::WAITING)
+        .filter(|event| event.arguments[0] == Subject::Lock as u64)
+        .map(|event| {
+            let lock = told.name(Subject::Lock, event.arguments[1]);
+            (told.process(event.subject.into()), lock)
+        })
+        .collect();
+    assert_eq!(on_lock, [("urgent", "table")]);
+    let levels: Vec<_> = told
+        .of(code::PRIORITY)
+        .map(|event| (told.process(event.subject.into()), event.arguments))
+        .collect();
+    assert_eq!(levels, [("holder", [5, 25]), ("holder", [25, 5])]);
+
+    let emergencies: Vec<_> = told
+        .of(code::EMERGENCY)
+        .map(|event| (told.process(event.subject.into()), event.arguments[0]))
+        .collect();
+    assert_eq!(emergencies, [("servo", 3)]);
+    let ended: BTreeMap<_, _> = told
+        .of(code::DONE)
+        .map(|event| (told.process(event.subject.into()), event.arguments[0]))
+        .collect();
+    assert_eq!(ended["servo"], code::ended::ERROR);
+    assert_eq!(ended["holder"], code::ended::OK);
+
+    assert_eq!(told.communications(), [("between", "sender", "receiver")]);
+    // Both executors share a thread, and are told apart.
+    let mut executors: Vec<_> = told
+        .names
+        .iter()
+        .filter(|((subject, _), _)| *subject == Subject::Executor)
+        .map(|(_, name)| name.as_str())
+        .collect();
+    executors.sort_unstable();
+    assert_eq!(executors, ["main", "second"]);
+    Ok(())
+}
+
+#[test]
+fn os_threads_and_processes_that_come_later_are_told() -> luna::Result<()> {
+    let mut system = System::new("real");
+    let memory = recorded(&mut system);
+    let (output, input) = luna::channel::<u32>();
+    let (output, input) = (output.named("numbers"), input);
+    let main = system.executor("main").build()?;
+    let own = main.clone();
+    main.process("parent").spawn(async move {
+        own.process("child").spawn(async move {
+            for number in 0..100 {
+                output.send(number).await?;
+            }
+            Ok(())
+        })?;
+        Ok(())
+    })?;
+    system
+        .thread("console")
+        .process("reader")
+        .spawn(async move {
+            let mut sum = 0;
+            while let Ok(number) = input.recv().await {
+                sum += number;
+            }
+            assert_eq!(sum, 4950);
+            Ok(())
+        })?;
+    let report = system.run()?;
+    let told = Told::read(&memory);
+    let counts = report.logging.unwrap().events;
+    assert_eq!(
+        (counts.recorded, counts.lost),
+        (told.events.len() as u64, 0)
+    );
+    assert_eq!(
+        told.communications(),
+        vec![("numbers", "child", "reader"); 100]
+    );
+    let spawned: Vec<_> = told
+        .of(code::SPAWNED)
+        .map(|event| {
+            (
+                told.process(event.subject.into()),
+                told.process(event.arguments[0]),
+            )
+        })
+        .collect();
+    assert_eq!(spawned, [("child", "parent")]);
+    let place = |name: &str| {
+        let ((_, number), _) = told
+            .names
+            .iter()
+            .find(|((subject, _), text)| *subject == Subject::Process && *text == name)
+            .unwrap();
+        told.threads[&told.executors[number].0].as_str()
+    };
+    assert_eq!(
+        ["parent", "child", "reader"].map(place),
+        ["main", "main", "console"]
+    );
+    // In each thread's order: a process that runs was ready, and one that is done says no more.
+    for name in ["parent", "child", "reader"] {
+        let of = told
+            .events
+            .iter()
+            .filter(|event| told.process(event.subject.into()) == name)
+            .filter(|event| matches!(event.code, code::RUNNING | code::WAITING | code::DONE));
+        let codes: Vec<u16> = of.map(|event| event.code).collect();
+        let (last, turns) = codes.split_last().unwrap();
+        assert_eq!(*last, code::DONE);
+        let (running, _) = turns.as_chunks::<2>();
+        assert!(
+            running
+                .iter()
+                .all(|two| *two == [code::RUNNING, code::WAITING])
+        );
+    }
+    Ok(())
+}
