@@ -42,6 +42,7 @@ mod error;
 #[cfg(unix)]
 pub mod external;
 mod logging;
+pub mod parameters;
 pub mod prelude;
 pub mod record;
 mod report;
@@ -86,6 +87,7 @@ pub use luna_platform::path::off_path;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use luna_platform::usage::ThreadUsage;
+pub use parameters::{Parameter, ParameterBuilder, Parameters};
 pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
 pub use safety::{Bite, Watchdog, WatchdogProcess};
 pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
@@ -116,6 +118,10 @@ struct SafetyPage;
 #[cfg(doctest)]
 #[doc = include_str!("../docs/time.md")]
 struct TimePage;
+
+#[cfg(all(doctest, feature = "toml"))]
+#[doc = include_str!("../docs/parameters.md")]
+struct ParametersPage;
 
 #[cfg(all(doctest, feature = "logger"))]
 #[doc = include_str!("../docs/logger.md")]

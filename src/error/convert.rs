@@ -205,6 +205,18 @@ impl From<crate::external::LinkError> for Error {
     }
 }
 
+impl From<crate::parameters::DeclareError> for Error {
+    fn from(error: crate::parameters::DeclareError) -> Error {
+        Error::Setup(SetupError::Parameter(error))
+    }
+}
+
+impl From<crate::parameters::SetError> for Error {
+    fn from(error: crate::parameters::SetError) -> Error {
+        Error::Setup(SetupError::Parameters(error))
+    }
+}
+
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Error {
         Error::other(error)

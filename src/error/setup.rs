@@ -34,6 +34,10 @@ pub enum SetupError {
     /// The recording that was asked for cannot begin.
     #[cfg(feature = "logger")]
     Logging(crate::logging::StartError),
+    /// A parameter cannot be declared.
+    Parameter(crate::parameters::DeclareError),
+    /// The values of parameters cannot be taken.
+    Parameters(crate::parameters::SetError),
     /// Two of a kind have one name.
     DuplicateName {
         /// Executor, process, or loop.
@@ -209,6 +213,8 @@ impl fmt::Display for SetupError {
                 write!(f, "`{of}` asks for core {core}, which this machine has not; choose one of {available:?}")
             }
             SetupError::Attributes(error) => error.fmt(f),
+            SetupError::Parameter(error) => error.fmt(f),
+            SetupError::Parameters(error) => error.fmt(f),
             #[cfg(feature = "logger")]
             SetupError::Signal(error) => error.fmt(f),
             #[cfg(feature = "logger")]

@@ -127,6 +127,10 @@ impl Log {
         Entered
     }
 
+    pub(crate) fn is_recording(&self) -> bool {
+        false
+    }
+
     #[inline(always)]
     pub(crate) fn enter_thread(&self) {}
 

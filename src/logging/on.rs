@@ -47,6 +47,11 @@ impl Log {
         self.0.enter()
     }
 
+    /// Whether messages are kept.
+    pub(crate) fn is_recording(&self) -> bool {
+        self.0.is_recording()
+    }
+
     /// What the calling thread registers and records belongs to the system from now on, and there is room for it.
     #[inline]
     pub(crate) fn enter_thread(&self) {

@@ -29,12 +29,14 @@ pub(super) enum BlockKind {
     Outside = 6,
     /// What the program is to be told.
     Note = 7,
+    /// What a parameter began with: how long its name is, that, and the value as a text.
+    Parameter = 8,
 }
 
 impl BlockKind {
     fn of(byte: u8) -> Option<Self> {
-        use BlockKind::{End, Events, Lost, Note, Outside, Process, System};
-        [System, Process, Events, Lost, End, Outside, Note]
+        use BlockKind::{End, Events, Lost, Note, Outside, Parameter, Process, System};
+        [System, Process, Events, Lost, End, Outside, Note, Parameter]
             .into_iter()
             .find(|&kind| kind as u8 == byte)
     }

@@ -57,7 +57,8 @@ use std::path::PathBuf;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
-use value::{LONGEST, name_of};
+pub(crate) use value::LONGEST;
+use value::name_of;
 
 /// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
 ///
@@ -83,6 +84,20 @@ pub fn input<T: Value>(name: &str, read: impl FnOnce() -> T) -> T {
             value
         }
     }
+}
+
+/// As [`input`], for bytes that `fill` writes: says whether they were given by the recording instead.
+pub(crate) fn input_bytes(name: &str, bytes: &mut [u8], fill: impl FnOnce(&mut [u8])) -> bool {
+    let is_replay = current::tape(|tape| tape.is_replay()) == Some(true);
+    current::tape(|tape| match is_replay {
+        true => tape.get(About::Input, name_of(name), bytes).is_some(),
+        false => {
+            fill(bytes);
+            tape.put(About::Input, name_of(name), bytes);
+            false
+        }
+    })
+    .unwrap_or_default()
 }
 
 /// Says what goes outside, so that a replay compares it: the first that differs ends the replay with [`RecordError::Diverged`].
@@ -206,6 +221,8 @@ pub(crate) struct TapePlan {
     pub(crate) mode: Mode,
     /// What the recording is to keep.
     pub(crate) note: String,
+    /// What parameters begin with, unless it is their default: names and values.
+    pub(crate) parameters: Vec<(String, String)>,
 }
 
 #[derive(Default)]
@@ -221,12 +238,24 @@ impl TapePlan {
         self.mode = Mode::Replay(Replayer::new(recording));
     }
 
+    /// What the parameters of a recorded run began with.
+    pub(crate) fn recorded_parameters(&self) -> Option<Vec<(String, String)>> {
+        match &self.mode {
+            Mode::Replay(replayer) => Some(replayer.parameters().to_vec()),
+            _ => None,
+        }
+    }
+
     pub(crate) fn start(self, system: &str) -> Result<Tapes> {
         Ok(match self.mode {
             Mode::None => Tapes::None,
-            Mode::Record(path, room) => {
-                Tapes::Record(Recorder::start(&path, room, system, &self.note)?)
-            }
+            Mode::Record(path, room) => Tapes::Record(Recorder::start(
+                &path,
+                room,
+                system,
+                &self.note,
+                &self.parameters,
+            )?),
             Mode::Replay(replayer) => {
                 replayer.check_system(system)?;
                 Tapes::Replay(replayer)

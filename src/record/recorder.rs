@@ -83,6 +83,7 @@ impl Recorder {
         room: usize,
         system: &str,
         note: &str,
+        parameters: &[(String, String)],
     ) -> Result<Arc<Self>, RecordError> {
         let failed = |error: std::io::Error| file_error(path, &error);
         let file = File::create(path).map_err(failed)?;
@@ -94,6 +95,15 @@ impl Recorder {
         writer
             .block(BlockKind::Note, &[note.as_bytes()])
             .map_err(failed)?;
+        for (name, value) in parameters {
+            let length = (name.len() as u32).to_le_bytes();
+            writer
+                .block(
+                    BlockKind::Parameter,
+                    &[&length, name.as_bytes(), value.as_bytes()],
+                )
+                .map_err(failed)?;
+        }
         let recorder = Arc::new(Self {
             stamps: AtomicU64::new(1),
             room: room.max(256),

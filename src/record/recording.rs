@@ -13,6 +13,8 @@ use std::path::Path;
 pub struct Recording {
     pub(super) system: String,
     pub(super) note: String,
+    /// What parameters began with: names and values.
+    pub(super) parameters: Vec<(String, String)>,
     pub(super) processes: Vec<Recorded>,
     /// All that was recorded is there.
     pub(super) is_whole: bool,
@@ -62,6 +64,7 @@ impl Recording {
         let mut recording = Recording {
             system: String::new(),
             note: String::new(),
+            parameters: Vec::new(),
             processes: Vec::new(),
             is_whole: wrong.is_none(),
             outside: None,
@@ -141,6 +144,11 @@ impl Recording {
                     process,
                     construct: text(rest)?,
                 });
+                Some(())
+            }
+            BlockKind::Parameter => {
+                let (name, value) = rest.split_at_checked(number as usize)?;
+                self.parameters.push((text(name)?, text(value)?));
                 Some(())
             }
             BlockKind::System | BlockKind::Note | BlockKind::End => Some(()),

@@ -32,6 +32,7 @@ type Key = (u32, String, u32);
 /// What replays a system.
 pub(crate) struct Replayer {
     system: String,
+    parameters: Vec<(String, String)>,
     is_whole: bool,
     /// The number from 1 of each process, and its events.
     processes: Mutex<HashMap<Key, (u32, Queues)>>,
@@ -58,6 +59,7 @@ impl Replayer {
         }
         Arc::new(Self {
             system: recording.system.clone(),
+            parameters: recording.parameters.clone(),
             is_whole: recording.is_whole,
             processes: Mutex::new(processes),
             names: Mutex::default(),
@@ -66,6 +68,11 @@ impl Replayer {
             is_over: AtomicBool::new(false),
             replayed: AtomicU64::new(0),
         })
+    }
+
+    /// What parameters began with.
+    pub(crate) fn parameters(&self) -> &[(String, String)] {
+        &self.parameters
     }
 
     /// Compares the system's name.

@@ -17,6 +17,7 @@ use luna_platform::memory::{self, MemoryLock};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::thread::{Attributes, Mode, Policy, TIMER_PRIORITY};
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::plan::{ExecutorPlan, Place, Settings};
 use super::register::REMEMBERED;
@@ -41,6 +42,7 @@ pub(super) struct Launched {
     pub(super) timers: Option<ManagerThread>,
     pub(super) shortfalls: Vec<Shortfall>,
     pub(super) recording: Session,
+    pub(super) look_at_parameters: Option<Duration>,
     _memory: Option<MemoryLock>,
     _latency: Option<DmaLatency>,
 }
@@ -70,6 +72,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &living));
     launched.inspect_err(|_| {
         living.close_ended(|_| ());
+        plan.parameters().end();
         let mut members = plan.members();
         members.phase = Phase::Ended;
         let never_prepared = std::mem::take(&mut members.waiting);
@@ -125,6 +128,8 @@ fn launch_described(
     // What is registered on this thread until the release belongs to the system.
     let _log = log.enter();
     let recording = log.start(std::mem::take(&mut settings.logging))?;
+    let recorded = settings.tapes.recorded_parameters();
+    settings.tapes.parameters = plan.parameters().begin(&log, &clock, recorded.as_deref())?;
     luna_executors::prepare_blocking().map_err(|error| SetupError::Thread {
         message: error.to_string(),
     })?;
@@ -180,7 +185,8 @@ fn launch_described(
         }
         None => None,
     };
-    let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager);
+    let parameters = plan.parameters().clone();
+    let scope = Scope::with_room_for(loops, living.clone(), clock.clone(), manager, parameters);
     // Outlives the executors, whose bodies refer to it.
     let mut held = Held::default();
     let mut executors = Vec::with_capacity(executor_plans.len());
@@ -220,8 +226,8 @@ fn launch_described(
 
     loop {
         // Without the plan's lock: what runs here is the user's, and may spawn.
-        if let Err(error) =
-            pre_run_all(&mut waiting).and_then(|()| held.start_all(&running, &places, waiting))
+        if let Err(error) = pre_run_all(plan, &mut waiting)
+            .and_then(|()| held.start_all(&running, &places, waiting))
         {
             // Their bodies end with the executors and threads.
             drop(executors);
@@ -235,6 +241,12 @@ fn launch_described(
         // Processes that these have spawned already start with the others.
         waiting = std::mem::take(&mut members.waiting);
         if waiting.is_empty() {
+            if let Err(error) = plan.parameters().all_declared() {
+                drop(members);
+                drop(executors);
+                held.undo();
+                return Err(error.into());
+            }
             members.started.most_ended = settings.remembered.unwrap_or(REMEMBERED);
             members.started.reserve(held.members.len());
             for (id, member) in held.members {
@@ -256,6 +268,7 @@ fn launch_described(
         timers,
         shortfalls,
         recording,
+        look_at_parameters: settings.look_at_parameters,
         _memory: memory,
         _latency: latency,
     })
@@ -307,13 +320,15 @@ fn obtained<T>(asked: Result<T, Shortfall>, shortfalls: &mut Vec<Shortfall>) -> 
 }
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
-fn pre_run_all(processes: &mut [ProcessPlan]) -> Result<()> {
+fn pre_run_all(plan: &Plan, processes: &mut [ProcessPlan]) -> Result<()> {
     for index in 0..processes.len() {
         let process = &mut processes[index];
         let Some(resident) = &mut process.prepared.resident else {
             continue;
         };
-        if let Err(error) = prepare(&mut **resident) {
+        let (id, name) = (process.spec.id(), process.spec.name());
+        let parameters = plan.parameters();
+        if let Err(error) = parameters.declaring(id, name, || prepare(&mut **resident)) {
             let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());

@@ -6,6 +6,7 @@ mod compose;
 pub mod deadlock;
 mod launch;
 mod neighbours;
+mod parameters;
 mod plan;
 mod quiet;
 mod register;

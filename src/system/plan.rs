@@ -11,6 +11,7 @@ use crate::csp::process::{
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
 use crate::logging::Asked;
+use crate::parameters::Store;
 use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian, Ledger};
@@ -24,6 +25,7 @@ use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// A system's plan. Its locks are for the set-up, the end, and the non-real-time side.
 pub(crate) struct Plan {
@@ -37,6 +39,7 @@ pub(crate) struct Plan {
     devices: Arc<crate::devices::Devices>,
     tree: Arc<Tree>,
     emergency: Arc<Emergency>,
+    parameters: Arc<Store>,
 }
 
 #[derive(Default)]
@@ -58,6 +61,8 @@ pub(crate) struct Settings {
     /// What is to be recorded.
     pub(crate) logging: Asked,
     pub(crate) tapes: TapePlan,
+    /// How often to look whether the file of parameters has changed.
+    pub(crate) look_at_parameters: Option<Duration>,
     /// How many turns may be taken at one instant of a virtual clock; as many as stated.
     pub(crate) most_turns: Option<u64>,
 }
@@ -465,6 +470,7 @@ impl Plan {
             devices: Default::default(),
             tree: Tree::new(),
             emergency: Emergency::new(plan.clone()),
+            parameters: Store::new(name),
         })
     }
 
@@ -479,6 +485,10 @@ impl Plan {
 
     pub(crate) fn emergency(&self) -> &Arc<Emergency> {
         &self.emergency
+    }
+
+    pub(crate) fn parameters(&self) -> &Arc<Store> {
+        &self.parameters
     }
 
     pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {
@@ -725,7 +735,10 @@ impl Plan {
         let _log = running.common.log.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
-            prepare(&mut **resident).map_err(|error| error.in_process(name))?;
+            let declared = plan.spec.name();
+            self.parameters
+                .declaring(id, declared, || prepare(&mut **resident))
+                .map_err(|error| error.in_process(name))?;
             members = self.members();
         }
         let on_thread = matches!(plan.place, Place::Thread { .. });

@@ -9,6 +9,7 @@ use super::stolen::Stolen;
 use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
+use crate::parameters::FileWatch;
 use crate::record::RecordError;
 use crate::report::{End, Report, ThreadReport};
 use crate::safety::Cause;
@@ -142,6 +143,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         // Only now: standard error may be a pipe that nobody reads.
         tell!("luna: emergency function {function}; the others ran");
     }
+    plan.parameters().end();
     // Nobody of the system records any more, but who was left behind.
     #[cfg_attr(
         not(feature = "logger"),
@@ -367,6 +369,11 @@ fn watch(
     let mut look_again = Instant::NEVER;
     let mut seen_before = None;
     let mut rest = SHORTEST_REST;
+    // Where time jumps, nobody could say when it would look.
+    let every = launched
+        .look_at_parameters
+        .filter(|_| !launched.clock.is_virtual());
+    let mut file = every.and_then(|every| FileWatch::new(plan.parameters(), every));
     loop {
         let seen = living.changes();
         if emergency.has_begun() && !emergency.is_safe() {
@@ -412,7 +419,13 @@ fn watch(
                 }
             }
         }
-        let until = look_again.min(warn_again).min(next_sample);
+        let mut until = look_again.min(warn_again).min(next_sample);
+        if let Some(file) = &mut file {
+            if let Err(error) = file.look(plan.parameters()) {
+                tell!("luna: {error}");
+            }
+            until = until.min(file.next());
+        }
         if have_ended {
             // More may end soon, and need not wake this thread one by one.
             living.rest(seen, until.min(Instant::now() + rest));

@@ -7,6 +7,7 @@ use super::spin;
 use super::statistics::Statistics;
 use crate::csp::process::{Failure, fail_current};
 use crate::error::{Result, SetupError};
+use crate::parameters::Reader;
 use crate::record;
 use crate::safety::Ledger;
 use luna_platform::clock::{Clock, Instant, nanos};
@@ -81,6 +82,8 @@ pub struct Periodic {
     seat: Option<Seat>,
     /// Whether its slots are still those that it joined: only then the manager ticks for them.
     is_on_grid: bool,
+    /// The parameters of the process that has made it.
+    parameters: Option<Arc<Reader>>,
 }
 
 /// Begins a loop called `name` whose slots are `period` apart: the first one a period from now, or with [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of
@@ -88,7 +91,7 @@ pub struct Periodic {
 ///
 /// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
 /// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
-/// nothing, since the statistics' room is set aside before the start. O(loops).
+/// nothing, since the statistics' room is set aside before the start. O(loops, and processes with [parameters](crate::parameters)).
 ///
 /// # Errors
 ///
@@ -128,6 +131,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         Some(manager) => manager.slot_before(now, length),
         None => now,
     };
+    let scope_parameters = scope.parameters();
     let seat = scope
         .manager()
         .map(|manager| Seat::new(manager.clone(), length));
@@ -149,6 +153,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         in_cycle: false,
         seat,
         is_on_grid: true,
+        parameters: scope_parameters,
     })
 }
 
@@ -337,7 +342,7 @@ impl Periodic {
         Duration::from_nanos(self.period)
     }
 
-    /// Ends the cycle, and waits for the next slot.
+    /// Ends the cycle, and waits for the next slot. With the new cycle the [parameters](crate::Parameter) of the process that has made the loop get the values that were set last.
     ///
     /// Real-time path: yes; O(log n) for n delays of this thread, or O(loops) that wait for the same timer of the manager; no allocation. Cancel-safe: a wait that is dropped leaves the
     /// slot to the next call. If the [`limit`](Self::limit) is reached it does not return: the process ends.
@@ -422,6 +427,7 @@ impl Periodic {
                 cycle.missed,
             ]);
         }
+        self.latch();
         cycle
     }
 
@@ -435,11 +441,20 @@ impl Periodic {
         record::hold().await;
         self.number = number;
         self.come = number;
+        self.latch();
         Cycle {
             number,
             deadline: Instant::from_nanos(deadline),
             lateness: Duration::from_nanos(lateness),
             missed,
+        }
+    }
+
+    /// Takes the parameters that were set last, if its process has any.
+    #[inline(always)]
+    fn latch(&self) {
+        if let Some(parameters) = &self.parameters {
+            parameters.latch();
         }
     }
 

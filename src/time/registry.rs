@@ -4,9 +4,11 @@ use super::late::Witness;
 use super::manager::Manager;
 use super::statistics::{LoopReport, Statistics};
 use crate::error::SetupError;
+use crate::parameters::{Reader, Store};
 use luna_executors::Living;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::events;
+use luna_platform::current;
 use luna_platform::lock::PiLock;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -72,6 +74,8 @@ pub(crate) struct Scope {
     clock: Clock,
     /// Who wakes the loops, if it is not their executors.
     manager: Option<Arc<Manager>>,
+    /// What loops take as their cycles begin.
+    parameters: Option<Arc<Store>>,
 }
 
 #[expect(
@@ -98,6 +102,7 @@ impl Scope {
         living: Arc<Living>,
         clock: Clock,
         manager: Option<Arc<Manager>>,
+        parameters: Arc<Store>,
     ) -> Arc<Self> {
         Arc::new(Self {
             loops: PiLock::new(Loops {
@@ -112,6 +117,7 @@ impl Scope {
             living: Some(living),
             clock,
             manager,
+            parameters: Some(parameters),
         })
     }
 
@@ -130,6 +136,7 @@ impl Scope {
             living: None,
             clock: Clock::REAL,
             manager: None,
+            parameters: None,
         })
     }
 
@@ -152,6 +159,14 @@ impl Scope {
     /// Who wakes the loops, if it is not their executors.
     pub(crate) fn manager(&self) -> Option<&Arc<Manager>> {
         self.manager.as_ref()
+    }
+
+    /// What a loop of the current process is to take at each cycle's begin, if that has parameters.
+    pub(crate) fn parameters(&self) -> Option<Arc<Reader>> {
+        let store = self.parameters.as_ref()?;
+        store.reader(current::process(|process| {
+            process.map(|process| process.id())
+        })?)
     }
 
     /// Makes this the scope of the calling thread, for as long as the thread lives.

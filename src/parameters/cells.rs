@@ -1,0 +1,115 @@
+//! What the path sees: the words of parameters, and who may change which of them when.
+
+use crate::record;
+use luna_platform::current;
+use luna_platform::three_slots::ThreeSlots;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock, Weak};
+
+/// The parameters of a process, which it takes all together.
+pub(crate) struct Reader {
+    /// The process: 0 is none.
+    pub(super) process: u32,
+    pub(super) name: Arc<str>,
+    pub(super) slots: ThreeSlots,
+    /// What its process declared, for recordings: known when its `pre_run` is over.
+    pub(super) cells: OnceLock<Box<[Weak<Cells>]>>,
+}
+
+/// The words of a parameter in a process, three times.
+pub(super) struct Cells {
+    pub(super) reader: Arc<Reader>,
+    /// What it is called in recordings.
+    pub(super) name: Arc<str>,
+    /// Which entry of the store.
+    pub(super) entry: usize,
+    words: Box<[AtomicU64]>,
+}
+
+impl Reader {
+    /// Takes the latest values, if it is the reader's process that asks. Wait-free; O(1), in a process that is recorded O(words).
+    #[inline]
+    pub(crate) fn latch(&self) {
+        if is_current(self.process) {
+            match current::is_taped() {
+                false => drop(self.slots.latch()),
+                true => self.latch_taped(),
+            }
+        }
+    }
+
+    /// What it comes to is recorded, or was.
+    #[cold]
+    fn latch_taped(&self) {
+        if !record::input("parameters", || self.slots.latch()) {
+            return;
+        }
+        for cells in self.cells.get().into_iter().flatten() {
+            // They are freed when nobody can latch any more: so not here.
+            if let Some(cells) = cells.upgrade() {
+                cells.note();
+            }
+        }
+    }
+}
+
+/// Whether `process` is the one that runs here.
+#[inline]
+fn is_current(process: u32) -> bool {
+    current::process(|current| current.is_some_and(|current| current.id().get() == process))
+}
+
+impl Cells {
+    pub(super) fn new(reader: Arc<Reader>, name: Arc<str>, entry: usize, words: &[u64]) -> Self {
+        let all = (0..3).flat_map(|_| words);
+        Self {
+            reader,
+            name,
+            entry,
+            words: all.map(|&word| AtomicU64::new(word)).collect(),
+        }
+    }
+
+    /// The words of `slot`.
+    fn slot(&self, slot: usize) -> &[AtomicU64] {
+        let each = self.words.len() / 3;
+        &self.words[slot * each..(slot + 1) * each]
+    }
+
+    /// Fills the slot, for [`ThreeSlots::publish`].
+    pub(super) fn fill(&self, slot: usize, words: &[u64]) {
+        for (cell, &word) in self.slot(slot).iter().zip(words) {
+            cell.store(word, Ordering::Release);
+        }
+    }
+
+    /// Its only word.
+    #[inline(always)]
+    pub(super) fn word(&self) -> u64 {
+        self.words[self.reader.slots.front()].load(Ordering::Relaxed)
+    }
+
+    /// Several words, all of one value.
+    #[inline]
+    pub(super) fn several<T>(&self, make: impl Fn(&[AtomicU64]) -> T) -> T {
+        self.reader.slots.read(|slot| make(self.slot(slot)))
+    }
+
+    /// Records its value, or takes the recorded one.
+    fn note(&self) {
+        let slot = self.slot(self.reader.slots.front());
+        let mut bytes = [0; record::LONGEST];
+        let bytes = &mut bytes[..8 * slot.len()];
+        let fill = |bytes: &mut [u8]| {
+            for (word, eight) in slot.iter().zip(bytes.chunks_exact_mut(8)) {
+                eight.copy_from_slice(&word.load(Ordering::Relaxed).to_le_bytes());
+            }
+        };
+        if record::input_bytes(&self.name, bytes, fill) {
+            let (eights, _) = bytes.as_chunks::<8>();
+            for (word, eight) in slot.iter().zip(eights) {
+                word.store(u64::from_le_bytes(*eight), Ordering::Release);
+            }
+        }
+    }
+}

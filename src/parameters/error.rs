@@ -1,0 +1,312 @@
+//! What is refused, with the names.
+
+use std::fmt;
+use std::sync::Arc;
+
+/// Why a parameter cannot be declared.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum DeclareError {
+    /// It was not declared in `pre_run` of a process.
+    NotInPreRun {
+        /// The parameter's name.
+        parameter: String,
+    },
+    /// There is one of that name.
+    Duplicate {
+        /// The name.
+        parameter: String,
+        /// The process that has it.
+        process: String,
+    },
+    /// One of that name is there or was, and it was declared otherwise.
+    Differs {
+        /// The name.
+        parameter: String,
+    },
+    /// Its name cannot be written in files and on command lines.
+    Name {
+        /// The name.
+        parameter: String,
+    },
+    /// One of its texts is too long.
+    TooLong {
+        /// The parameter's name.
+        parameter: String,
+        /// Which of its texts.
+        what: &'static str,
+        /// How many bytes it may have.
+        most: usize,
+    },
+    /// Its range contains nothing, or has a limit that is not finite.
+    Range {
+        /// The parameter's name.
+        parameter: String,
+        /// The range.
+        range: String,
+    },
+    /// Its default cannot be its value.
+    Default {
+        /// The parameter's name.
+        parameter: String,
+        /// The default.
+        value: String,
+        /// Why.
+        reason: Reason,
+    },
+}
+
+impl fmt::Display for DeclareError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            DeclareError::NotInPreRun { parameter } => write!(
+                f,
+                "parameter `{parameter}` was declared outside of any `pre_run`; declare it in `pre_run` of the process that reads it"
+            ),
+            DeclareError::Duplicate { parameter, process } => write!(
+                f,
+                "process `{process}` has a parameter `{parameter}` already; give each a name of its own, or declare it as shared in all who read it"
+            ),
+            DeclareError::Differs { parameter } => write!(
+                f,
+                "parameter `{parameter}` was declared before with another type, unit, range or default; declare it alike"
+            ),
+            DeclareError::Name { parameter } => write!(
+                f,
+                "`{parameter}` cannot be a parameter's name; use one without `=`, `,`, quotes, brackets and control characters, and without spaces or slashes \
+                 at its ends"
+            ),
+            DeclareError::TooLong {
+                parameter,
+                what,
+                most,
+            } => write!(
+                f,
+                "the {what} of parameter `{parameter}` has more than {most} bytes; use a shorter one"
+            ),
+            DeclareError::Range { parameter, range } => write!(
+                f,
+                "parameter `{parameter}` has the range {range}; give it finite limits, the lower one first"
+            ),
+            DeclareError::Default {
+                parameter,
+                value,
+                reason,
+            } => write!(
+                f,
+                "the default {value} of parameter `{parameter}`: {reason}"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for DeclareError {}
+
+/// Where a value came from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Source {
+    /// From a file, at this line.
+    File {
+        /// Which.
+        path: Arc<str>,
+        /// From 1.
+        line: usize,
+    },
+    /// From this variable of the environment.
+    Environment(&'static str),
+    /// From the command line.
+    Argument,
+    /// From the program, or who uses it: a scope.
+    Program,
+    /// From the recording that is replayed.
+    Recording,
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Source::File { path, line } => write!(f, "{path}:{line}: "),
+            Source::Environment(variable) => write!(f, "{variable}: "),
+            Source::Argument => f.write_str("--set: "),
+            Source::Program => Ok(()),
+            Source::Recording => f.write_str("recording: "),
+        }
+    }
+}
+
+/// Why a value was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Reason {
+    /// No process has declared such a parameter.
+    Unknown {
+        /// Whose name is like it.
+        nearest: Option<String>,
+    },
+    /// It lies outside of the parameter's range, or of what its type can hold.
+    OutOfRange {
+        /// The least that it can be.
+        least: String,
+        /// The most.
+        most: String,
+    },
+    /// It is not of the parameter's type.
+    WrongType {
+        /// What it has to be.
+        expected: String,
+    },
+    /// A list of another length.
+    WrongLength {
+        /// The parameter's.
+        expected: usize,
+        /// The value's.
+        found: usize,
+    },
+    /// It is infinite, or no number.
+    NotFinite,
+    /// A whole number that a parameter with fractions would round.
+    NotExact,
+    /// None of what there is to choose from.
+    NoSuchChoice {
+        /// What there is.
+        choices: String,
+        /// Which is like it.
+        nearest: Option<String>,
+    },
+    /// The set has two values for it.
+    Twice,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let meant = |nearest: &Option<String>| match nearest {
+            Some(name) => format!("; did you mean `{name}`?"),
+            None => String::new(),
+        };
+        match self {
+            Reason::Unknown { nearest } => {
+                write!(f, "there is no such parameter{}", meant(nearest))
+            }
+            Reason::OutOfRange { least, most } => write!(f, "it must be {least} to {most}"),
+            Reason::WrongType { expected } => write!(f, "it must be {expected}"),
+            Reason::WrongLength { expected, found } => {
+                write!(f, "it must have {expected} elements, and has {found}")
+            }
+            Reason::NotFinite => f.write_str("it must be finite"),
+            Reason::NotExact => f.write_str("it has more digits than the type; write fewer"),
+            Reason::NoSuchChoice { choices, nearest } => {
+                write!(f, "it must be one of {choices}{}", meant(nearest))
+            }
+            Reason::Twice => f.write_str("it is set twice; leave one out"),
+        }
+    }
+}
+
+/// A value that was refused: whose, from where, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Refusal {
+    /// The parameter's name, as it was told.
+    pub name: String,
+    /// The value.
+    pub value: String,
+    /// The parameter's unit, if it is known.
+    pub unit: String,
+    /// Where it came from.
+    pub source: Source,
+    /// What is wrong about it.
+    pub reason: Reason,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Refusal {
+            name,
+            value,
+            unit,
+            source,
+            reason,
+        } = self;
+        write!(f, "{source}`{name}` = {value}: {reason}")?;
+        match reason {
+            Reason::OutOfRange { .. } if !unit.is_empty() => write!(f, " {unit}"),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Why a set of parameters was not taken. Nothing of it was.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SetError {
+    /// These of its values.
+    Refused(Vec<Refusal>),
+    /// The file cannot be read, or is no TOML.
+    File {
+        /// Which.
+        path: String,
+        /// Where, from 1, if it is known.
+        line: Option<usize>,
+        /// What is wrong.
+        message: String,
+    },
+    /// What was to be `NAME=VALUE` is not.
+    Syntax {
+        /// Where it came from.
+        source: Source,
+        /// What was written.
+        text: String,
+    },
+    /// A file was to be read again, and there is none.
+    NoFile,
+    /// The system does not run yet, or does no longer.
+    NotRunning {
+        /// Its name.
+        system: String,
+    },
+    /// The system is replayed: it gets the recorded values.
+    Replayed,
+}
+
+impl fmt::Display for SetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SetError::Refused(refused) => {
+                f.write_str("no parameter was set")?;
+                for (index, one) in refused.iter().enumerate() {
+                    let sign = if index == 0 { ": " } else { "; " };
+                    write!(f, "{sign}{one}")?;
+                }
+                Ok(())
+            }
+            SetError::File {
+                path,
+                line,
+                message,
+            } => {
+                write!(f, "no parameter was set: {path}")?;
+                if let Some(line) = line {
+                    write!(f, ":{line}")?;
+                }
+                write!(f, ": {message}")
+            }
+            SetError::Syntax { source, text } => write!(
+                f,
+                "no parameter was set: {source}`{text}` is not NAME=VALUE, such as pan/kp=2.5"
+            ),
+            SetError::NoFile => f.write_str(
+                "there is no file of parameters to read again; name one by System::parameters_from or LUNA_PARAMETERS",
+            ),
+            SetError::NotRunning { system } => write!(
+                f,
+                "system `{system}` does not run, so its parameters cannot be replaced; before the start use System::set_parameter"
+            ),
+            SetError::Replayed => f.write_str(
+                "the system is replayed, with the parameters that were recorded, so they cannot be replaced",
+            ),
+        }
+    }
+}
+
+impl std::error::Error for SetError {}

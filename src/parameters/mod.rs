@@ -1,0 +1,120 @@
+//! Parameters: numbers and choices that a process declares, files and people set, and the path reads.
+//!
+//! A process declares its [`Parameter`]s in `pre_run`: name, default, unit, range. At the start they get their values of a TOML file ([`System::parameters_from`](crate::System::parameters_from)), the environment
+//! and the command line; while the system runs, of the file again or of anybody who has [`Parameters`]. What is set is a whole: of a set with a name that nobody has declared, or
+//! a value out of range, nothing is taken, and the error names each.
+//!
+//! A process sees one set during a whole cycle. [`Periodic::next`](crate::Periodic::next) takes the latest one for all parameters of its process at once; a process without a loop
+//! says when, by [`Parameter::latch`]. Reading is a load, without a lock. `docs/parameters.md` has the whole.
+//!
+//! ```
+//! use luna::Parameter;
+//! use luna::prelude::*;
+//! use std::time::Duration;
+//!
+//! #[derive(Default)]
+//! struct Pan { gains: Option<(Parameter<f64>, Parameter<f64>)> }
+//!
+//! impl Process for Pan {
+//!     fn pre_run(&mut self) -> luna::Result<()> {
+//!         let kp = Parameter::with_default("pan/kp", 2.0).unit("1/rad").range(0.0..=50.0).description("of the controller").register()?;
+//!         let kd = Parameter::with_default("pan/kd", 0.1).unit("s/rad").range(0.0..=5.0).register()?;
+//!         self.gains = Some((kp, kd));
+//!         Ok(())
+//!     }
+//!
+//!     async fn run(&mut self) -> luna::Result<()> {
+//!         let Some((kp, kd)) = &self.gains else { return Ok(()) };
+//!         let mut tick = luna::periodic("pan", Duration::from_millis(1))?;
+//!         for _ in 0..10 {
+//!             tick.next().await;
+//!             assert_eq!((kp.get(), kd.get()), (2.5, 0.1));
+//!         }
+//!         Ok(())
+//!     }
+//! }
+//!
+//! let mut system = System::new("camera");
+//! system.set_parameter("pan/kp", 2.5);
+//! let main = system.executor("main").build()?;
+//! main.process("pan").spawn(Pan::default())?;
+//! system.run()?;
+//! # Ok::<(), luna::Error>(())
+//! ```
+
+mod cells;
+mod error;
+mod form;
+mod handle;
+mod nearest;
+mod parameter;
+mod sources;
+mod store;
+mod types;
+mod value;
+mod watch;
+
+pub(crate) use cells::Reader;
+pub use error::{DeclareError, Reason, Refusal, SetError, Source};
+pub use handle::{Info, Parameters};
+pub use parameter::{Parameter, ParameterBuilder};
+pub(crate) use store::Store;
+pub use types::{Choice, Number, Tunable};
+pub use value::Value;
+pub(crate) use watch::FileWatch;
+
+use sources::Given;
+
+impl Store {
+    /// Gives a value that comes over that of the file.
+    pub(crate) fn give_value(&self, name: &str, value: Value) {
+        self.give(Given {
+            name: name.to_owned(),
+            value,
+            source: Source::Program,
+        });
+    }
+
+    /// Takes `--parameters FILE` and `--set NAME=VALUE` out of these arguments; gives the others.
+    pub(crate) fn take_arguments(
+        &self,
+        arguments: impl IntoIterator<Item = String>,
+    ) -> Result<Vec<String>, SetError> {
+        let mut others = Vec::new();
+        let mut arguments = arguments.into_iter();
+        while let Some(argument) = arguments.next() {
+            if argument == "--" {
+                // What follows are no options.
+                others.push(argument);
+                others.extend(arguments);
+                break;
+            }
+            let (option, value) = match argument.split_once('=') {
+                Some((option, value)) => (option, Some(value.to_owned())),
+                None => (argument.as_str(), None),
+            };
+            match option {
+                "--parameters" | "--set" => {
+                    let value = value.or_else(|| arguments.next());
+                    let value = value.filter(|value| !value.is_empty());
+                    let value = value.ok_or_else(|| SetError::Syntax {
+                        source: Source::Argument,
+                        text: option.to_owned(),
+                    })?;
+                    match option {
+                        "--set" => self.give(sources::assignment(&value, &Source::Argument)?),
+                        _ => self.read_from(value.into()),
+                    }
+                }
+                _ => others.push(argument),
+            }
+        }
+        Ok(others)
+    }
+
+    /// Takes `NAME=VALUE`, as if it were behind `--set`.
+    pub(crate) fn take_assignment(&self, text: &str) -> Result<(), SetError> {
+        self.give(sources::assignment(text, &Source::Argument)?);
+        Ok(())
+    }
+}

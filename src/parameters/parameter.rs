@@ -1,0 +1,216 @@
+//! A parameter, as its process has it.
+
+use super::cells::Cells;
+use super::error::DeclareError;
+use super::form::Form;
+use super::store::{Declared, Store};
+use super::types::{Number, Tunable};
+use super::value::Value;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// A value that is set from outside, and read on the real-time path: see [`parameters`](super).
+///
+/// Declared in `pre_run`, where it has its value already. Clones are the same parameter. Elsewhere than in the process that has declared it, a handle reads what that process
+/// has taken.
+///
+/// ```
+/// use luna::Parameter;
+/// use luna::parameters::Choice;
+/// use luna::prelude::*;
+///
+/// #[derive(Clone, Copy, PartialEq)]
+/// enum Mode { Position, Speed }
+///
+/// impl Choice for Mode {
+///     const CHOICES: &'static [(&'static str, Mode)] = &[("position", Mode::Position), ("speed", Mode::Speed)];
+/// }
+///
+/// #[derive(Default)]
+/// struct Axis { mode: Option<Parameter<Mode>>, gains: Option<Parameter<[f32; 3]>> }
+///
+/// impl Process for Axis {
+///     fn pre_run(&mut self) -> luna::Result<()> {
+///         self.mode = Some(Parameter::with_default("axis/mode", Mode::Position).register()?);
+///         self.gains = Some(Parameter::with_default("axis/gains", [2.0, 0.0, 0.1]).range(0.0..=10.0).register()?);
+///         Ok(())
+///     }
+///
+///     async fn run(&mut self) -> luna::Result<()> {
+///         let (Some(mode), Some(gains)) = (&self.mode, &self.gains) else { return Ok(()) };
+///         assert!(mode.get() == Mode::Speed);
+///         assert_eq!(gains.get(), [1.0, 2.0, 3.0]);
+///         Ok(())
+///     }
+/// }
+///
+/// let mut system = System::new("drive");
+/// system.set_parameter("axis/mode", "speed").set_parameter("axis/gains", [1.0, 2.0, 3.0]);
+/// let main = system.executor("main").build()?;
+/// main.process("axis").spawn(Axis::default())?;
+/// system.run()?;
+/// # Ok::<(), luna::Error>(())
+/// ```
+pub struct Parameter<T> {
+    cells: Arc<Cells>,
+    has: PhantomData<fn() -> T>,
+}
+
+impl<T: Tunable> Parameter<T> {
+    /// A parameter to be, with the value that it has if nobody says otherwise.
+    pub fn with_default(name: &str, default: T) -> ParameterBuilder<T> {
+        ParameterBuilder {
+            name: name.into(),
+            default,
+            unit: String::new(),
+            description: String::new(),
+            range: None,
+            is_shared: false,
+        }
+    }
+
+    /// The value, of the set that the process has taken last.
+    ///
+    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one more for each element of an array. All elements are of one set.
+    #[inline]
+    pub fn get(&self) -> T {
+        if T::IS_ARRAY {
+            let make = |words: &[_]| {
+                T::of_words(|index| {
+                    let word: &std::sync::atomic::AtomicU64 = &words[index];
+                    word.load(Ordering::Acquire)
+                })
+            };
+            self.cells.several(make)
+        } else {
+            T::of_words(|_| self.cells.word())
+        }
+    }
+
+    /// Takes the latest set, for all parameters of the process: for a process without a [loop](crate::periodic), whose `next` does it.
+    ///
+    /// Real-time path: yes. Wait-free, O(1), no allocation: a load, and an atomic exchange if there is a new set. While the process is recorded O(its parameters). Elsewhere than in the process that
+    /// has declared the parameter it does nothing.
+    #[inline]
+    pub fn latch(&self) {
+        self.cells.reader.latch();
+    }
+}
+
+impl<T> Clone for Parameter<T> {
+    fn clone(&self) -> Self {
+        Self {
+            cells: self.cells.clone(),
+            has: PhantomData,
+        }
+    }
+}
+
+impl<T> fmt::Debug for Parameter<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Parameter")
+            .field("name", &self.cells.name)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A parameter to be: see [`Parameter::with_default`].
+#[must_use = "a parameter is declared by `register`"]
+#[derive(Debug, Clone)]
+pub struct ParameterBuilder<T> {
+    name: Arc<str>,
+    default: T,
+    unit: String,
+    description: String,
+    range: Option<(Value, Value)>,
+    is_shared: bool,
+}
+
+impl<T: Tunable> ParameterBuilder<T> {
+    /// What it is measured in.
+    pub fn unit(mut self, unit: &str) -> Self {
+        self.unit = unit.to_owned();
+        self
+    }
+
+    /// What it is, in a few words.
+    pub fn description(mut self, text: &str) -> Self {
+        self.description = text.to_owned();
+        self
+    }
+
+    /// Between which values it, or each of its elements, may be.
+    pub fn range(mut self, range: RangeInclusive<T::Element>) -> Self
+    where
+        T::Element: Number + Into<Value>,
+    {
+        let (least, most) = range.into_inner();
+        self.range = Some((least.into(), most.into()));
+        self
+    }
+
+    /// Other processes may declare it too, alike. Each takes a set at its own cycle's begin.
+    pub fn shared(mut self) -> Self {
+        self.is_shared = true;
+        self
+    }
+
+    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value.
+    ///
+    /// Not for the real-time path: it allocates, and takes a lock. O(processes that have parameters).
+    ///
+    /// # Errors
+    ///
+    /// A [`DeclareError`]: outside of any `pre_run`; a name that another has, or that cannot be written in a file; a text that is too long; a range or a default that makes no sense.
+    /// A value of the file that is out of range is no error of this: the start fails with all of those.
+    pub fn register(self) -> Result<Parameter<T>, DeclareError> {
+        let parameter = || self.name.to_string();
+        if let Some((least, most)) = &self.range
+            && !is_range(least, most)
+        {
+            return Err(DeclareError::Range {
+                parameter: parameter(),
+                range: format!("{least} to {most}"),
+            });
+        }
+        let form = Form {
+            kind: T::kind(),
+            elements: T::IS_ARRAY.then_some(T::WORDS),
+            range: self.range,
+        };
+        let words: Box<[u64]> = (0..T::WORDS)
+            .map(|index| self.default.word(index))
+            .collect();
+        let value = form.unpack(&words);
+        let default = form.pack(&value).map_err(|reason| DeclareError::Default {
+            parameter: self.name.to_string(),
+            value: value.to_string(),
+            reason,
+        })?;
+        let cells = Store::declare(Declared {
+            name: self.name,
+            unit: self.unit,
+            description: self.description,
+            form,
+            default,
+            is_shared: self.is_shared,
+        })?;
+        Ok(Parameter {
+            cells,
+            has: PhantomData,
+        })
+    }
+}
+
+fn is_range(least: &Value, most: &Value) -> bool {
+    match (least, most) {
+        (Value::Float(least), Value::Float(most)) => {
+            least.is_finite() && most.is_finite() && least <= most
+        }
+        (Value::Integer(least), Value::Integer(most)) => least <= most,
+        _ => false,
+    }
+}
