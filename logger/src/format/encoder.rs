@@ -58,6 +58,11 @@ impl Encoder {
         self.block.len() == BLOCK_START
     }
 
+    /// Bytes of the block so far, with its start.
+    pub fn len(&self) -> usize {
+        self.block.len()
+    }
+
     /// Whether the block is to be taken before more is put into it.
     pub fn is_full(&self) -> bool {
         self.block.len() >= FULL

@@ -154,7 +154,13 @@ impl<'a> Values<'a> {
         Self::new(of, &bytes[..bytes.len() - bytes.len() % of.size()])
     }
 
-    pub(crate) fn bytes(self) -> &'a [u8] {
+    /// Their bytes, as they stand in a recording.
+    ///
+    /// ```
+    /// use luna_logger::format::{Type, Values};
+    /// assert_eq!(Values::from_bytes(Type::U16, &[1, 2, 3]).bytes(), [1, 2]);
+    /// ```
+    pub fn bytes(self) -> &'a [u8] {
         self.bytes
     }
 

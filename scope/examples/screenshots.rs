@@ -1,0 +1,39 @@
+//! Makes the pictures of the documentation: `cargo run -p luna-scope --example screenshots -- docs/scope`.
+
+#[path = "../tests/support/mod.rs"]
+mod support;
+
+use luna_scope::{Scope, Settings};
+use std::path::PathBuf;
+use support::browser::{Browser, program};
+use support::feeder::Feeder;
+use support::machine::Machine;
+
+const LAPTOP: (u32, u32) = (1366, 820);
+
+fn main() {
+    let folder = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| ".".to_owned()));
+    let program = program().expect("chromium is needed (Debian: chromium)");
+    let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
+    let scope = Scope::open(settings).unwrap();
+    let feeder = Feeder::start(&scope, Machine::new());
+    let mut browser = Browser::start(&program, "screenshots");
+    browser.open(&scope.url(), LAPTOP, "light");
+    browser.wait("scope.clock.now > 10.5");
+    browser.screenshot(&folder.join("light.png"));
+
+    browser.look(LAPTOP, "dark");
+    browser.run("scope.show('loops')");
+    browser.frames(10);
+    browser.screenshot(&folder.join("loops.png"));
+    browser.run("scope.show('composition')");
+    browser.frames(90);
+    browser.screenshot(&folder.join("dark.png"));
+
+    browser.look(LAPTOP, "light");
+    browser.run("scope.show('timeline'); scope.views.timeline.lastLate()");
+    browser.frames(10);
+    browser.screenshot(&folder.join("late.png"));
+    assert_eq!(browser.complaints, [""; 0]);
+    drop(feeder);
+}

@@ -1,0 +1,168 @@
+// Which process is part of which, what state each is in, and who waits at which channel.
+
+import { $, make, put, span, instant, count } from "./text.js";
+import { STATES, SUBJECT } from "./events.js";
+
+const READ = 250; // ms between changes of words, so that they can be read
+
+export class Composition {
+  constructor(model, clock) {
+    Object.assign(this, { model, clock });
+    this.root = $("#composition");
+    this.tree = $("#tree");
+    this.boxes = new Map();
+    this.rows = new Map();
+    this.version = -1;
+    this.read = -Infinity;
+    this.body = make("tbody");
+    const head = make("tr", {}, ...["Channel", "Each second", "Who waits"].map((text, n) => make("th", { class: n === 1 ? "n" : "", scope: "col" }, text)));
+    this.channels = make("div", { class: "panel" }, make("header", {}, make("h2", {}, "Channels")), make("table", {}, make("thead", {}, head), this.body));
+    $("#channels").append(this.channels);
+    this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No processes yet"), make("p", {}, "Here are the processes of the system with their states, when the recording has its events.")));
+    this.tree.before(this.quiet);
+  }
+
+  declare() {
+    this.version = this.model.version;
+    const groups = this.model.tree();
+    const before = this.boxes;
+    this.boxes = new Map();
+    const build = (entries, depth) => {
+      const built = [];
+      for (const { process, depth: own, parts } of entries) {
+        if (own !== depth) continue;
+        const box = before.get(process.number) ?? this.box();
+        box.process = process;
+        put(box.title, process.name);
+        this.boxes.set(process.number, box);
+        box.root.classList.toggle("group", parts.length > 0);
+        const inner = parts.length ? build(entries.filter(({ process: one }) => this.isIn(one, process)), depth + 1) : [];
+        box.inner.replaceChildren(...inner);
+        box.inner.hidden = inner.length === 0;
+        built.push(box.root);
+      }
+      return built;
+    };
+    this.tree.replaceChildren(...groups.map((group) => {
+      const processes = `${group.processes.length} ${group.processes.length === 1 ? "process" : "processes"}`;
+      return make("section", { class: "executor panel" }, make("header", {}, make("h2", {}, group.name), make("span", { class: "muted" }, processes)), make("div", { class: "boxes" }, ...build(group.processes, 0)));
+    }));
+    this.quiet.hidden = groups.length > 0;
+    this.root.querySelector(".split").hidden = groups.length === 0;
+    this.root.querySelector(".legend").hidden = groups.length === 0;
+    const known = this.rows;
+    this.rows = new Map();
+    for (const channel of [...this.model.channels.values()].sort((a, b) => a.number - b.number)) {
+      const row = known.get(channel.number) ?? this.row(channel.number);
+      row.channel = channel;
+      put(row.name, channel.name);
+      this.rows.set(channel.number, row);
+    }
+    this.body.replaceChildren(...[...this.rows.values()].map(({ root }) => root));
+    this.channels.hidden = this.rows.size === 0;
+  }
+
+  isIn(process, whole) {
+    for (let at = process, n = 0; at && n < 40; at = this.model.processes.get(at.parent), n++) if (at.parent === whole.number) return true;
+    return false;
+  }
+
+  box() {
+    const title = make("h3"), words = make("p"), busy = make("i"), inner = make("div", { class: "boxes", hidden: true });
+    const root = make("div", { class: "box unknown" }, title, words, inner, make("div", { class: "busy", title: "How much of the time it runs" }, busy));
+    return { root, title, words, busy, inner, state: 0, share: 0, seen: 0, at: null };
+  }
+
+  row(number) {
+    const name = make("td"), rate = make("td", { class: "n" }), who = make("td", { class: "muted" });
+    const root = make("tr", { tabindex: "0" }, name, rate, who);
+    const mark = () => { this.marked = this.marked === number ? null : number; };
+    root.onclick = mark;
+    root.onkeydown = (event) => { if (event.key === "Enter") mark(); };
+    return { root, name, rate, who, seen: null, at: null, perSecond: null };
+  }
+
+  frame(now) {
+    if (this.version !== this.model.version) this.declare();
+    const { clock, model } = this;
+    const isLive = clock.live;
+    const states = isLive ? null : model.events.statesAt(model.events.find(clock.now + 1e-9));
+    const reads = now - this.read >= READ || this.wasAt !== clock.now && !isLive;
+    this.wasAt = clock.now;
+    if (reads) this.read = now;
+    const waiting = new Map();
+    for (const [number, box] of this.boxes) {
+      const { process } = box;
+      const known = isLive ? process : states.get(number) ?? (process.base && process.base.time <= clock.now ? process.base : { state: 0 });
+      if (known.state !== box.state) {
+        box.root.classList.remove(STATES[box.state]);
+        box.root.classList.add(STATES[known.state]);
+        box.state = known.state;
+      }
+      if (known.state === 3 && known.a === SUBJECT.channel && known.b) {
+        if (!waiting.has(known.b)) waiting.set(known.b, []);
+        waiting.get(known.b).push(process.name);
+      }
+      if (reads) {
+        put(box.words, this.words(process, known, isLive));
+        this.busy(box, process, isLive);
+        const isMarked = this.marked != null && (this.marks(process, known));
+        box.root.classList.toggle("marked", isMarked);
+      }
+    }
+    if (reads) this.tellChannels(waiting, isLive);
+    if (reads) put($("#composition-instant"), isLive ? "" : `at ${instant(clock.now, clock.speed > 0 && clock.speed < 0.5 ? 1e-5 : 1e-6)}`);
+  }
+
+  marks(process, known) {
+    const channel = this.model.channels.get(this.marked);
+    return channel && (channel.from === process.number || channel.to === process.number || (known.state === 3 && known.a === SUBJECT.channel && known.b === this.marked));
+  }
+
+  words(process, known, isLive) {
+    switch (known.state) {
+      case 1: return "ready";
+      case 2: return isLive ? this.last(process) : "running";
+      case 3: return this.waits(known.a, known.b);
+      case 4: return "done";
+      case 5: return "failed";
+      default: return "not seen yet";
+    }
+  }
+
+  // What it waited for last: who runs a thousand times a second would only flicker.
+  last(process) { return process.a ? this.waits(process.a, process.b) : "running"; }
+
+  waits(a, b) {
+    const reason = this.model.reason(a, b);
+    return reason ? `waits for ${reason}` : "waits";
+  }
+
+  busy(box, process, isLive) {
+    const { latest } = this.clock;
+    if (isLive && box.at !== null && latest > box.at) {
+      const share = Math.min(1, (process.busy - box.seen) / (latest - box.at));
+      box.share += (share - box.share) * 0.4;
+      const shown = box.share > 0 ? Math.max(0.01, box.share) : 0;
+      box.busy.style.transform = `scaleX(${shown.toFixed(3)})`;
+      box.root.title = `${process.name}: runs ${(box.share * 100).toFixed(1)} % of the time, ${count(process.turns)} turns`;
+    }
+    box.seen = process.busy;
+    box.at = latest;
+  }
+
+  tellChannels(waiting, isLive) {
+    const { latest } = this.clock;
+    for (const [number, row] of this.rows) {
+      put(row.who, (waiting.get(number) ?? []).join(", ") || "–");
+      row.root.classList.toggle("chosen", this.marked === number);
+      if (!isLive) continue;
+      if (row.at !== null && latest - row.at >= 0.4) {
+        const rate = (row.channel.communications - row.seen) / (latest - row.at);
+        row.perSecond = row.perSecond === null ? rate : row.perSecond + (rate - row.perSecond) * 0.5;
+        put(row.rate, count(row.perSecond));
+      }
+      if (row.at === null || latest - row.at >= 0.4) { row.seen = row.channel.communications; row.at = latest; }
+    }
+  }
+}

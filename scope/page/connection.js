@@ -1,0 +1,142 @@
+// The WebSocket to the scope. It is closed while nobody looks, and opened again; what was missed meanwhile is told by the scope.
+
+import { Decoder } from "./decode.js";
+
+const HIDDEN = 20_000; // so long the page may be hidden before it hangs up
+const MOST_KEPT = 64 << 20; // bytes that wait while the page is paused
+
+export class Connection {
+  constructor(model, clock, handlers) {
+    Object.assign(this, { model, clock, handlers });
+    this.state = "connecting";
+    this.bytes = 0;
+    this.kept = [];
+    this.keptBytes = 0;
+    this.sets = new Map();
+    this.nextSet = 1;
+    this.token = new URLSearchParams(location.hash.slice(1)).get("token");
+    document.addEventListener("visibilitychange", () => this.visibility());
+    clock.listeners.add(() => clock.live && this.release());
+    this.open();
+  }
+
+  open() {
+    clearTimeout(this.retry);
+    this.socket = new WebSocket(`ws://${location.host}/live`);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.become("open");
+      if (this.token) this.say({ type: "token", token: this.token });
+    };
+    this.socket.onmessage = ({ data }) => this.take(data);
+    this.socket.onclose = () => {
+      this.become(this.asleep ? "asleep" : "away");
+      for (const settle of this.sets.values()) settle("the scope is gone");
+      this.sets.clear();
+      if (!this.asleep) this.retry = setTimeout(() => this.open(), 1000);
+    };
+  }
+
+  become(state) {
+    this.state = state;
+    this.handlers.state?.(state);
+  }
+
+  visibility() {
+    clearTimeout(this.hiding);
+    if (document.hidden) {
+      this.hiding = setTimeout(() => {
+        if (!this.clock.live) return; // what is looked at stays
+        this.asleep = true;
+        clearTimeout(this.retry);
+        this.socket.close();
+      }, HIDDEN);
+    } else if (this.asleep) {
+      this.asleep = false;
+      this.open();
+    }
+  }
+
+  say(word) { if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(word)); }
+
+  // Sets a parameter; gives why it was not set, or null.
+  set(name, value) {
+    return new Promise((settle) => {
+      const id = this.nextSet++;
+      if (this.socket.readyState !== WebSocket.OPEN) return settle("the scope is gone");
+      this.sets.set(id, settle);
+      this.say({ type: "set", id, name, value });
+    });
+  }
+
+  take(data) {
+    if (typeof data !== "string") this.bytes += data.byteLength;
+    const word = typeof data === "string" ? JSON.parse(data) : null;
+    if (word && !["begin", "missed"].includes(word.type)) return this.hear(word);
+    // While the page is paused, memory stays as it is: else what is looked at would be overwritten.
+    if (!this.clock.live && !(word?.type === "begin" && this.model.version <= 1)) return this.keep(word ?? data);
+    this.apply(word ?? data);
+    if (!word) this.clock.settle(performance.now());
+  }
+
+  keep(piece) {
+    this.kept.push(piece);
+    this.keptBytes += piece.byteLength ?? 0;
+    let dropped = 0;
+    while (this.keptBytes > MOST_KEPT) {
+      // Declarations stay: without them what follows means nothing.
+      const at = this.kept.findIndex((one, n) => one.byteLength && !this.isDeclaration(n));
+      if (at < 0) break;
+      this.keptBytes -= this.kept[at].byteLength;
+      this.kept.splice(at, 1);
+      dropped++;
+    }
+    this.model.missed += dropped;
+  }
+
+  isDeclaration(n) {
+    for (let back = 1; back <= n && back < 64; back++) {
+      const before = this.kept[n - back];
+      if (!before.byteLength) return before.declarations >= back;
+    }
+    return false;
+  }
+
+  release() {
+    const kept = this.kept;
+    this.kept = [];
+    this.keptBytes = 0;
+    for (const piece of kept) this.apply(piece);
+    if (kept.length) this.clock.settle(performance.now());
+  }
+
+  apply(piece) {
+    if (piece.byteLength !== undefined) {
+      try {
+        this.decoder?.block(piece, this.declarations > 0);
+      } catch (error) {
+        this.handlers.problem?.(`A block could not be read: ${error.message}`);
+      }
+      this.declarations--;
+    } else {
+      if (piece.type === "begin") {
+        this.model.reset();
+        this.clock.reset();
+        this.decoder = new Decoder(this.model);
+        this.handlers.begin?.();
+      } else this.model.missed += piece.blocks;
+      this.declarations = piece.declarations;
+    }
+  }
+
+  hear(word) {
+    switch (word.type) {
+      case "hello": this.hello = word; this.handlers.hello?.(word); break;
+      case "loops": this.model.counts = word; break;
+      case "status": this.model.status = word.status; this.handlers.status?.(word.status); break;
+      case "parameters": this.handlers.parameters?.(word.list); break;
+      case "authorized": this.handlers.authorized?.(word.ok); break;
+      case "set": this.sets.get(word.id)?.(word.error); this.sets.delete(word.id); break;
+    }
+  }
+}

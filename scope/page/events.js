@@ -1,0 +1,96 @@
+// The last events, in bounded memory, and the states that they tell.
+
+const FIRST = 1 << 14, MOST = 1 << 20;
+const BETWEEN = 1 << 12, CHECKPOINTS = MOST / BETWEEN; // events from one checkpoint of all states to the next
+
+export const CODE = { ready: 1, running: 2, waiting: 3, done: 4, communication: 5, alternative: 6, asleep: 7, awake: 8, priority: 9, slot: 10, late: 11, emergency: 12, spawned: 13 };
+export const SUBJECT = { process: 1, executor: 2, channel: 3, barrier: 4, lock: 5, loop: 6, code: 7 };
+export const STATES = ["unknown", "ready", "running", "waiting", "done", "failed"];
+const STILL_READY = 255;
+
+// The state that an event says, as an index into STATES; 0 if it says none.
+export function stateOf(code, a) {
+  if (code === CODE.waiting) return a === STILL_READY ? 1 : 3;
+  if (code === CODE.done) return a === 1 || a === 2 ? 5 : 4;
+  return code === CODE.ready ? 1 : code === CODE.running ? 2 : 0;
+}
+
+export class Events {
+  constructor() {
+    this.begin = 0;
+    this.end = 0;
+    this.current = new Map();
+    this.checkpoints = [];
+    this.allocate(FIRST);
+  }
+
+  allocate(room) {
+    const old = this.time && { ...this };
+    this.mask = room - 1;
+    this.time = new Float64Array(room);
+    this.code = new Uint8Array(room);
+    this.thread = new Uint16Array(room);
+    this.subject = new Uint32Array(room);
+    this.a = new Float64Array(room);
+    this.b = new Float64Array(room);
+    if (!old) return;
+    for (let index = old.begin; index < old.end; index++) {
+      const from = index & old.mask, to = index & this.mask;
+      for (const column of ["time", "code", "thread", "subject", "a", "b"]) this[column][to] = old[column][from];
+    }
+  }
+
+  push(time, code, subject, a, b, thread) {
+    const room = this.mask + 1;
+    if (this.end - this.begin === room) {
+      if (room < MOST) this.allocate(room * 2); else this.begin++;
+    }
+    const last = (this.end - 1) & this.mask;
+    const at = this.end & this.mask;
+    // What a round of the recorder merged a little out of order is found all the same.
+    this.time[at] = this.end > this.begin && time < this.time[last] ? this.time[last] : time;
+    this.code[at] = code;
+    this.thread[at] = thread;
+    this.subject[at] = subject;
+    this.a[at] = a;
+    this.b[at] = b;
+    this.apply(this.current, at);
+    this.end++;
+    if (this.end % BETWEEN === 0) {
+      const states = [...this.current].map(([subject, state]) => [subject, { ...state }]);
+      this.checkpoints[(this.end / BETWEEN) % CHECKPOINTS] = { end: this.end, states };
+    }
+  }
+
+  find(time) {
+    let low = this.begin, high = this.end;
+    while (low < high) {
+      const middle = Math.floor((low + high) / 2);
+      if (this.time[middle & this.mask] < time) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  // The state of each process after the events before `index`: by number { state, time, a, b }. O(processes + events between two checkpoints).
+  statesAt(index) {
+    let best = null;
+    for (const one of this.checkpoints) if (one && one.end <= index && one.end >= this.begin && (!best || one.end > best.end)) best = one;
+    const states = new Map();
+    if (best) for (const [subject, state] of best.states) states.set(subject, { ...state });
+    for (let at = best ? best.end : this.begin; at < index; at++) this.apply(states, at & this.mask);
+    return states;
+  }
+
+  apply(states, slot) {
+    const state = stateOf(this.code[slot], this.a[slot]);
+    if (state === 0) return;
+    const subject = this.subject[slot];
+    let known = states.get(subject);
+    if (!known) states.set(subject, (known = {}));
+    known.state = state;
+    known.time = this.time[slot];
+    known.thread = this.thread[slot];
+    known.a = this.a[slot];
+    known.b = this.b[slot];
+  }
+}

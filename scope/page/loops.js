@@ -1,0 +1,117 @@
+// How well each loop keeps its time, and why it did not.
+
+import { $, make, put, spanParts, span, instant, count } from "./text.js";
+import { colours, fit } from "./draw.js";
+
+const PARTS = 16, FINE = 32; // of the scope's histograms: a sixteenth of an octave
+export const CAUSES = ["not known", "the loop itself", "a more urgent process", "the kernel or another program", "the hypervisor"];
+
+// The bounds of a part of a histogram, in nanoseconds.
+export function bounds(at) {
+  const lower = (n) => (n < FINE ? n : (n - (Math.floor(n / PARTS) - 1) * PARTS) * 2 ** (Math.floor(n / PARTS) - 1));
+  return [lower(at), lower(at + 1)];
+}
+
+export class Loops {
+  constructor(model, clock, show) {
+    Object.assign(this, { model, clock, show });
+    this.root = $("#loops");
+    this.cards = new Map();
+    this.grid = make("div", { class: "cards" });
+    this.body = make("tbody");
+    this.lateHead = make("h2", {}, "Late cycles");
+    this.lateCount = make("span", { class: "muted number" });
+    const head = make("tr", {}, ...["When", "Loop", "Late by", "Cause", ""].map((text, n) => make("th", { class: n === 2 ? "n" : "", scope: "col" }, text)));
+    this.late = make("div", { class: "panel" }, make("header", {}, this.lateHead, this.lateCount), make("table", {}, make("thead", {}, head), this.body));
+    this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No loops yet"), make("p", {}, "Here is a histogram for each periodic loop, when the recording has the events of its slots.")));
+    this.root.append(this.quiet, this.grid, this.late);
+  }
+
+  frame() {
+    const { counts } = this.model;
+    if (this.shown === counts && this.version === this.model.version && this.theme === document.documentElement.dataset.theme && this.width === this.root.clientWidth) return;
+    Object.assign(this, { shown: counts, version: this.model.version, theme: document.documentElement.dataset.theme, width: this.root.clientWidth });
+    const hasLoops = counts.loops.length > 0;
+    this.quiet.hidden = hasLoops;
+    this.late.hidden = !hasLoops;
+    for (const one of counts.loops) this.card(one);
+    for (const [number, card] of this.cards) {
+      if (!counts.loops.some((one) => one.number === number)) { card.root.remove(); this.cards.delete(number); }
+    }
+    this.table(counts);
+  }
+
+  name(number) { return this.model.loops.get(number)?.name ?? `loop ${number}`; }
+
+  card(one) {
+    let card = this.cards.get(one.number);
+    if (!card) {
+      const figures = Object.fromEntries(["p50", "p99", "max"].map((name) => [name, make("dd")]));
+      card = { title: make("h2"), count: make("span", { class: "muted number" }), canvas: make("canvas", { role: "img" }), figures };
+      const terms = Object.entries(figures).map(([name, value]) => make("div", {}, make("dt", {}, name === "max" ? "greatest" : name), value));
+      card.root = make("article", { class: "card" }, make("header", {}, card.title, card.count), make("dl", { class: "figures" }, ...terms), card.canvas);
+      this.cards.set(one.number, card);
+      this.grid.append(card.root);
+    }
+    put(card.title, this.name(one.number));
+    put(card.count, `${count(one.count)} cycles`);
+    for (const [name, element] of Object.entries(card.figures)) {
+      const [figure, unit] = spanParts(one[name] / 1e9);
+      element.replaceChildren(figure, make("small", {}, ` ${unit}`));
+    }
+    card.canvas.setAttribute("aria-label", `Histogram of how late ${this.name(one.number)} began: half of its cycles within ${span(one.p50 / 1e9)}, 99 % within ${span(one.p99 / 1e9)}, all within ${span(one.max / 1e9)}`);
+    this.histogram(card.canvas, one);
+  }
+
+  // Counts on a logarithmic scale, so that one late cycle in a million is seen; so is time.
+  histogram(canvas, { parts, p50, p99, max }) {
+    const { context, width, height } = fit(canvas);
+    const palette = colours();
+    context.clearRect(0, 0, width, height);
+    const bottom = height - 22, low = Math.max(100, Math.min(...parts.map(([at]) => bounds(at)[0])) * 0.7);
+    const high = Math.max(low * 20, max * 1.4);
+    const x = (nanos) => (Math.log(Math.max(low, nanos) / low) / Math.log(high / low)) * width;
+    const bars = new Map(); // four sixteenths are a bar
+    for (const [at, number] of parts) {
+      const bar = at < FINE ? at : Math.floor(at / 2) * 2;
+      bars.set(bar, (bars.get(bar) ?? 0) + number);
+    }
+    const tallest = Math.log1p(Math.max(1, ...bars.values()));
+    context.font = "12px ui-sans-serif, system-ui, sans-serif";
+    context.textAlign = "center";
+    context.textBaseline = "alphabetic";
+    for (let decade = 10 ** Math.ceil(Math.log10(low)); decade <= high; decade *= 10) {
+      context.fillStyle = palette.grid;
+      context.fillRect(Math.round(x(decade)), 4, 1, bottom - 4);
+      const text = `${span(decade / 1e9).replace(/\.0+(?= )/, "")}`;
+      if (x(decade) > 20 && x(decade) < width - 22) { context.fillStyle = palette.faint; context.fillText(text, x(decade), height - 5); }
+    }
+    for (const [at, number] of bars) {
+      const [from] = bounds(at), to = bounds(at < FINE ? at : at + 1)[1];
+      const left = x(from), right = Math.max(left + 1.5, x(to) - 0.5);
+      const high = Math.max(2, (Math.log1p(number) / tallest) * (bottom - 10));
+      context.fillStyle = from > p99 ? palette.ready : palette.accent;
+      context.fillRect(left, bottom - high, right - left, high);
+    }
+    context.fillStyle = palette.line;
+    context.fillRect(0, bottom, width, 1);
+    context.fillStyle = palette.text;
+    for (const nanos of [p50, p99]) context.fillRect(Math.round(x(nanos)), bottom - 4, 1.5, 8);
+  }
+
+  table({ late, late_in_all }) {
+    put(this.lateCount, late_in_all > late.length ? `the last ${late.length} of ${count(late_in_all)}` : late_in_all ? count(late_in_all) : "none");
+    const lines = late.slice(-100).reverse().map((one) => {
+      const time = this.seconds(one.time);
+      const bad = one.cause === 1 || one.cause === 2;
+      return make("tr", {},
+        make("td", { class: "number" }, instant(time, 1e-4)), make("td", {}, this.name(one.loop)), make("td", { class: "n" }, span(one.lateness / 1e9)),
+        make("td", { class: "text" }, make("span", { class: `tag ${bad ? "bad" : one.cause ? "warn" : ""}` }, CAUSES[one.cause] ?? `cause ${one.cause}`)),
+        make("td", { class: "n" }, make("button", { onclick: () => this.show({ ...one, seconds: time }) }, "Show")));
+    });
+    this.body.replaceChildren(...lines);
+  }
+
+  // A time as the scope tells it, since the beginning that the page knows.
+  seconds(text) { return Number(BigInt(text) - BigInt(Math.round(this.model.base ?? 0))) / 1e9; }
+}

@@ -1,0 +1,159 @@
+// The page: which view is seen, the header, and one frame after the other.
+
+import { Clock } from "./clock.js";
+import { Model } from "./model.js";
+import { Connection } from "./connection.js";
+import { Signals } from "./signals.js";
+import { Loops } from "./loops.js";
+import { Composition } from "./composition.js";
+import { Timeline } from "./timeline.js";
+import { Messages } from "./messages.js";
+import { Parameters } from "./parameters.js";
+import { $, make, put, count, instant } from "./text.js";
+
+const DEGREES = ["normal", "Warning", "Safe state", "Emergency"];
+
+const clock = new Clock();
+const model = new Model(clock);
+let problem = null;
+const connection = new Connection(model, clock, {
+  begin: () => { problem = null; tellState(); },
+  state: () => tellState(),
+  hello: (hello) => { $("#tab-parameters").hidden = !hello.parameters; parameters.tell(); },
+  parameters: (list) => parameters.list(list),
+  authorized: (ok) => parameters.authorized(ok),
+  problem: (text) => { problem = text; },
+});
+const timeline = new Timeline(model, clock);
+const parameters = new Parameters(connection);
+const views = {
+  signals: new Signals(model, clock),
+  loops: new Loops(model, clock, (late) => { show("timeline"); timeline.show(late.seconds, late.lateness / 1e9); }),
+  composition: new Composition(model, clock),
+  timeline,
+  messages: new Messages(model),
+  parameters: { frame() {} },
+};
+const tabs = [...document.querySelectorAll("[role=tab]")];
+let seen = "signals";
+
+function show(name) {
+  seen = views[name] ? name : "signals";
+  for (const tab of tabs) {
+    const isSeen = tab.id === `tab-${seen}`;
+    tab.setAttribute("aria-selected", isSeen);
+    tab.tabIndex = isSeen ? 0 : -1;
+    $(`#${tab.getAttribute("aria-controls")}`).hidden = !isSeen;
+  }
+  try { sessionStorage.setItem("view", seen); } catch { /* private */ }
+}
+
+for (const tab of tabs) tab.onclick = () => show(tab.getAttribute("aria-controls"));
+$("#tabs").onkeydown = (event) => {
+  const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+  if (!step) return;
+  const shown = tabs.filter((tab) => !tab.hidden);
+  const next = shown[(shown.findIndex((tab) => tab.id === `tab-${seen}`) + step + shown.length) % shown.length];
+  next.click();
+  next.focus();
+};
+
+// Light or dark: as the system has it, unless chosen.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const chosen = () => { try { return localStorage.getItem("theme"); } catch { return null; } };
+const theme = () => { document.documentElement.dataset.theme = chosen() ?? (dark.matches ? "dark" : "light"); views.signals.paintRows(); };
+dark.addEventListener("change", theme);
+$("#theme").onclick = () => {
+  try { localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark"); } catch { /* private */ }
+  theme();
+};
+
+$("#pause").onclick = () => (clock.live ? clock.pause() : clock.follow());
+$("#speed").onchange = (event) => {
+  clock.speed = Number(event.target.value);
+  // From the beginning of what is seen, if its end is reached.
+  if (clock.speed > 0 && clock.now >= clock.latest - 1e-6) clock.now = Math.max(0, clock.latest - 2);
+};
+clock.listeners.add(tellState);
+
+function tellState() {
+  const isAway = connection?.state !== "open";
+  const is = !clock.live ? "paused" : isAway ? "away" : model.ended ? "over" : "live";
+  const words = { paused: "Paused", away: "No connection", over: "At its end", live: "Live" };
+  $("#state").dataset.is = is;
+  put($("#state"), words[is]);
+  put($("#pause"), clock.live ? "Pause" : "Follow");
+  $(".slow").hidden = clock.live;
+  if (clock.speed === 0 && $("#speed").value !== "0") $("#speed").value = "0";
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.target.matches("input, select, textarea") || event.altKey || event.ctrlKey || event.metaKey) return;
+  if (event.key === " " && !event.target.matches("button, [role=tab]")) { event.preventDefault(); $("#pause").click(); }
+  else views[seen].key?.(event.key);
+});
+
+function banner() {
+  const { emergency } = model.status;
+  const degree = emergency?.degree ?? 0;
+  const box = $("#emergency");
+  box.hidden = degree === 0;
+  if (box.hidden) return;
+  const key = JSON.stringify(emergency) + model.version;
+  if (box.dataset.key === key) return;
+  box.dataset.key = key;
+  box.dataset.degree = degree;
+  const who = model.processes.get(emergency.process)?.name;
+  const seconds = model.base === undefined ? "" : `since ${instant(Number(BigInt(emergency.time) - BigInt(Math.round(model.base))) / 1e9, 1e-3)}`;
+  box.replaceChildren(`${DEGREES[degree] ?? "Emergency"}${who ? `, said by ${who}` : ""}`, make("span", { class: "when number" }, seconds));
+}
+
+let told = 0, frames = 0, bytes = 0, samples = 0;
+function foot(now) {
+  const elapsed = (now - told) / 1000;
+  if (elapsed < 1) return;
+  put($("#frames"), `${Math.round(frames / elapsed)} frames/s`);
+  put($("#rate"), `${count(Math.max(0, model.samples - samples) / elapsed)} samples/s · ${((connection.bytes - bytes) / elapsed / 1000).toFixed(0)} kB/s`);
+  ({ bytes } = connection);
+  ({ samples } = model);
+  told = now;
+  frames = 0;
+  const { status } = model;
+  const losses = [];
+  if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
+  if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
+  if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);
+  if (status.problem || problem) losses.push(status.problem ?? problem);
+  put($("#losses"), losses.join(" · ") || "nothing lost");
+  $("#losses").classList.toggle("bad", model.lostInAll > 0 || model.missed > 0 || Boolean(status.problem ?? problem));
+  const late = model.counts.late_in_all;
+  $("#late-count").hidden = late === 0;
+  put($("#late-count"), count(late));
+  const bad = model.messages.reduce((sum, { level }) => sum + (level <= 2), 0);
+  $("#message-count").hidden = bad === 0;
+  put($("#message-count"), count(bad));
+  put($("#system"), model.system);
+  $("#system").hidden = model.system === "";
+  tellState();
+}
+
+function frame(now) {
+  clock.advance(now);
+  frames++;
+  views[seen].frame(now);
+  banner();
+  foot(now);
+  const date = model.date && !model.virtual ? new Date((model.date.unix + clock.now - model.date.time) * 1000).toLocaleTimeString() : "";
+  put($("#clock"), `${instant(clock.now, 0.1)}${date && ` · ${date}`}`);
+  requestAnimationFrame(frame); // which the browser does not call while the page is hidden
+}
+
+// For tests, and for who looks closer in the browser's console.
+window.scope = { model, clock, connection, views, show };
+
+let first = "signals";
+try { first = sessionStorage.getItem("view") ?? first; } catch { /* private */ }
+show(first);
+theme();
+tellState();
+requestAnimationFrame(frame);

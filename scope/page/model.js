@@ -1,0 +1,174 @@
+// All that the page knows of the recording.
+
+import { Series } from "./series.js";
+import { Events, CODE, SUBJECT, stateOf } from "./events.js";
+
+const MOST_MESSAGES = 2000;
+
+export class Model {
+  constructor(clock) {
+    this.clock = clock;
+    this.version = 0; // changes when something is declared
+    this.reset();
+  }
+
+  reset() {
+    this.system = "";
+    this.virtual = false;
+    this.threads = new Map();
+    this.signals = new Map(); // by number: { number, name, unit, description, elements, series, colour }
+    this.processes = new Map();
+    this.executors = new Map();
+    this.channels = new Map();
+    this.loops = new Map();
+    this.others = new Map(); // names of barriers, locks and codes, by subject and number
+    this.events = new Events();
+    this.messages = [];
+    this.messagesInAll = 0;
+    this.lost = new Map();
+    this.missed = 0;
+    this.counts = { loops: [], late: [], late_in_all: 0 };
+    this.status = {};
+    this.date = null;
+    this.samples = 0;
+    this.ended = false;
+    this.version++;
+  }
+
+  begins(base) { this.base = base; this.version++; }
+  session(clock, system) { this.system = system; this.virtual = clock === 2; this.version++; }
+  thread(number, name) { this.threads.set(number, name); this.version++; }
+
+  signal(number, elements, name, unit, description) {
+    const known = this.signals.get(number);
+    if (known && known.name === name && known.elements === elements) return;
+    this.signals.set(number, { number, elements, name, unit, description, series: new Series(elements) });
+    this.version++;
+  }
+
+  sample(number, time, values) {
+    const signal = this.signals.get(number);
+    if (!signal) return;
+    signal.series.push(time, values);
+    this.samples++;
+    this.clock.knows(time);
+  }
+
+  message(message) {
+    this.messages.push(message);
+    this.messagesInAll++;
+    if (this.messages.length > MOST_MESSAGES + 200) this.messages.splice(0, 200);
+    this.clock.knows(message.time);
+  }
+
+  process(number) {
+    let process = this.processes.get(number);
+    if (!process) {
+      process = { number, name: `process ${number}`, parent: 0, executor: null, level: null, state: 0, since: 0, a: 0, b: 0, busy: 0, turns: 0, base: null };
+      this.processes.set(number, process);
+      this.version++;
+    }
+    return process;
+  }
+
+  name(subject, number, parent, name, executor, level) {
+    this.version++;
+    switch (subject) {
+      case SUBJECT.process: {
+        const process = this.process(number);
+        process.name = name;
+        process.parent = parent;
+        if (executor) process.executor = executor;
+        process.level = level;
+        break;
+      }
+      case SUBJECT.executor: this.executors.set(number, { name, awake: true }); break;
+      case SUBJECT.channel: this.channel(number).name = name; break;
+      case SUBJECT.loop: this.loops.set(number, { number, name, parent }); break;
+      default: this.others.set(subject * 4294967296 + number, name);
+    }
+  }
+
+  channel(number) {
+    let channel = this.channels.get(number);
+    if (!channel) {
+      channel = { number, name: `channel ${number}`, communications: 0, from: 0, to: 0 };
+      this.channels.set(number, channel);
+      this.version++;
+    }
+    return channel;
+  }
+
+  // The last state of a process, told to who comes late.
+  lastEvent(time, code, subject, a, b, thread) {
+    const state = stateOf(code, a);
+    if (state === 0) return;
+    const process = this.process(subject);
+    process.base = { time, state, a, b };
+    if (process.state === 0) this.enter(process, time, state, a, b, thread);
+  }
+
+  event(time, code, subject, a, b, thread) {
+    this.events.push(time, code, subject, a, b, thread);
+    this.clock.knows(time);
+    const state = stateOf(code, a);
+    if (state !== 0) this.enter(this.process(subject), time, state, a, b, thread);
+    else if (code === CODE.communication) {
+      const channel = this.channel(subject);
+      channel.communications++;
+      if (a) channel.from = a;
+      if (b) channel.to = b;
+    } else if (code === CODE.asleep || code === CODE.awake) {
+      const executor = this.executors.get(subject);
+      if (executor) executor.awake = code === CODE.awake;
+    } else if (code === CODE.spawned && a) {
+      this.process(subject).parent ||= a;
+    }
+  }
+
+  enter(process, time, state, a, b, thread) {
+    if (process.state === 2) process.busy += Math.max(0, time - process.since);
+    if (state === 2) {
+      process.turns++;
+      // Where it runs is told with its name, or by where it is seen to run.
+      if (process.executor === null) { process.executor = thread; this.version++; }
+    }
+    process.state = state;
+    process.since = time;
+    if (state === 3) { process.a = a; process.b = b; }
+  }
+
+  losses(of, number, lost) { this.lost.set(of * 4294967296 + number, lost); }
+  get lostInAll() { let sum = 0; for (const lost of this.lost.values()) sum += lost; return sum; }
+  epoch(time, unix) { this.date = { time, unix }; }
+  end(time) { this.ended = true; this.clock.knows(time); }
+
+  // What a process waits for, in words.
+  reason(a, b) {
+    switch (a) {
+      case SUBJECT.channel: return this.channels.get(b)?.name ?? (b ? `channel ${b}` : "a channel");
+      case SUBJECT.barrier: return `barrier ${this.others.get(a * 4294967296 + b) ?? b}`;
+      case SUBJECT.lock: return `lock ${this.others.get(a * 4294967296 + b) ?? b}`;
+      case SUBJECT.loop: return `the next slot of ${this.loops.get(b)?.name ?? "its loop"}`;
+      default: return "";
+    }
+  }
+
+  executorName(number) {
+    return this.executors.get(number)?.name ?? this.threads.get(number) ?? (number === null ? "not seen to run yet" : `thread ${number}`);
+  }
+
+  // Processes by executor, each after the one that it is a part of: [{ number, name, processes: [{ process, depth }] }].
+  tree() {
+    const children = new Map(), roots = new Map();
+    for (const process of this.processes.values()) {
+      const parent = process.parent && this.processes.has(process.parent) ? process.parent : 0;
+      const of = parent ? children : roots;
+      const key = parent || process.executor;
+      if (!of.has(key)) of.set(key, []);
+      of.get(key).push(process);
+    }
+    const walk = (list, depth) => list.sort((a, b) => a.number - b.number).flatMap((process) => [{ process, depth, parts: children.get(process.number) ?? [] }, ...(depth < 40 ? walk(children.get(process.number) ?? [], depth + 1) : [])]);
+    return [...roots].sort(([a], [b]) => (a ?? Infinity) - (b ?? Infinity)).map(([number, list]) => ({ number, name: this.executorName(number), processes: walk(list, 0) }));
+  }
+}

@@ -1,0 +1,132 @@
+// The last samples of a signal, in bounded memory, and how they look in so many columns of pixels.
+
+const FIRST = 1 << 12, MOST = 1 << 17;
+const BLOCK = 64; // samples that are summed up by their least and greatest
+
+export class Series {
+  constructor(elements) {
+    this.elements = elements;
+    this.begin = 0; // number of the oldest sample, since the first
+    this.end = 0;
+    this.allocate(FIRST);
+  }
+
+  allocate(room) {
+    const old = this.times && { times: this.times, values: this.values, mask: this.mask };
+    this.mask = room - 1;
+    this.times = new Float64Array(room);
+    this.values = Array.from({ length: this.elements }, () => new Float64Array(room));
+    this.least = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
+    this.most = Array.from({ length: this.elements }, () => new Float64Array(room / BLOCK));
+    if (!old) return;
+    const end = this.end;
+    for (this.end = this.begin; this.end < end; ) {
+      const from = this.end & old.mask;
+      this.push(old.times[from], old.values.map((values) => values[from]));
+    }
+  }
+
+  push(time, values) {
+    const room = this.mask + 1;
+    if (this.end - this.begin === room) {
+      if (room < MOST) this.allocate(room * 2);
+      else this.begin += BLOCK; // whole blocks, so that their sums stay right
+    }
+    const at = this.end & this.mask, block = at >> 6, isFirst = this.end % BLOCK === 0 || this.end === this.begin;
+    this.times[at] = time;
+    for (let n = 0; n < this.elements; n++) {
+      const value = values[n];
+      this.values[n][at] = value;
+      if (isFirst || !(value >= this.least[n][block])) this.least[n][block] = value;
+      if (isFirst || !(value <= this.most[n][block])) this.most[n][block] = value;
+    }
+    this.end++;
+  }
+
+  time(index) { return this.times[index & this.mask]; }
+  value(index, element = 0) { return this.values[element][index & this.mask]; }
+  get lastTime() { return this.end > this.begin ? this.time(this.end - 1) : null; }
+
+  // The first sample that is not before `time`.
+  find(time) {
+    let low = this.begin, high = this.end;
+    while (low < high) {
+      const middle = Math.floor((low + high) / 2);
+      if (this.times[middle & this.mask] < time) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  // The value that held at an instant; NaN before the first.
+  at(time, element = 0) {
+    let index = this.find(time);
+    if (index === this.end || this.time(index) > time) index--;
+    return index < this.begin ? NaN : this.value(index, element);
+  }
+
+  // Fills the least and greatest value of each column of pixels between two instants; the line between samples counts, so that columns join. Gives [least, greatest] of all.
+  columns(element, from, to, width, least, most) {
+    least.fill(Infinity, 0, width);
+    most.fill(-Infinity, 0, width);
+    const perSecond = width / (to - from), values = this.values[element], { times, mask } = this;
+    let lowest = Infinity, highest = -Infinity;
+    let index = Math.max(this.begin, this.find(from) - 1);
+    const stop = Math.min(this.end, this.find(to) + 1);
+    let lastX = NaN, lastY = NaN;
+    while (index < stop) {
+      const at = index & mask;
+      // A whole block within one column.
+      if ((index & (BLOCK - 1)) === 0 && index + BLOCK <= stop && lastY === lastY) {
+        const first = (times[at] - from) * perSecond, last = (times[(index + BLOCK - 1) & mask] - from) * perSecond;
+        const column = Math.floor(first);
+        if (column >= 0 && column < width && column === Math.floor(last) && Math.floor(lastX) === column) {
+          const low = this.least[element][at >> 6], high = this.most[element][at >> 6];
+          if (low < least[column]) least[column] = low;
+          if (high > most[column]) most[column] = high;
+          index += BLOCK;
+          lastX = last;
+          lastY = values[(index - 1) & mask];
+          continue;
+        }
+      }
+      const x = (times[at] - from) * perSecond, y = values[at];
+      index++;
+      if (y !== y) { lastY = NaN; continue; }
+      const column = Math.floor(x);
+      if (lastY === lastY && column !== Math.floor(lastX)) {
+        const slope = (y - lastY) / (x - lastX);
+        const begin = Math.max(0, Math.floor(lastX)), end = Math.min(width - 1, column);
+        for (let c = begin; c <= end; c++) {
+          const left = lastY + (Math.max(c, lastX) - lastX) * slope, right = lastY + (Math.min(c + 1, x) - lastX) * slope;
+          const low = left < right ? left : right, high = left < right ? right : left;
+          if (low < least[c]) least[c] = low;
+          if (high > most[c]) most[c] = high;
+        }
+      } else if (column >= 0 && column < width) {
+        if (y < least[column]) least[column] = y;
+        if (y > most[column]) most[column] = y;
+      }
+      lastX = x;
+      lastY = y;
+    }
+    for (let c = 0; c < width; c++) {
+      if (least[c] < lowest) lowest = least[c];
+      if (most[c] > highest) highest = most[c];
+    }
+    return [lowest, highest];
+  }
+
+  // The first crossing of a level after `after`, in a direction; null if there is none yet.
+  crossing(element, level, edge, after) {
+    const values = this.values[element];
+    for (let index = Math.max(this.begin + 1, this.find(after)); index < this.end; index++) {
+      const before = values[(index - 1) & this.mask], value = values[index & this.mask];
+      const crosses = edge > 0 ? before < level && value >= level : before > level && value <= level;
+      if (!crosses) continue;
+      const from = this.time(index - 1), time = this.time(index);
+      const instant = from + ((level - before) / (value - before)) * (time - from);
+      if (instant > after) return instant;
+    }
+    return null;
+  }
+}

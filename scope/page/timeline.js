@@ -1,0 +1,370 @@
+// The last seconds: a lane for each executor and process (figures H.3 to H.5 of the LUNA thesis).
+
+import { $, make, put, span, instant, step } from "./text.js";
+import { colours, fit } from "./draw.js";
+import { gestures } from "./gestures.js";
+import { CODE, STATES, stateOf } from "./events.js";
+import { CAUSES } from "./loops.js";
+
+const AXIS = 28, LANE = 22, RIGHT = 12;
+const SHORTEST = 2e-6, LONGEST = 20;
+const MOST_ARROWS = 400;
+
+export class Timeline {
+  constructor(model, clock) {
+    Object.assign(this, { model, clock });
+    this.root = $("#timeline");
+    this.box = $("#lanes");
+    this.canvas = $("canvas", this.box);
+    this.tip = $(".tip", this.box);
+    this.empty = $(".empty", this.box);
+    this.spacer = make("div");
+    this.box.append(this.spacer);
+    this.span = 0.02;
+    this.end = null;
+    this.version = -1;
+    this.arrows = true;
+    $("#lanes-in").onclick = () => this.zoom(0.5);
+    $("#lanes-out").onclick = () => this.zoom(2);
+    $("#lanes-late").onclick = () => this.lastLate();
+    $("#lanes-arrows").onclick = ({ target }) => {
+      this.arrows = !this.arrows;
+      target.setAttribute("aria-pressed", this.arrows);
+    };
+    gestures(this.canvas, {
+      pan: (pixels) => this.pan(pixels),
+      zoom: (factor, x) => this.zoom(factor, x),
+      tap: (x) => x > this.gutter && this.clock.pause(Math.min(this.clock.latest, this.time(x))),
+      hover: (x, y) => { this.pointer = [x, y]; },
+      leave: () => { this.pointer = null; },
+      passes: (x) => x < this.gutter,
+      home: () => this.clock.follow(),
+    });
+    this.canvas.addEventListener("keydown", (event) => {
+      const down = { ArrowDown: LANE, ArrowUp: -LANE, PageDown: this.box.clientHeight / 2, PageUp: -this.box.clientHeight / 2 }[event.key];
+      if (down) { event.preventDefault(); this.box.scrollTop += down; }
+    });
+    this.clock.listeners.add(() => {
+      if (this.clock.live) this.end = null;
+      else if (this.end === null || this.clock.now < this.end - this.span || this.clock.now > this.end) this.end = this.clock.now + this.span * 0.1;
+    });
+  }
+
+  key(key) {
+    if (key !== "l") return false;
+    this.lastLate();
+    return true;
+  }
+
+  lastLate() {
+    const late = this.model.counts.late.at(-1);
+    if (late) this.show(Number(BigInt(late.time) - BigInt(Math.round(this.model.base))) / 1e9, late.lateness / 1e9);
+  }
+
+  // Goes to an instant, with what was before it.
+  show(time, lateness) {
+    this.clock.pause(Math.min(this.clock.latest, time));
+    this.span = Math.min(0.1, Math.max(0.0006, lateness * 3));
+    this.end = time + this.span * 0.35;
+    this.still = null;
+  }
+
+  get gutter() { return this.canvas.clientWidth < 700 ? 110 : 190; }
+  get wide() { return Math.max(1, this.canvas.clientWidth - this.gutter - RIGHT); }
+  x(time) { return this.gutter + ((time - this.to) / this.span + 1) * this.wide; }
+  time(x) { return this.to - this.span + ((x - this.gutter) / this.wide) * this.span; }
+
+  pan(pixels) {
+    if (this.clock.live) this.clock.pause();
+    this.end = Math.min((this.end ?? this.clock.now) - (pixels / this.wide) * this.span, this.clock.latest + this.span / 2);
+  }
+
+  zoom(factor, x) {
+    const before = this.span;
+    this.span = Math.min(LONGEST, Math.max(SHORTEST, this.span * factor));
+    if (this.end === null) return;
+    const around = x === undefined ? this.x(this.clock.now) : x;
+    this.end += (1 - (around - this.gutter) / this.wide) * (this.span - before);
+  }
+
+  declare() {
+    this.version = this.model.version;
+    this.lanes = [];
+    this.of = new Map(); // lane of a process
+    this.executorOf = new Map();
+    for (const group of this.model.tree()) {
+      this.executorOf.set(group.number, this.lanes.length);
+      this.lanes.push({ name: group.name, executor: true });
+      for (const { process, depth } of group.processes) {
+        this.of.set(process.number, this.lanes.length);
+        this.lanes.push({ name: process.name, depth, process });
+      }
+    }
+    this.empty.hidden = this.lanes.length > 0;
+    put(this.empty, "No events yet. Here is what each process did in the last seconds, when the recording has its events.");
+  }
+
+  frame() {
+    if (this.version !== this.model.version) this.declare();
+    const { clock, model } = this;
+    if (!clock.live && clock.speed > 0 && (clock.now > this.end || clock.now < this.end - this.span)) this.end = clock.now + this.span * 0.9;
+    const to = this.end ?? clock.now;
+    this.to = to;
+    put($("#lanes-span"), span(this.span));
+    const high = this.box.clientHeight;
+    const room = this.lanes.length * LANE + AXIS;
+    const spare = `${Math.max(0, room - high)}px`;
+    if (this.spacer.style.height !== spare) this.spacer.style.height = spare;
+    if (this.canvas.style.height !== `${high}px`) this.canvas.style.height = `${high}px`;
+    const surface = fit(this.canvas, this.canvas.clientWidth, high);
+    // What stands still is drawn once.
+    const still = [to, this.span, clock.now, clock.live, this.version, this.arrows, high, surface.width, this.box.scrollTop, document.documentElement.dataset.theme, model.events.end].join();
+    if (this.still !== still || surface.changed) {
+      this.still = still;
+      this.draw(surface, to - this.span, to);
+    }
+    this.hover();
+  }
+
+  draw({ context, width, height }, from, to) {
+    const { events } = this.model;
+    const palette = colours();
+    context.clearRect(0, 0, width, height);
+    context.font = "12.5px ui-sans-serif, system-ui, sans-serif";
+    context.textBaseline = "middle";
+    const { gutter } = this, right = width - RIGHT, scroll = this.box.scrollTop;
+    const y = (lane) => AXIS + lane * LANE - scroll;
+    this.grid(context, palette, from, to, width, height);
+    context.save();
+    context.beginPath();
+    context.rect(gutter, AXIS, right - gutter, height - AXIS);
+    context.clip();
+
+    // Bars by state: [x, y, width, height, ...]; what is narrower than a pixel is summed up for each pixel.
+    const bars = { running: [], faint: [], ready: [], waiting: [], failed: [] };
+    const perSecond = this.wide / this.span;
+    const names = [], pending = this.lanes.map(() => ({ pixel: -1, running: 0, ready: 0 }));
+    const flush = (lane) => {
+      const one = pending[lane];
+      if (one.pixel < 0) return;
+      const top = y(lane);
+      if (one.running > 0) bars[one.running > 0.35 ? "running" : "faint"].push(one.pixel, top + 4, 1, LANE - 8);
+      else if (one.ready > 0) bars.ready.push(one.pixel, top + 7, 1, LANE - 14);
+      one.pixel = -1;
+    };
+    const bar = (lane, state, begin, end, name) => {
+      const top = y(lane);
+      if (top < AXIS - LANE || top > height) return;
+      const left = Math.max(gutter, gutter + (begin - from) * perSecond), stop = Math.min(right, gutter + (end - from) * perSecond);
+      if (stop < left || state === 0 || state === 4) return;
+      if (state === 3) { if (stop - left >= 1) { flush(lane); bars.waiting.push(left, top + LANE / 2 - 1, stop - left, 2); } return; }
+      if (stop - left < 1) {
+        const one = pending[lane], pixel = Math.floor(left);
+        if (one.pixel !== pixel) { flush(lane); one.pixel = pixel; one.running = one.ready = 0; }
+        if (state === 2) one.running += Math.max(0.02, stop - left); else one.ready += 0.02;
+        return;
+      }
+      flush(lane);
+      if (state === 2) bars.running.push(left, top + 4, stop - left, LANE - 8);
+      else if (state === 5) bars.failed.push(left, top + 9, stop - left, 4);
+      else bars.ready.push(left, top + 7, stop - left, LANE - 14);
+      if (name && stop - left > 34) names.push([name, left, top + LANE / 2, stop - left]);
+    };
+
+    const first = events.find(from), last = events.find(to);
+    const open = new Map(), onExecutor = new Map();
+    for (const [number, state] of events.statesAt(first)) open.set(number, state);
+    for (const process of this.model.processes.values()) {
+      if (!open.has(process.number) && process.base && process.base.time <= from) open.set(process.number, { ...process.base, thread: process.executor });
+    }
+    for (const [number, state] of open) if (state.state === 2) onExecutor.set(state.thread ?? null, { number, time: state.time });
+    const leaves = (thread, time) => {
+      const running = onExecutor.get(thread), lane = this.executorOf.get(thread);
+      if (running && lane !== undefined) bar(lane, 2, running.time, time, this.model.processes.get(running.number)?.name);
+      onExecutor.delete(thread);
+    };
+    const marks = [];
+    for (let index = first; index < last; index++) {
+      const slot = index & events.mask, code = events.code[slot], subject = events.subject[slot], time = events.time[slot];
+      const state = stateOf(code, events.a[slot]);
+      if (state === 0) { if (code !== CODE.slot || marks.length < 4000) marks.push(slot); continue; }
+      const lane = this.of.get(subject);
+      const before = open.get(subject), thread = events.thread[slot];
+      if (before) {
+        if (lane !== undefined) bar(lane, before.state, before.time, time);
+        if (before.state === 2 && onExecutor.get(before.thread)?.number === subject) leaves(before.thread, time);
+      }
+      if (state === 2) { leaves(thread, time); onExecutor.set(thread, { number: subject, time }); }
+      open.set(subject, { state, time, thread, a: events.a[slot], b: events.b[slot] });
+    }
+    const now = Math.min(to, this.clock.latest);
+    for (const [number, { state, time }] of open) if (this.of.has(number)) bar(this.of.get(number), state, time, now);
+    for (const thread of [...onExecutor.keys()]) leaves(thread, now);
+    for (let lane = 0; lane < pending.length; lane++) flush(lane);
+
+    const fill = (list, colour, alpha = 1) => {
+      context.globalAlpha = alpha;
+      context.fillStyle = colour;
+      for (let n = 0; n < list.length; n += 4) context.fillRect(list[n], list[n + 1], list[n + 2], list[n + 3]);
+      context.globalAlpha = 1;
+    };
+    fill(bars.waiting, palette.waiting, 0.55);
+    fill(bars.ready, palette.ready);
+    fill(bars.faint, palette.running, 0.6);
+    fill(bars.running, palette.running);
+    fill(bars.failed, palette.failed);
+    context.fillStyle = palette["on-accent"];
+    context.textAlign = "left";
+    for (const [name, x, middle, room] of names) {
+      context.save();
+      context.beginPath();
+      context.rect(x, middle - LANE / 2, room - 4, LANE);
+      context.clip();
+      context.fillText(name, x + 6, middle + 0.5);
+      context.restore();
+    }
+    this.marks(context, palette, marks, y, height);
+    context.restore();
+    this.names(context, palette, y, width, height);
+  }
+
+  grid(context, palette, from, to, width, height) {
+    const every = step(from, to, Math.max(2, this.wide / 120));
+    context.textAlign = "center";
+    context.fillStyle = palette.line;
+    context.fillRect(0, AXIS - 1, width, 1);
+    const { grid, muted } = palette;
+    for (let n = Math.ceil(from / every); n * every <= to; n++) {
+      const x = this.x(n * every);
+      context.fillStyle = grid;
+      context.fillRect(Math.round(x), AXIS, 1, height - AXIS);
+      context.fillStyle = muted;
+      if (x > this.gutter + 34 && x < width - 40) context.fillText(instant(n * every, every), x, AXIS / 2);
+    }
+    if (this.clock.live) return;
+    const x = Math.round(this.x(this.clock.now));
+    if (x < this.gutter) return;
+    context.fillStyle = palette.accent;
+    context.fillRect(x, AXIS - 6, 1.5, height - AXIS + 6);
+    context.beginPath();
+    context.moveTo(x - 5, AXIS - 8);
+    context.lineTo(x + 6.5, AXIS - 8);
+    context.lineTo(x + 0.75, AXIS);
+    context.fill();
+  }
+
+  names(context, palette, y, width, height) {
+    context.save();
+    context.beginPath();
+    context.rect(0, AXIS, this.gutter - 8, height);
+    context.clip();
+    context.textAlign = "left";
+    const { line, text, muted } = palette;
+    this.lanes.forEach((lane, n) => {
+      const top = y(n);
+      if (top < AXIS - LANE || top > height) return;
+      if (lane.executor && n > 0) { context.fillStyle = line; context.fillRect(0, top, width, 1); }
+      context.font = `${lane.executor ? "600 " : ""}12.5px ui-sans-serif, system-ui, sans-serif`;
+      context.fillStyle = lane.executor ? text : muted;
+      context.fillText(lane.name, lane.executor ? 14 : 26 + lane.depth * 12, top + LANE / 2);
+    });
+    context.restore();
+  }
+
+  // Slots, communications, late cycles and emergencies.
+  marks(context, palette, marks, y, height) {
+    const { events } = this.model;
+    let arrows = 0;
+    for (const slot of marks) arrows += events.code[slot] === CODE.communication;
+    const middle = (lane) => y(lane) + LANE / 2;
+    const draws = this.arrows && arrows <= MOST_ARROWS;
+    for (const slot of marks) {
+      const x = this.x(events.time[slot]), a = events.a[slot], b = events.b[slot];
+      switch (events.code[slot]) {
+        case CODE.communication: {
+          const from = this.of.get(a), to = this.of.get(b);
+          if (!draws || from === undefined || to === undefined || from === to) break;
+          const down = to > from ? 1 : -1, end = middle(to) - down * 5;
+          context.strokeStyle = context.fillStyle = palette.arrow;
+          context.beginPath();
+          context.moveTo(x, middle(from));
+          context.lineTo(x, end - down * 3);
+          context.stroke();
+          context.beginPath();
+          context.arc(x, middle(from), 2, 0, 7);
+          context.moveTo(x - 3.5, end - down * 4);
+          context.lineTo(x + 3.5, end - down * 4);
+          context.lineTo(x, end + down * 2);
+          context.fill();
+          break;
+        }
+        case CODE.slot: {
+          const lane = this.laneOfLoop(events.subject[slot]);
+          if (lane === undefined) break;
+          // From where it should have begun.
+          const slotX = this.x(events.time[slot] - b / 1e9);
+          context.fillStyle = palette.text;
+          context.fillRect(slotX - 0.75, y(lane) + 1, 1.5, LANE - 2);
+          break;
+        }
+        case CODE.late: this.late(context, palette, events, slot, y); break;
+        case CODE.emergency:
+          context.fillStyle = a === 0 ? palette.running : palette.failed;
+          context.fillRect(x - 1, AXIS, 2, height);
+          break;
+      }
+    }
+  }
+
+  late(context, palette, events, slot, y) {
+    const lane = this.laneOfLoop(events.subject[slot]);
+    if (lane === undefined) return;
+    const began = events.time[slot], lateness = events.a[slot] / 1e9;
+    const left = this.x(began - lateness), right = this.x(began), top = y(lane);
+    context.fillStyle = palette.failed;
+    context.globalAlpha = 0.22;
+    context.fillRect(left, top + 1, Math.max(1, right - left), LANE - 2);
+    context.globalAlpha = 1;
+    context.beginPath();
+    context.moveTo(right, top + LANE / 2 - 6);
+    context.lineTo(right + 6, top + LANE / 2);
+    context.lineTo(right, top + LANE / 2 + 6);
+    context.lineTo(right - 6, top + LANE / 2);
+    context.fill();
+    const text = `${span(lateness)} late: ${CAUSES[events.b[slot]] ?? `cause ${events.b[slot]}`}`;
+    const wide = context.measureText(text).width;
+    const x = Math.min(right + 12, this.canvas.clientWidth - RIGHT - wide - 12);
+    context.fillStyle = palette.failed;
+    context.beginPath();
+    context.roundRect(x - 2, top + 1, wide + 14, LANE - 2, 6);
+    context.fill();
+    context.fillStyle = palette["on-alarm"];
+    context.textAlign = "left";
+    context.fillText(text, x + 5, top + LANE / 2 + 0.5);
+  }
+
+  laneOfLoop(number) { return this.of.get(this.model.loops.get(number)?.parent); }
+
+  // What the pointer is on.
+  hover() {
+    const lane = this.pointer && this.pointer[0] > this.gutter ? this.lanes[Math.floor((this.pointer[1] - AXIS + this.box.scrollTop) / LANE)] : null;
+    if (!lane?.process || this.clock.live) { this.tip.hidden = true; return; }
+    const { events } = this.model;
+    const time = this.time(this.pointer[0]), index = events.find(time);
+    const { number, name, base } = lane.process;
+    const state = events.statesAt(index).get(number) ?? (base && base.time <= time ? base : null);
+    let until = null;
+    for (let at = index, most = Math.min(events.end, index + 20_000); at < most && until === null; at++) {
+      const slot = at & events.mask;
+      if (events.subject[slot] === number && stateOf(events.code[slot], events.a[slot])) until = events.time[slot];
+    }
+    const word = state ? STATES[state.state] : "not known";
+    const reason = state?.state === 3 ? this.model.reason(state.a, state.b) : "";
+    const length = state && until !== null ? `, for ${span(until - state.time)}` : "";
+    this.tip.replaceChildren(make("b", {}, name), `${word}${reason ? ` for ${reason}` : ""}${length}`);
+    this.tip.hidden = false;
+    const left = Math.min(this.pointer[0] + 14, this.box.clientWidth - this.tip.offsetWidth - 8);
+    this.tip.style.left = `${Math.max(0, left)}px`;
+    this.tip.style.top = `${this.pointer[1] + this.box.scrollTop + 18}px`;
+  }
+}

@@ -1,0 +1,225 @@
+//! One who looks.
+//!
+//! What he gets: blocks as they are (binary), and the scope's own words (JSON): `hello`, `begin`, `missed`, `loops`, `status`, `parameters`, `authorized`, `set`.
+//! What he may say: `token`, `set`.
+
+use crate::scope::Shared;
+use crate::store::{News, Position};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::io::{self, ErrorKind};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::{Error, Message, WebSocket};
+
+/// How often it is looked whether there is something to tell or to hear.
+const ROUND: Duration = Duration::from_millis(16);
+/// How often the counts are told.
+const COUNTS: Duration = Duration::from_millis(500);
+/// A viewer that takes nothing for so long is dropped.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// What a viewer says has at most so many bytes.
+const LONGEST: usize = 4 << 10;
+/// What is on its way to a viewer at most, beside one block.
+const ON_THE_WAY: usize = 1 << 20;
+/// So often a viewer may guess the token.
+const GUESSES: u32 = 3;
+/// So many words of a viewer are heard in a round.
+const WORDS: usize = 16;
+
+/// What a viewer may say.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase")]
+enum Word {
+    Token {
+        token: String,
+    },
+    Set {
+        id: u64,
+        name: String,
+        value: Value,
+    },
+}
+
+struct Viewer<'a> {
+    shared: &'a Shared,
+    socket: WebSocket<TcpStream>,
+    position: Position,
+    is_authorized: bool,
+    wrong: u32,
+    loops: Option<u64>,
+    /// What was told last, so that it is not told twice.
+    status: Value,
+    parameters: Value,
+}
+
+/// Shows what comes, until the viewer goes, is too slow or says what it may not.
+pub(super) fn show(stream: TcpStream, shared: &Shared) -> io::Result<()> {
+    stream.set_nonblocking(true)?;
+    let config = WebSocketConfig::default()
+        .read_buffer_size(LONGEST)
+        .write_buffer_size(64 << 10)
+        .max_write_buffer_size(usize::MAX)
+        .max_message_size(Some(LONGEST))
+        .max_frame_size(Some(LONGEST));
+    let mut viewer = Viewer {
+        shared,
+        socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
+        position: Position::default(),
+        is_authorized: false,
+        wrong: 0,
+        loops: None,
+        status: Value::Null,
+        parameters: Value::Null,
+    };
+    match viewer.rounds() {
+        Ok(()) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => {}
+        // A word that is too long, or none of the protocol.
+        Err(_) => {
+            let _ = viewer.socket.close(None);
+            let _ = viewer.socket.flush();
+        }
+    }
+    Ok(())
+}
+
+impl Viewer<'_> {
+    fn rounds(&mut self) -> Result<(), Error> {
+        let settings = &self.shared.settings;
+        self.tell(&json!({
+            "type": "hello",
+            "version": env!("CARGO_PKG_VERSION"),
+            "parameters": settings.parameters.is_some(),
+            "can_set": settings.parameters.is_some() && settings.token.is_some(),
+        }))?;
+        let mut taken = Instant::now();
+        let mut counted = None;
+        loop {
+            let has_taken = self.flush()?;
+            if has_taken {
+                taken = Instant::now();
+                self.news()?;
+                if counted.is_none_or(|counted: Instant| counted.elapsed() >= COUNTS) {
+                    counted = Some(Instant::now());
+                    self.counts()?;
+                }
+                self.flush()?;
+            } else if taken.elapsed() > PATIENCE {
+                return Err(Error::ConnectionClosed);
+            }
+            self.listen()?;
+            if self.shared.closes_within(ROUND) {
+                self.socket.close(None)?;
+                return Ok(());
+            }
+        }
+    }
+
+    fn tell(&mut self, what: &Value) -> Result<(), Error> {
+        waits(self.socket.write(Message::text(what.to_string()))).map(drop)
+    }
+
+    /// Whether all that was told is on its way.
+    fn flush(&mut self) -> Result<bool, Error> {
+        waits(self.socket.flush()).map(|done| done.is_some())
+    }
+
+    fn news(&mut self) -> Result<(), Error> {
+        let News {
+            blocks,
+            declarations,
+            missed,
+            begins,
+        } = self.shared.store().news(&mut self.position, ON_THE_WAY);
+        if begins {
+            self.loops = None;
+            self.tell(&json!({"type": "begin", "declarations": declarations}))?;
+        }
+        if missed > 0 && !begins {
+            self.tell(&json!({"type": "missed", "blocks": missed, "declarations": declarations}))?;
+        }
+        for block in blocks {
+            waits(self.socket.write(Message::binary(block.to_vec())))?;
+        }
+        Ok(())
+    }
+
+    fn counts(&mut self) -> Result<(), Error> {
+        let (loops, status) = {
+            let store = self.shared.store();
+            let loops = store.loops();
+            let is_new = self.loops != Some(loops.version());
+            self.loops = Some(loops.version());
+            (is_new.then(|| loops.json()), store.status())
+        };
+        if let Some(loops) = loops {
+            self.tell(&loops)?;
+        }
+        if status != self.status {
+            self.status.clone_from(&status);
+            self.tell(&json!({"type": "status", "status": status}))?;
+        }
+        if let Some(parameters) = &self.shared.settings.parameters {
+            let list = json!(parameters.list());
+            if list != self.parameters {
+                self.parameters.clone_from(&list);
+                self.tell(&json!({"type": "parameters", "list": list}))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn listen(&mut self) -> Result<(), Error> {
+        for _ in 0..WORDS {
+            match waits(self.socket.read())? {
+                None => break,
+                Some(Message::Text(text)) => {
+                    let answer = match serde_json::from_str(&text) {
+                        Ok(word) => self.hear(word),
+                        // Not of this page.
+                        Err(_) => return Err(Error::AttackAttempt),
+                    };
+                    self.tell(&answer)?;
+                    if self.wrong >= GUESSES {
+                        return Err(Error::AttackAttempt);
+                    }
+                }
+                Some(Message::Binary(_)) => return Err(Error::AttackAttempt),
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self, word: Word) -> Value {
+        let settings = &self.shared.settings;
+        match word {
+            Word::Token { token } => {
+                let is_right = settings.token.as_ref().is_some_and(|own| own.is(&token));
+                self.is_authorized |= is_right;
+                self.wrong += u32::from(!is_right);
+                json!({"type": "authorized", "ok": is_right})
+            }
+            Word::Set { id, name, value } => {
+                let done = match &settings.parameters {
+                    _ if !self.is_authorized => {
+                        Err("setting needs the token that the scope was started with".to_owned())
+                    }
+                    None => Err("there are no parameters".to_owned()),
+                    Some(parameters) => parameters.set(&name, &value),
+                };
+                json!({"type": "set", "id": id, "name": name, "error": done.err()})
+            }
+        }
+    }
+}
+
+/// What was done; nothing if it has to wait.
+fn waits<T>(done: Result<T, Error>) -> Result<Option<T>, Error> {
+    match done {
+        Ok(value) => Ok(Some(value)),
+        Err(Error::Io(error)) if error.kind() == ErrorKind::WouldBlock => Ok(None),
+        Err(error) => Err(error),
+    }
+}
