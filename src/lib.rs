@@ -92,8 +92,9 @@ pub use report::{EarlierProcesses, End, ProcessReport, Report, ThreadReport};
 pub use safety::{Bite, Watchdog, WatchdogProcess};
 pub use safety::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub use safety::{
-    Cause, Degree, EmergencyTrigger, FunctionOutcome, FunctionReport, Guardian, ResetError, Safety,
-    SafetyEvent, SafetyFunction, SafetyReport, SafetyState, emergency, guard, safety,
+    Cause, Degree, EmergencyTrigger, FunctionOutcome, FunctionReport, Guardian, ResetError,
+    SafeStateEntered, Safety, SafetyEvent, SafetyFunction, SafetyReport, SafetyState, emergency,
+    guard, safety,
 };
 pub use system::deadlock::{self, Deadlock};
 pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};

@@ -5,6 +5,7 @@ mod common;
 use common::watchdog;
 use luna::prelude::*;
 use luna::{Cause, Degree, End, Error, ResetError};
+use std::future::Future;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
@@ -305,4 +306,106 @@ fn after_the_end_a_safe_state_can_be_reset() {
     safety.enter_safe_state(why("afterwards"));
     safety.reset(why("good again")).unwrap();
     assert_eq!(safety.degree(), Degree::Normal);
+}
+
+#[test]
+fn who_waits_for_the_safe_state_is_woken_once_it_is_entered() {
+    let _watch = watchdog();
+    let mut system = System::new("awaited");
+    system.virtual_clock();
+    let safety = system.safety();
+    let main = system.executor("main").build().unwrap();
+    for (place, level) in [("a", 3), ("b", 20)] {
+        main.process(place)
+            .priority(level)
+            .spawn(async move {
+                let safety = luna::safety().unwrap();
+                let start = luna::now();
+                let mut entered = std::pin::pin!(safety.safe_state_entered());
+                entered.as_mut().await;
+                assert_eq!(luna::now() - start, Duration::from_millis(5));
+                luna::after(Duration::from_millis(10)).await;
+                // It waits again as long as it is left.
+                entered.as_mut().await;
+                assert_eq!(luna::now() - start, Duration::from_millis(20));
+                entered.await;
+                assert_eq!(luna::now() - start, Duration::from_millis(20));
+                Ok(())
+            })
+            .unwrap();
+    }
+    // One that goes away before.
+    main.process("goes")
+        .spawn(async {
+            let safety = luna::safety().unwrap();
+            luna::after(Duration::from_millis(1)).await;
+            let (_keeps, never) = luna::channel::<()>();
+            let mut entered = std::pin::pin!(safety.safe_state_entered());
+            let stop = std::future::poll_fn(|cx| {
+                assert!(entered.as_mut().poll(cx).is_pending());
+                std::task::Poll::Ready(())
+            });
+            assert!(never.recv_unless(stop).await.unwrap_err().is_timeout());
+            Ok(())
+        })
+        .unwrap();
+    main.process("says")
+        .spawn(async move {
+            luna::after(Duration::from_millis(5)).await;
+            safety.enter_safe_state(why("hot"));
+            luna::after(Duration::from_millis(5)).await;
+            safety.reset(why("cool")).unwrap();
+            luna::after(Duration::from_millis(10)).await;
+            safety.warn(why("warm"));
+            safety.enter_safe_state(why("hot again"));
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// Threads that enter and leave it, and threads that wait: nobody sleeps on, and nothing is left in the list.
+#[test]
+fn nobody_misses_the_safe_state() {
+    let _watch = watchdog();
+    let mut system = System::new("many");
+    let safety = system.safety();
+    let rounds = 300;
+    let (asks, asked) = luna::channel::<()>();
+    for number in 0..3 {
+        let asks = asks.clone();
+        system
+            .thread(&format!("waits {number}"))
+            .process(&format!("waits {number}"))
+            .spawn(async move {
+                let safety = luna::safety().unwrap();
+                for _ in 0..rounds {
+                    let mut entered = std::pin::pin!(safety.safe_state_entered());
+                    let first = std::future::poll_fn(|cx| {
+                        std::task::Poll::Ready(entered.as_mut().poll(cx).is_ready())
+                    });
+                    if number == 0 && first.await {
+                        continue;
+                    }
+                    // Now somebody enters it, at any moment.
+                    asks.send(()).await?;
+                    entered.await;
+                }
+                Ok(())
+            })
+            .unwrap();
+    }
+    drop(asks);
+    system
+        .thread("enters")
+        .process("enters")
+        .spawn(async move {
+            while asked.recv().await.is_ok() {
+                let _ = safety.reset(why("off"));
+                safety.enter_safe_state(why("on"));
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
 }

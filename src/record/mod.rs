@@ -60,6 +60,15 @@ use std::task::{Context, Poll};
 pub(crate) use value::LONGEST;
 use value::name_of;
 
+/// Whether the process that calls this is recorded or replayed: for what can be done in two ways, of which one cannot be recorded. Real-time path: yes; O(1).
+///
+/// ```
+/// assert!(!luna::record::is_recorded());
+/// ```
+pub fn is_recorded() -> bool {
+    current::is_taped()
+}
+
 /// Takes a value from outside: calls `read` and records what it gave; in a replay gives what was recorded, and does not call it.
 ///
 /// For all that comes from elsewhere than from other processes: a sensor's register, a device, a random number. Outside of a recorded process it is `read` alone.

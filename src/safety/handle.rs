@@ -1,6 +1,7 @@
 //! The handles of a system's safety state.
 
 use super::emergency::{Emergency, OF_THREAD};
+use super::entered::SafeStateEntered;
 use super::state::{Cause, Degree, ResetError, SafetyState};
 use crate::error::{Error, Result};
 use luna_platform::clock::Instant;
@@ -61,6 +62,35 @@ impl Safety {
         self.degree() >= Degree::SafeState
     }
 
+    /// Waits until the system is in a safe state, or worse: at once if it is. For a process that puts out something, and waits for its next value meanwhile
+    /// ([`Receiver::recv_unless`](crate::Receiver::recv_unless)): so neutral is put out at once, and not with the next value.
+    ///
+    /// If the state is left before the process runs, it waits on. An emergency that begins wakes nobody: its functions bring the machine to safety, and the processes are cancelled.
+    /// Cancel-safe. Real-time path: yes; O(1), or O(those who wait for it at lower priority) when it begins to wait, no allocation; polled again, it is two atomic loads.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    ///
+    /// let mut system = System::new("axis");
+    /// let safety = system.safety();
+    /// let main = system.executor("main").build()?;
+    /// main.process("output").spawn(async {
+    ///     let safety = luna::safety().expect("it is a process of a system");
+    ///     safety.safe_state_entered().await;
+    ///     assert!(safety.is_safe_state()); // put out neutral
+    ///     Ok(())
+    /// })?;
+    /// main.process("monitor").spawn(async move {
+    ///     safety.enter_safe_state(luna::Error::other("the motor is too hot"));
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn safe_state_entered(&self) -> SafeStateEntered {
+        SafeStateEntered::new(self.0.clone())
+    }
+
     /// The state, with causes, processes' names and times. Not for the real-time path: it allocates, and takes the system's plain lock.
     /// Nobody who says something waits for that: the state's own lock is held for a few moves only.
     pub fn state(&self) -> SafetyState {
@@ -83,7 +113,7 @@ impl Safety {
 
     /// Enters the safe state, if it is not that bad yet: the processes run on, and whoever asks [`is_safe_state`](Self::is_safe_state) from now on is told so; the
     /// functions of [`on_safe_state`](crate::System::on_safe_state) run on the emergency manager's thread. It stays so until it is [`reset`](Self::reset).
-    /// Real-time path: yes; O(1), no allocation, and one system call if there are such functions.
+    /// Those who [wait for it](Self::safe_state_entered) are woken. Real-time path: yes; O(1 + those), no allocation, and one system call if there are such functions, and for each of those whose thread sleeps.
     pub fn enter_safe_state(&self, cause: Error) {
         self.0.enter_safe_state(Cause::Raised(cause));
     }

@@ -3,6 +3,7 @@
 
 mod budget;
 mod emergency;
+mod entered;
 mod guardian;
 mod handle;
 mod parent;
@@ -14,6 +15,7 @@ pub use budget::{BudgetKind, BudgetOverrun, BudgetReport, OnOverrun};
 pub(crate) use budget::{Budgets, Ledger};
 pub(crate) use emergency::{Emergency, EmergencyThread, LIMIT};
 pub use emergency::{EmergencyTrigger, FunctionOutcome, FunctionReport, emergency};
+pub use entered::SafeStateEntered;
 pub(crate) use guardian::GuardianWatch;
 pub use guardian::{Guardian, guard};
 pub use handle::{Safety, SafetyFunction, safety};

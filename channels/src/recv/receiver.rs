@@ -12,6 +12,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
+use std::future::Future;
 use std::marker::PhantomData;
 use std::ptr::NonNull;
 use std::time::Duration;
@@ -187,7 +188,34 @@ impl<T> Receiver<T> {
     pub fn recv_deadline(&self, deadline: Instant) -> RecvTimeout<'_, T> {
         RecvTimeout {
             recv: self.recv(),
-            sleep: Sleep::until(deadline),
+            stop: Sleep::until(deadline),
+        }
+    }
+
+    /// Like [`recv`](Self::recv), until `stop` has ended: then it gives up, as at a deadline. Exact: it gives up only if no value was taken. The value comes first if both
+    /// are there. A recorded process gives up in a replay where it did, and `stop` is not asked.
+    ///
+    /// For what is to end a wait now and then, and is waited for all the time: `stop` may be a `Pin<&mut F>` of something that lives longer, so a receive costs
+    /// one poll of it, and only when it waits. Cancel-safe as `recv`. Real-time path: yes, as far as `stop` is.
+    ///
+    /// # Errors
+    ///
+    /// [`RecvTimeoutError::Timeout`] if it was given up, else as for `recv`.
+    ///
+    /// ```
+    /// # luna_executors::block_on(async {
+    /// let (sender, receiver) = luna_channels::channel::<u32>();
+    /// let (keeps, over) = luna_channels::channel::<()>();
+    /// drop(keeps);
+    /// let stop = async { drop(over.recv().await) };
+    /// assert!(receiver.recv_unless(stop).await.unwrap_err().is_timeout());
+    /// # drop(sender);
+    /// # }).unwrap();
+    /// ```
+    pub fn recv_unless<S: Future<Output = ()>>(&self, stop: S) -> RecvTimeout<'_, T, S> {
+        RecvTimeout {
+            recv: self.recv(),
+            stop,
         }
     }
 

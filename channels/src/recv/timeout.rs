@@ -1,4 +1,4 @@
-//! A receive that gives up at a deadline.
+//! A receive that gives up: at a deadline, or when something else happens.
 
 use super::operation::{Phase, RecvOp};
 use crate::error::RecvTimeoutError;
@@ -10,28 +10,29 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A receive under way that gives up at a deadline: see [`Receiver::recv_timeout`](crate::Receiver::recv_timeout).
+/// A receive under way that gives up when `S` has ended, which is a deadline or anything else: see [`Receiver::recv_timeout`](crate::Receiver::recv_timeout) and
+/// [`Receiver::recv_unless`](crate::Receiver::recv_unless).
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited"]
-pub struct RecvTimeout<'a, T> {
+pub struct RecvTimeout<'a, T, S = Sleep> {
     pub(super) recv: RecvOp<'a, T>,
-    pub(super) sleep: Sleep,
+    pub(super) stop: S,
 }
 
-impl<T> Future for RecvTimeout<'_, T> {
+impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
     type Output = Result<T, RecvTimeoutError>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut recv, sleep) = unsafe {
+        let (mut recv, stop) = unsafe {
             let this = self.get_unchecked_mut();
             (
                 Pin::new_unchecked(&mut this.recv),
-                Pin::new_unchecked(&mut this.sleep),
+                Pin::new_unchecked(&mut this.stop),
             )
         };
         if current::is_taped() {
-            return poll_taped(recv, sleep, cx);
+            return poll_taped(recv, stop, cx);
         }
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
@@ -40,18 +41,18 @@ impl<T> Future for RecvTimeout<'_, T> {
         if recv.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match sleep.poll(cx) {
+        match stop.poll(cx) {
             Poll::Ready(()) => Poll::Ready(recv.give_up()),
             Poll::Pending => Poll::Pending,
         }
     }
 }
 
-/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is or has happened, and is let in here, and not by what it waits for.
 #[cold]
-fn poll_taped<T>(
+fn poll_taped<T, S: Future<Output = ()>>(
     mut recv: Pin<&mut RecvOp<'_, T>>,
-    sleep: Pin<&mut Sleep>,
+    stop: Pin<&mut S>,
     cx: &mut Context<'_>,
 ) -> Poll<Result<T, RecvTimeoutError>> {
     if recv.is_new() && std::task::ready!(taped::enter_timed(cx)).is_err() {
@@ -62,7 +63,10 @@ fn poll_taped<T>(
         return polled.map_err(RecvTimeoutError::from);
     }
     // One that is let in later, or has communicated and lets others run, is not late.
-    if !recv.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+    if !recv.is_listed()
+        || taped::is_replayed()
+        || current::without_tape(|| stop.poll(cx)).is_pending()
+    {
         return Poll::Pending;
     }
     let outcome = recv.as_mut().give_up();

@@ -1,13 +1,14 @@
 //! Two channels as one, as a process.
 
 use super::alarms::Alarms;
-use super::{Steps, put_out};
+use super::{Entered, Steps, put_out, taken, unless};
 use crate::agreement::Agreement;
 use crate::fault::{Channel, Finding};
 use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::{Of, SettingError};
-use luna::{Process, Receiver, RecvTimeoutError, Sender, alt};
+use luna::{Instant, Process, Receiver, RecvTimeoutError, SendError, Sender, alt};
+use std::pin::pin;
 use std::time::Duration;
 
 /// An [`Agreement`] between two channels and one: a value of each makes a round, for which one is put out.
@@ -15,7 +16,7 @@ use std::time::Duration;
 /// When one has come, the other is waited for `skew`; then it is missing in this round, and its value begins the next. When neither has come for `silence`, both are missing,
 /// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends; also when its readers are gone.
 ///
-/// While the system is in a safe state it puts out neutral. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
+/// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for the second value of a round (in a recorded system, with the next round), and while it is in one. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
 /// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation, but one for the first alarm,
 /// for a safe state, and for an emergency.
 ///
@@ -103,7 +104,28 @@ impl AgreementProcess {
     async fn pass_on(&mut self) -> luna::Result<()> {
         self.alarms.begin();
         let mut steps = Steps::default();
-        while let Some([a, b]) = self.round().await {
+        let mut entered = pin!(self.alarms.entered());
+        let mut end = luna::now() + self.silence;
+        // Neutral, for the safe state, until it is taken or something else is put out.
+        let mut offers = false;
+        loop {
+            let entered = entered.as_mut().as_pin_mut();
+            let entered = entered.filter(|_| self.alarms.awaits_safe_state());
+            let [a, b] = match self.round(end, entered, offers).await? {
+                Round::Over => break,
+                Round::Values(values) => values,
+                Round::SafeState => {
+                    self.alarms.note_safe_state();
+                    offers = true;
+                    continue;
+                }
+                Round::Taken(false) => break,
+                Round::Taken(true) => {
+                    offers = false;
+                    continue;
+                }
+            };
+            offers = false;
             let elapsed = steps.elapsed(luna::now());
             if self.alarms.safe_state_is_over() {
                 self.reactor.rearm();
@@ -126,24 +148,40 @@ impl AgreementProcess {
             if !put_out(&self.output, value).await? {
                 break;
             }
+            end = luna::now() + self.silence;
         }
         Ok(())
     }
 
-    /// What the two say in one round; nothing when both are gone.
-    async fn round(&mut self) -> Option<[Option<f64>; 2]> {
+    /// What the two say in one round, or neither until `end`.
+    async fn round(
+        &mut self,
+        end: Instant,
+        mut entered: Entered<'_>,
+        offers: bool,
+    ) -> luna::Result<Round> {
+        let neutral = self.reactor.neutral();
         let mut round = [None; 2];
-        let end = luna::now() + self.silence;
         while round == [None; 2] {
             let [a, b] = &self.channels;
             let [a_is_open, b_is_open] = self.is_open;
             if !a_is_open && !b_is_open {
-                return None;
+                return Ok(Round::Over);
             }
-            let (channel, value) = alt! {
-                _ = luna::at(end) => return Some(round),
-                value = a.recv(), if a_is_open => (Channel::A, value.ok()),
-                value = b.recv(), if b_is_open => (Channel::B, value.ok()),
+            let event = async {
+                alt! {
+                    _ = luna::at(end) => Event::Silence,
+                    sent = self.output.send(neutral), if offers => Event::Taken(sent),
+                    value = a.recv(), if a_is_open => Event::Came(Channel::A, value.ok()),
+                    value = b.recv(), if b_is_open => Event::Came(Channel::B, value.ok()),
+                }
+            };
+            let entered = entered.as_mut().map(|entered| entered.as_mut());
+            let (channel, value) = match unless(event, entered).await {
+                None => return Ok(Round::SafeState),
+                Some(Event::Taken(sent)) => return Ok(Round::Taken(taken(sent)?)),
+                Some(Event::Silence) => return Ok(Round::Values(round)),
+                Some(Event::Came(channel, value)) => (channel, value),
             };
             round[channel as usize] = value;
             self.is_open[channel as usize] = value.is_some();
@@ -156,8 +194,25 @@ impl AgreementProcess {
                 Err(_) => self.is_open[other] = false,
             }
         }
-        Some(round)
+        Ok(Round::Values(round))
     }
+}
+
+/// What a round comes to.
+enum Round {
+    Values([Option<f64>; 2]),
+    /// The safe state was entered before a value came.
+    SafeState,
+    /// Neutral was put out for it, if there is somebody who could take it.
+    Taken(bool),
+    /// Both are gone.
+    Over,
+}
+
+enum Event {
+    Silence,
+    Taken(Result<(), SendError<f64>>),
+    Came(Channel, Option<f64>),
 }
 
 impl Process for AgreementProcess {

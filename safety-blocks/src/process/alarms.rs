@@ -2,7 +2,7 @@
 
 use crate::fault::Finding;
 use crate::response::{Alarm, Reaction};
-use luna::{Error, Safety, Sender};
+use luna::{Error, SafeStateEntered, Safety, Sender};
 
 /// Who is told.
 #[derive(Debug, Default)]
@@ -63,6 +63,21 @@ impl Alarms {
     /// Whether the system is in a safe state, whoever brought it there: outputs are to be neutral.
     pub(super) fn is_safe_state(&self) -> bool {
         self.safety.as_ref().is_some_and(Safety::is_safe_state)
+    }
+
+    /// What ends when the safe state is entered, for the whole body.
+    pub(super) fn entered(&self) -> Option<SafeStateEntered> {
+        self.safety.as_ref().map(Safety::safe_state_entered)
+    }
+
+    /// Whether the process is to put out neutral when the safe state is entered: not while it is in one.
+    pub(super) fn awaits_safe_state(&self) -> bool {
+        !self.was_safe_state
+    }
+
+    /// Neutral is put out for the safe state.
+    pub(super) fn note_safe_state(&mut self) {
+        self.was_safe_state = true;
     }
 
     /// Whether a safe state was left since the call before: who brought the system there is to look anew.

@@ -1,7 +1,7 @@
 //! A chain as a process.
 
 use super::alarms::Alarms;
-use super::{Steps, put_out};
+use super::{Entered, Steps, put_out, taken};
 use crate::block::Sample;
 use crate::chain::Chain;
 use crate::fault::Finding;
@@ -9,8 +9,11 @@ use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::{Of, SettingError};
 use crate::timeout::Timeout;
-use luna::{Instant, Process, Receiver, RecvTimeoutError, Sender};
+use luna::{Instant, Process, Receiver, RecvTimeoutError, SafeStateEntered, Sender, alt};
 use std::fmt;
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
+use std::task::Poll;
 use std::time::Duration;
 
 /// What a chain's channels carry: a number, or something with one in it.
@@ -65,7 +68,7 @@ const MOST_AT_ONCE: usize = 16;
 ///
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
 /// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
-/// emergency it puts out nothing. While the system is in a [safe state](crate::Reaction::SafeState), whoever brought it there, it puts out neutral for each value that
+/// emergency it puts out nothing. When the system enters a [safe state](crate::Reaction::SafeState), whoever brought it there, it offers neutral at once, also while it waits for a value, until it is taken or the next value comes, and then puts it out for each value that
 /// comes. When its readers are gone it ends.
 ///
 /// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
@@ -110,6 +113,8 @@ pub struct ChainProcess<T = f64> {
     is_of_sensor: bool,
     /// What was put out last.
     last: Option<T>,
+    /// What is to be put out for the safe state, unless there is something else before.
+    offered: Option<T>,
 }
 
 /// Where the feedback comes from.
@@ -140,6 +145,7 @@ impl Chain {
             alarms: Alarms::default(),
             is_of_sensor: false,
             last: None,
+            offered: None,
         }
     }
 }
@@ -214,7 +220,18 @@ impl<T: Signal> ChainProcess<T> {
         if let Some(front) = &mut self.timeout {
             front.begin(luna::now());
         }
-        while let Some(signal) = self.next().await? {
+        let mut entered = pin!(self.alarms.entered());
+        while let Some(came) = self.next(entered.as_mut().as_pin_mut()).await? {
+            let signal = match came {
+                Came::Signal(signal) => signal,
+                Came::SafeState(last) => {
+                    self.alarms.note_safe_state();
+                    let signal = last.with_value(self.chain.put_out_neutral());
+                    (self.last, self.offered) = (Some(signal), Some(signal));
+                    continue;
+                }
+                Came::Taken => continue,
+            };
             let now = luna::now();
             if self.alarms.safe_state_is_over() {
                 self.chain.rearm();
@@ -248,24 +265,83 @@ impl<T: Signal> ChainProcess<T> {
     }
 
     /// What comes next, or the fall-back; nothing when the writers are gone.
-    async fn next(&mut self) -> luna::Result<Option<T>> {
-        let Some(front) = &mut self.timeout else {
-            return match self.input.recv().await {
-                Ok(signal) => Ok(Some(signal)),
-                Err(error) if error.is_closed() => Ok(None),
-                Err(error) => Err(error.into()),
-            };
+    async fn next(&mut self, entered: Entered<'_>) -> luna::Result<Option<Came<T>>> {
+        let deadline = self.timeout.as_ref().map(|front| front.deadline);
+        // Of the newest signal, all but the value goes on.
+        let last = self.last.filter(|_| !self.is_of_sensor);
+        let awaited = entered.filter(|_| self.alarms.awaits_safe_state() && last.is_some());
+        let came = match (self.offered.take(), awaited, deadline) {
+            (Some(neutral), ..) => match self.offer(neutral, deadline).await? {
+                Offered::Taken(true) => return Ok(Some(Came::Taken)),
+                Offered::Taken(false) => return Ok(None),
+                Offered::Came(came) => came,
+            },
+            (None, None, None) => self.input.recv().await.map_err(Into::into),
+            (None, None, Some(deadline)) => self.input.recv_deadline(deadline).await,
+            (None, Some(entered), None) => self.input.recv_unless(entered).await,
+            (None, Some(entered), Some(deadline)) => {
+                let stop = deadline_or(deadline, entered);
+                self.input.recv_unless(stop).await
+            }
         };
-        let came = match self.input.recv_deadline(front.deadline).await {
+        let came = match came {
             Ok(signal) => Some(signal),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Closed) => return Ok(None),
             Err(RecvTimeoutError::Poisoned) => return Err(luna::Error::Poisoned),
         };
-        let signal = front.step(came, luna::now(), &mut self.alarms);
+        let Some(front) = &mut self.timeout else {
+            // Given up for the safe state alone.
+            return Ok(came.map(Came::Signal).or(last.map(Came::SafeState)));
+        };
+        let now = luna::now();
+        if let (None, Some(last)) = (came, last)
+            && now < front.deadline
+        {
+            return Ok(Some(Came::SafeState(last)));
+        }
+        let signal = front.step(came, now, &mut self.alarms);
         self.alarms.go_on()?;
-        Ok(Some(signal))
+        Ok(Some(Came::Signal(signal)))
     }
+
+    /// Offers `neutral` until it is taken, or until there is something else to put out: who reads in step with what it sends is not kept waiting.
+    async fn offer(&self, neutral: T, deadline: Option<Instant>) -> luna::Result<Offered<T>> {
+        let offered = alt! {
+            sent = self.output.send(neutral) => Offered::Taken(taken(sent)?),
+            came = self.input.recv() => Offered::Came(came.map_err(Into::into)),
+            _ = luna::at(deadline.unwrap_or(Instant::NEVER)), if deadline.is_some() => {
+                Offered::Came(Err(RecvTimeoutError::Timeout))
+            }
+        };
+        Ok(offered)
+    }
+}
+
+/// What there is for a chain to do.
+enum Came<T> {
+    Signal(T),
+    /// The safe state, and what was put out last.
+    SafeState(T),
+    /// Neutral was put out for it.
+    Taken,
+}
+
+/// What an offer of neutral comes to.
+enum Offered<T> {
+    /// Whether there is somebody who could take it.
+    Taken(bool),
+    Came(Result<T, RecvTimeoutError>),
+}
+
+/// Ends at `deadline`, or when the safe state is entered.
+async fn deadline_or(deadline: Instant, mut entered: Pin<&mut SafeStateEntered>) {
+    let mut deadline = pin!(luna::at(deadline));
+    poll_fn(|cx| match entered.as_mut().poll(cx) {
+        Poll::Ready(()) => Poll::Ready(()),
+        Poll::Pending => deadline.as_mut().poll(cx),
+    })
+    .await;
 }
 
 impl<T: Signal> Front<T> {

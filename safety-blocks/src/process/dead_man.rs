@@ -1,13 +1,14 @@
 //! A dead-man's key as a process.
 
 use super::alarms::Alarms;
-use super::{Steps, put_out};
+use super::{Steps, put_out, taken, unless};
 use crate::dead_man::{DeadMan, judge};
 use crate::fault::Finding;
 use crate::monitor::Monitor;
 use crate::response::{Reactor, Response};
 use crate::setting::SettingError;
 use luna::{Instant, Process, Receiver, Sender, alt};
+use std::pin::pin;
 
 /// A [`DeadMan`] between two channels: values pass while the key is held, and neutral is put out else.
 ///
@@ -15,7 +16,7 @@ use luna::{Instant, Process, Receiver, Sender, alt};
 /// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
 /// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends; also when its readers are gone.
 ///
-/// While the system is in a safe state it puts out neutral. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
+/// When the system enters a safe state it offers neutral at once (in a recorded system, with the next value), and while it is in one. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
 /// for a safe state, and for an emergency.
 ///
 /// ```
@@ -63,6 +64,8 @@ enum Event {
     Value(Option<f64>),
     Key(Option<u32>),
     Time,
+    /// Neutral was put out for the safe state, if there is somebody who could take it.
+    Taken(bool),
 }
 
 impl DeadManProcess {
@@ -107,17 +110,39 @@ impl DeadManProcess {
         let mut put_out_at = Steps::default();
         let mut last = steps_from(&mut steps);
         let (mut has_keys, mut was_held) = (true, false);
-        let mut newest = self.reactor.neutral();
+        let neutral = self.reactor.neutral();
+        let mut newest = neutral;
+        // For the safe state, until it is taken or something else is put out.
+        let mut offers = false;
+        let mut entered = pin!(self.alarms.entered());
         loop {
             let expires = self.dead_man.expires_in().map(|time| last + time);
-            let event = alt! {
-                _ = luna::at(expires.unwrap_or(Instant::NEVER)), if expires.is_some() => Event::Time,
-                key = self.keys.recv(), if has_keys => Event::Key(key.ok()),
-                value = self.values.recv() => match value {
-                    Err(error) if error.is_poisoned() => return Err(error.into()),
-                    value => Event::Value(value.ok()),
-                },
+            let event = async {
+                let event = alt! {
+                    _ = luna::at(expires.unwrap_or(Instant::NEVER)), if expires.is_some() => Event::Time,
+                    sent = self.output.send(neutral), if offers => Event::Taken(taken(sent)?),
+                    key = self.keys.recv(), if has_keys => Event::Key(key.ok()),
+                    value = self.values.recv() => match value {
+                        Err(error) if error.is_poisoned() => return Err(luna::Error::Poisoned),
+                        value => Event::Value(value.ok()),
+                    },
+                };
+                Ok(event)
             };
+            let entered = entered.as_mut().as_pin_mut();
+            let entered = entered.filter(|_| self.alarms.awaits_safe_state());
+            let Some(event) = unless(event, entered).await.transpose()? else {
+                self.alarms.note_safe_state();
+                offers = true;
+                continue;
+            };
+            if let Event::Taken(is_there) = event {
+                offers = false;
+                match is_there {
+                    true => continue,
+                    false => return Ok(()),
+                }
+            }
             last = luna::now();
             let elapsed = steps.elapsed(last);
             let key = match event {
@@ -127,7 +152,7 @@ impl DeadManProcess {
                     Some(0)
                 }
                 Event::Key(key) => key,
-                Event::Value(_) | Event::Time => None,
+                Event::Value(_) | Event::Time | Event::Taken(_) => None,
             };
             if self.alarms.safe_state_is_over() {
                 self.reactor.rearm();
@@ -148,6 +173,7 @@ impl DeadManProcess {
                 }
             }
             was_held = is_held;
+            offers = false;
             let verdict = judge(newest, key, self.reactor.neutral());
             // Since what was put out last: keys came in between.
             let elapsed = put_out_at.elapsed(last);

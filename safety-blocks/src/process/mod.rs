@@ -9,7 +9,10 @@ pub use agreement::AgreementProcess;
 pub use chain::{ChainProcess, Signal};
 pub use dead_man::DeadManProcess;
 
-use luna::{Instant, Sender};
+use luna::{Instant, SafeStateEntered, SendError, Sender};
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
+use std::task::Poll;
 use std::time::Duration;
 
 /// The time between steps.
@@ -27,9 +30,34 @@ impl Steps {
     }
 }
 
+/// Awaits what ends when the safe state is entered, or never.
+type Entered<'a> = Option<Pin<&'a mut SafeStateEntered>>;
+
+/// Awaits `event`, which is cancel-safe, and gives it up when the safe state is entered: then there is nothing. One poll of `entered` each time it waits.
+async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Output> {
+    let mut event = pin!(event);
+    poll_fn(|cx| {
+        if let Poll::Ready(output) = event.as_mut().poll(cx) {
+            return Poll::Ready(Some(output));
+        }
+        match &mut entered {
+            // Which of two came first a recording can tell of alternatives and of single operations alone.
+            Some(entered) if !luna::record::is_recorded() => {
+                entered.as_mut().poll(cx).map(|()| None)
+            }
+            _ => Poll::Pending,
+        }
+    })
+    .await
+}
+
 /// Puts `value` out; whether somebody took it: who is gone needs no protection.
 async fn put_out<T: Send>(output: &Sender<T>, value: T) -> luna::Result<bool> {
-    match output.send(value).await {
+    taken(output.send(value).await)
+}
+
+fn taken<T>(sent: Result<(), SendError<T>>) -> luna::Result<bool> {
+    match sent {
         Ok(()) => Ok(true),
         Err(error) if error.is_closed() => Ok(false),
         Err(error) => Err(error.into()),

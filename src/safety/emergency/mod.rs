@@ -9,6 +9,7 @@ pub(crate) use functions::LIMIT;
 pub use functions::{FunctionOutcome, FunctionReport};
 pub use trigger::EmergencyTrigger;
 
+use super::entered::Waiting;
 use super::report::SafetyReport;
 use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
@@ -34,6 +35,8 @@ pub(crate) struct Emergency {
     pub(crate) at_emergency: Functions,
     pub(crate) at_safe_state: Functions,
     pub(crate) journal: Journal,
+    /// Who waits for the safe state.
+    pub(super) waiting: Waiting,
     crew: Crew,
     /// The system has ended: the crew is to end, once the functions have run if there is an emergency.
     is_to_end: AtomicBool,
@@ -88,6 +91,7 @@ impl Emergency {
             at_emergency: Functions::new(),
             at_safe_state: Functions::new(),
             journal: Journal::new(),
+            waiting: Waiting::new(),
             crew: Crew::default(),
             is_to_end: AtomicBool::new(false),
             simulation: OnceLock::new(),
@@ -196,15 +200,19 @@ impl Emergency {
 
     /// See [`Safety::enter_safe_state`](crate::Safety::enter_safe_state).
     pub(crate) fn enter_safe_state(&self, cause: Cause) {
-        let mut has_functions = false;
+        let (mut is_entered, mut has_functions) = (false, false);
         self.journal
             .note(Degree::SafeState, cause, Instant::now(), || {
+                is_entered = true;
                 has_functions = self.at_safe_state.begin(Instant::now_real())
                     && !self.at_safe_state.relay().is_done();
                 true
             });
         if has_functions {
             signals::announce_event();
+        }
+        if is_entered {
+            self.waiting.wake_all();
         }
     }
 
