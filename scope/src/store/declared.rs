@@ -1,6 +1,6 @@
 //! What was declared, and the state that each process is in, for who comes late.
 
-use luna_logger::format::{ClockBase, Encoder, Event, Losing, Record, SignalInfo, Type};
+use luna_logger::format::{ClockBase, Encoder, Event, Losing, Record, RunsOn, SignalInfo, Type};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -39,6 +39,7 @@ struct Name {
     subject: luna_logger::format::Subject,
     parent: u32,
     name: String,
+    runs_on: Option<RunsOn>,
 }
 
 impl Declared {
@@ -71,11 +72,13 @@ impl Declared {
                 number,
                 parent,
                 name,
+                runs_on,
             } => {
                 let name = Name {
                     subject,
                     parent,
                     name: cut(name),
+                    runs_on,
                 };
                 keep(&mut self.names, (subject as u8, number), name)
             }
@@ -151,6 +154,7 @@ impl Declared {
                 number: *number,
                 parent: name.parent,
                 name: &name.name,
+                runs_on: name.runs_on,
             });
         }
         if let Some((time, unix)) = self.epoch {
