@@ -25,7 +25,14 @@ fn at(report: &LoopReport, slot: Instant) -> &LateCycle {
 #[test]
 fn who_ran_instead_is_named() {
     let _watch = watchdog();
+    // Again if a busy machine gave the hog its turn too late.
+    assert!((0..50).any(|_| a_hog_is_named()));
+}
+
+/// Whether the hog began in time to be in the way; then it is named.
+fn a_hog_is_named() -> bool {
     let (told, slot) = luna::buffered(Buffer::fifo(1));
+    let (begins, began) = luna::buffered(Buffer::fifo(1));
     let (busy, free) = luna::channel::<Instant>();
     let mut system = System::new("named");
     let main = system.executor("main").build().unwrap();
@@ -44,7 +51,9 @@ fn who_ran_instead_is_named() {
     main.process("hog")
         .priority(10)
         .spawn(async move {
-            burn_until(free.recv().await?);
+            let until = free.recv().await?;
+            begins.try_send(luna::now())?;
+            burn_until(until);
             Ok(())
         })
         .unwrap();
@@ -60,7 +69,11 @@ fn who_ran_instead_is_named() {
         .unwrap();
     let report = system.run().unwrap();
     let servo = &report.loops["servo"];
-    let cycle = at(servo, slot.try_recv().unwrap());
+    let slot = slot.try_recv().unwrap();
+    if began.try_recv().unwrap() >= slot {
+        return false;
+    }
+    let cycle = at(servo, slot);
     assert_eq!(culprit(cycle), Some("hog"), "{cycle:?}");
     assert!(cycle.ran_instead.as_ref().unwrap().took >= HOG);
     assert!(cycle.lateness >= HOG && cycle.own_overrun.is_zero());
@@ -68,14 +81,22 @@ fn who_ran_instead_is_named() {
     assert!(servo.late >= 1 && servo.late_after == PERIOD / 10);
     let text = report.to_string();
     assert!(text.contains("`hog` ran instead, for "), "{text}");
+    true
 }
 
 #[test]
 fn loops_that_wake_together_name_the_one_before() {
     let _watch = watchdog();
+    // Again if a busy machine gave the one before its turn too late.
+    assert!((0..50).any(|_| the_one_before_is_named()));
+}
+
+/// Whether one that ran before all began in time for that; then it is named.
+fn the_one_before_is_named() -> bool {
     let mut system = System::new("together");
     let main = system.executor("main").build().unwrap();
     let (ready, go) = luna::channel::<Instant>();
+    let (begins, began) = luna::buffered(Buffer::fifo(1));
     main.process("first")
         .priority(30)
         .spawn(async move {
@@ -105,11 +126,18 @@ fn loops_that_wake_together_name_the_one_before() {
     main.process("before")
         .priority(10)
         .spawn(async move {
-            burn_until(go.recv().await? + HOG);
+            let until = go.recv().await? + HOG;
+            begins.try_send(luna::now())?;
+            burn_until(until);
             Ok(())
         })
         .unwrap();
     let report = system.run().unwrap();
+    let began = began.try_recv().unwrap();
+    let first = report.loops["first"].late_cycles.first();
+    if first.is_none_or(|cycle| began >= cycle.slot) {
+        return false;
+    }
     let worst = |name: &str| report.loops[name].late_cycles[0].clone();
     assert_eq!(culprit(&worst("first")), Some("before"));
     for name in ["second", "third"] {
@@ -118,6 +146,7 @@ fn loops_that_wake_together_name_the_one_before() {
         assert_eq!(culprit(&cycle), Some("first"), "{name}: {cycle:?}");
         assert!(cycle.ran_instead.as_ref().unwrap().took >= 2 * HOG);
     }
+    true
 }
 
 #[test]

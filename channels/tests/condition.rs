@@ -12,6 +12,8 @@ use luna_platform::thread::Attributes;
 use std::time::Duration;
 
 const SHORT: Duration = Duration::from_millis(2);
+/// Time enough for a few steps on a busy machine.
+const ENOUGH: Duration = Duration::from_millis(100);
 
 #[test]
 fn waiting_unlocks_and_locks_again() {
@@ -123,21 +125,21 @@ fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
         let (guard, result) = condition.wait_timeout(guard, SHORT).await.unwrap();
         assert!(result.timed_out());
         assert!(mutex.try_lock().is_err());
-        let mut wait = Box::pin(condition.wait_timeout(guard, SHORT));
+        let mut wait = Box::pin(condition.wait_timeout(guard, ENOUGH));
         assert!(poll(&mut wait).is_pending());
         let guard = mutex.try_lock().unwrap();
         condition.notify_one();
         // It was notified before its time ran out, and waits for the mutex alone.
-        after(2 * SHORT).await;
+        after(2 * ENOUGH).await;
         assert!(poll(&mut wait).is_pending());
         drop(guard);
         let (guard, result) = wait.await.unwrap();
         assert!(!result.timed_out());
         // A notification after the deadline is nobody's.
-        let mut late = Box::pin(condition.wait_timeout(guard, SHORT));
+        let mut late = Box::pin(condition.wait_timeout(guard, ENOUGH));
         assert!(poll(&mut late).is_pending());
         let guard = mutex.try_lock().unwrap();
-        after(2 * SHORT).await;
+        after(2 * ENOUGH).await;
         assert!(poll(&mut late).is_pending());
         condition.notify_one();
         drop(guard);

@@ -183,10 +183,12 @@ fn what_was_handed_over_at_the_deadline_is_locked() {
     let mutex = Mutex::new(());
     luna_executors::block_on(async {
         let guard = mutex.lock().await.unwrap();
-        let mut late = Box::pin(mutex.lock_timeout(SHORT));
+        // Time enough for two steps on a busy machine.
+        let time = Duration::from_millis(100);
+        let mut late = Box::pin(mutex.lock_timeout(time));
         pending(&mut late);
         // The deadline has come, and so has the mutex: it is not polled in between.
-        std::thread::sleep(2 * SHORT);
+        std::thread::sleep(2 * time);
         drop(guard);
         assert!(late.await.is_ok());
     })

@@ -76,7 +76,8 @@ fn demo_prints_json() {
         (Some(1000.0), Some(500))
     );
     let mean = table["cycle_ms"]["mean"].as_f64().expect("a mean");
-    assert!((0.9..10.0).contains(&mean), "{table}");
+    // Milliseconds: later than this no machine is, but microseconds would be.
+    assert!((0.9..500.0).contains(&mean), "{table}");
     let switches = |of: &str| table["switches"][of].as_f64().expect("switches");
     // Each of the 44 that control has at least one turn a cycle.
     assert!(

@@ -22,24 +22,37 @@ fn between(from: Instant, until: Instant) -> Option<Interference> {
 
 #[test]
 fn a_turn_is_laid_to_who_had_it() {
-    let executor = Executor::start(Attributes::new("main")).unwrap();
-    let hog = ProcessSpec::new("hog");
-    let id = hog.id();
-    let (tell, told) = mpsc::channel();
-    let asks = executor.spawn(ProcessSpec::new("asks").level(20), move || async move {
-        let slot = Instant::now() + Duration::from_millis(10);
-        tell.send(slot).unwrap();
-        Sleep::until(slot).await;
-        let now = Instant::now();
-        let turn = between(slot, now).unwrap();
-        assert_eq!(turn.process, id);
-        assert!(turn.began < slot && turn.ended >= slot + LONG && turn.ended <= now);
+    // Again if a busy machine gave the hog its turn too late to be in the way.
+    let is_tried = (0..20).any(|_| {
+        let executor = Executor::start(Attributes::new("main")).unwrap();
+        let hog = ProcessSpec::new("hog");
+        let id = hog.id();
+        let (tell, told) = mpsc::channel::<Instant>();
+        let (begin, begun) = mpsc::channel();
+        let (answer, answered) = mpsc::channel();
+        let asks = executor.spawn(ProcessSpec::new("asks").level(20), move || async move {
+            let slot = Instant::now() + Duration::from_millis(10);
+            tell.send(slot).unwrap();
+            Sleep::until(slot).await;
+            let now = Instant::now();
+            let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
+            if was_in_the_way {
+                let turn = between(slot, now).unwrap();
+                assert_eq!(turn.process, id);
+                assert!(turn.began < slot && turn.ended >= slot + LONG && turn.ended <= now);
+            }
+            answer.send(was_in_the_way).unwrap();
+        });
+        executor.spawn(hog, move || async move {
+            let _ = begin.send(Instant::now());
+            let until = told.recv().unwrap() + LONG;
+            while Instant::now() < until {}
+        });
+        executor.release();
+        assert_eq!(asks.wait(), Exit::Completed);
+        answered.recv().unwrap()
     });
-    executor.spawn(hog, move || async move {
-        burn(told.recv().unwrap() + LONG - Instant::now());
-    });
-    executor.release();
-    assert_eq!(asks.wait(), Exit::Completed);
+    assert!(is_tried);
 }
 
 #[test]
@@ -62,24 +75,36 @@ fn a_sleep_is_laid_to_nobody() {
 
 #[test]
 fn the_building_of_a_process_is_laid_to_nobody() {
-    let executor = Executor::start(Attributes::new("main")).unwrap();
-    let handle = executor.handle().clone();
-    let asks = executor.spawn(ProcessSpec::new("asks"), || async move {
-        // From here on the executor has looked at the clock.
-        Sleep::until(Instant::now() + Duration::from_millis(1)).await;
-        let slot = Instant::now() + Duration::from_millis(1);
-        // Built after this poll, on this thread.
-        handle.spawn(ProcessSpec::new("new"), || {
-            burn(LONG);
-            async {}
+    // Again if a busy machine began to build too late to be in the way.
+    let is_tried = (0..20).any(|_| {
+        let executor = Executor::start(Attributes::new("main")).unwrap();
+        let handle = executor.handle().clone();
+        let (begin, begun) = mpsc::channel();
+        let (answer, answered) = mpsc::channel();
+        let asks = executor.spawn(ProcessSpec::new("asks"), || async move {
+            let slot = Instant::now() + Duration::from_millis(10);
+            // By another thread, so that it is built between two polls of this one.
+            let spawns = std::thread::spawn(move || {
+                handle.spawn(ProcessSpec::new("new"), move || {
+                    let _ = begin.send(Instant::now());
+                    burn(LONG);
+                    async {}
+                });
+            });
+            Sleep::until(slot).await;
+            let now = Instant::now();
+            spawns.join().unwrap();
+            let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
+            if was_in_the_way {
+                let took =
+                    between(slot, now).map_or(Duration::ZERO, |turn| turn.ended - turn.began);
+                assert!(now >= slot + LONG / 2 && took < LONG, "{took:?}");
+            }
+            answer.send(was_in_the_way).unwrap();
         });
-        Sleep::until(slot).await;
-        let now = Instant::now();
-        assert!(now >= slot + LONG / 2);
-        // The poll itself may have taken long, on a busy machine.
-        let took = between(slot, now).map_or(Duration::ZERO, |turn| turn.ended - turn.began);
-        assert!(took < LONG, "{took:?}");
+        executor.release();
+        assert_eq!(asks.wait(), Exit::Completed);
+        answered.recv().unwrap()
     });
-    executor.release();
-    assert_eq!(asks.wait(), Exit::Completed);
+    assert!(is_tried);
 }

@@ -9,14 +9,14 @@ use std::time::Duration;
 
 pub(crate) const PERIOD: Duration = Duration::from_millis(2);
 
-/// Counts a second of encoder 0: 100 a period.
-pub(crate) const SPEED: f64 = 50_000.0;
-/// What the link is told: then a silence of half a second is not too long.
-pub(crate) const FASTEST: f64 = 60_000.0;
+/// Counts a second of encoder 0: 20 a period.
+pub(crate) const SPEED: f64 = 10_000.0;
+/// What the link is told: then a silence of two seconds is not too long.
+pub(crate) const FASTEST: f64 = 12_000.0;
 
 /// Where encoder 0 is at a time (ns).
 pub(crate) fn count_at(now: u64) -> i64 {
-    (now / 20_000) as i64
+    (now / 100_000) as i64
 }
 
 /// A card whose encoder 0 turns at [`SPEED`] for ever.
