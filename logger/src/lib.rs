@@ -6,6 +6,7 @@
 //!   that is full drops what is new, and counts exactly how much.
 //! - A [`Recorder`] moves what the rings hold to a [`Sink`], such as a file, on an ordinary thread. Whatever the sink does (it waits, it fails), nothing on the
 //!   real-time path waits: samples are lost, and counted.
+//! - [`TcpSink`] and [`UdpSink`] send a recording to another computer, where a [`Receiver`] has a sink for each sender.
 //! - [`format`](mod@format) is what a file holds, and reads and writes it.
 //!
 //! Most programs use it through `luna-rt`, which makes the [`Hub`] and the recorder with the system. By itself:
@@ -40,6 +41,7 @@ pub mod format;
 mod hub;
 mod lane;
 mod message;
+mod net;
 mod recorder;
 mod sample;
 mod signal;
@@ -52,9 +54,10 @@ pub use hub::{Entered, Hub, RegisterError, TimeBase};
 pub use message::message;
 #[cfg(feature = "events")]
 pub use recorder::EventsReport;
+pub use net::{Departure, Handler, Peer, PeerError, Receiver, Receiving, TcpSink, UdpSink};
 pub use recorder::{
     FileSink, Logging, LoggingReport, MessagesReport, Recorder, SignalReport, Sink, StartError,
-    WriterSink,
+    Tee, WriterSink,
 };
 pub use sample::{Element, Sample};
 pub use signal::{Signal, SignalBuilder};

@@ -194,6 +194,76 @@ proptest! {
     }
 }
 
+/// All records of all whole blocks, whatever lies between them, and how often something was wrong.
+fn read_on(bytes: &[u8]) -> (Vec<String>, usize, u64) {
+    let (mut records, mut errors) = (Vec::new(), 0);
+    let mut reader = Reader::new(bytes).unwrap();
+    loop {
+        match reader.next() {
+            Ok(Some(record)) => records.push(format!("{record:?}")),
+            Ok(None) => return (records, errors, reader.missing_blocks()),
+            Err(_) => {
+                errors += 1;
+                if reader.resume().unwrap().is_none() {
+                    return (records, errors, reader.missing_blocks());
+                }
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever becomes of one block: changed, cut out in part, or with something else in front of it, all others are read.
+    #[test]
+    fn after_damage_all_other_blocks_are_read(
+        times in prop::collection::vec(any::<u64>(), 1..12),
+        which in any::<prop::sample::Index>(),
+        at in any::<prop::sample::Index>(),
+        cut in any::<prop::sample::Index>(),
+        between in prop::collection::vec(prop_oneof![Just(b'L'), Just(b'B'), any::<u8>()], 0..40),
+    ) {
+        let blocks: Vec<Vec<u8>> = {
+            let mut encoder = luna_logger::format::Encoder::new();
+            let block = |time: &u64| {
+                encoder.put(&Record::End { time: *time });
+                let block = encoder.block().to_vec();
+                encoder.next();
+                block
+            };
+            times.iter().map(block).collect()
+        };
+        let all: Vec<String> = times.iter().map(|time| format!("{:?}", Record::End { time: *time })).collect();
+        let which = which.index(blocks.len());
+        let others: Vec<String> = (0..all.len()).filter(|n| *n != which).map(|n| all[n].clone()).collect();
+        let file_with = |damaged: &[u8]| {
+            let mut file = luna_logger::format::Encoder::head().to_vec();
+            for (n, block) in blocks.iter().enumerate() {
+                file.extend_from_slice(if n == which { damaged } else { block });
+            }
+            file
+        };
+        let at = at.index(blocks[which].len());
+        let mut changed = blocks[which].clone();
+        changed[at] ^= 0x10;
+        let (read, errors, missing) = read_on(&file_with(&changed));
+        prop_assert_eq!(&read, &others);
+        prop_assert!(errors > 0);
+        prop_assert_eq!(missing, u64::from(which + 1 < blocks.len()));
+        let short = &blocks[which][..cut.index(blocks[which].len())];
+        prop_assert_eq!(&read_on(&file_with(short)).0, &others);
+        let longer = [&between[..], &blocks[which]].concat();
+        prop_assert_eq!(&read_on(&file_with(&longer)).0, &all);
+    }
+
+    #[test]
+    fn anything_at_all_is_gone_over_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), records in prop::collection::vec(any::<u8>(), 1..100)) {
+        let whole = around(&records);
+        read_on(&[&whole[..], &bytes, &whole[16..], &bytes].concat());
+    }
+}
+
 /// A file with one block of these bytes.
 fn around(records: &[u8]) -> Vec<u8> {
     let mut file = Writer::new(Vec::new()).unwrap().finish().unwrap();

@@ -5,7 +5,7 @@ mod common;
 use common::{KeepingSink, Kept};
 use luna_logger::format::Value;
 use luna_logger::{
-    FileSink, Hub, Level, Logging, Recorder, RegisterError, Signal, Sink, StartError, message,
+    FileSink, Hub, Level, Logging, Recorder, RegisterError, Signal, Sink, StartError, Tee, message,
 };
 use luna_platform::clock::Instant;
 use proptest::prelude::*;
@@ -324,6 +324,152 @@ fn a_burst_of_messages_costs_no_samples() {
     );
     assert!(report.messages.lost > 900, "{:?}", report.messages);
     assert_eq!(report.messages.recorded + report.messages.lost, 1000);
+}
+
+#[test]
+fn a_sink_that_never_comes_back_keeps_nobody_for_ever() {
+    let kept = Kept::default();
+    let hub = Hub::new("stuck", Default::default());
+    let (open, waiting, sink) = gated(&kept);
+    let recording = Logging::to_sink(sink).end_within(Duration::from_millis(1));
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    waiting.recv().unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<f64>::register("signal").unwrap();
+    for n in 0..100 {
+        signal.record(f64::from(n));
+    }
+    message(Level::Info, "test", format_args!("lost too"));
+    let report = recorder.finish();
+    assert_eq!(
+        (report.signals[0].recorded, report.signals[0].lost),
+        (0, 100)
+    );
+    assert_eq!((report.messages.recorded, report.messages.lost), (0, 1));
+    assert!(report.error.unwrap().contains("time limit"));
+    drop(open);
+}
+
+#[test]
+fn a_sink_that_panics_costs_what_it_was_given() {
+    struct Panicking;
+    impl Sink for Panicking {
+        fn begin(&mut self, _: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+        fn block(&mut self, _: &[u8]) -> io::Result<()> {
+            panic!("on purpose");
+        }
+    }
+    let hub = Hub::new("panicking", Default::default());
+    let recorder = Recorder::start(&hub, Logging::to_sink(Panicking)).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<f64>::register("signal").unwrap();
+    signal.record(1.0);
+    let report = recorder.finish();
+    assert_eq!((report.signals[0].recorded, report.signals[0].lost), (0, 1));
+    assert_eq!(report.error.as_deref(), Some("the sink panicked"));
+}
+
+#[test]
+fn a_sink_that_cannot_take_a_block_yet_is_offered_it_again() {
+    struct Hesitant(KeepingSink, u32);
+    impl Sink for Hesitant {
+        fn begin(&mut self, head: &[u8]) -> io::Result<()> {
+            self.0.begin(head)
+        }
+        fn block(&mut self, block: &[u8]) -> io::Result<()> {
+            self.1 += 1;
+            match self.1 % 3 {
+                0 => self.0.block(block),
+                _ => Err(io::ErrorKind::WouldBlock.into()),
+            }
+        }
+    }
+    let kept = Kept::default();
+    let hub = Hub::new("hesitant", Default::default());
+    let recording = Logging::to_sink(Hesitant(kept.sink(), 0)).end_within(Duration::from_secs(600));
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<f64>::register("signal").unwrap();
+    for n in 0..1000 {
+        signal.record(f64::from(n));
+    }
+    let report = recorder.finish();
+    assert_eq!(
+        (report.signals[0].recorded, report.signals[0].lost),
+        (1000, 0)
+    );
+    assert_eq!(kept.read().samples[&0].len(), 1000);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 10, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Of several sinks the first says what is recorded; another that refuses some has the rest, and can be read.
+    #[test]
+    fn several_sinks_get_one_recording(refused in prop::collection::vec(prop::bool::ANY, 1..20)) {
+        struct Refusing(KeepingSink, std::vec::IntoIter<bool>);
+        impl Sink for Refusing {
+            fn begin(&mut self, head: &[u8]) -> io::Result<()> {
+                self.0.begin(head)
+            }
+            fn block(&mut self, block: &[u8]) -> io::Result<()> {
+                match self.1.next() {
+                    Some(true) => Err(io::Error::other("no space left")),
+                    _ => self.0.block(block),
+                }
+            }
+        }
+        let any = refused.contains(&true);
+        let kept = [Kept::default(), Kept::default(), Kept::default()];
+        let tee = Tee::new(kept[0].sink())
+            .and(Refusing(kept[1].sink(), refused.into_iter()))
+            .and(kept[2].sink());
+        let counters = tee.refused();
+        let hub = Hub::new("tee", Default::default());
+        let recorder = Recorder::start(&hub, Logging::to_sink(tee).every(Duration::from_millis(1))).unwrap();
+        let _inside = hub.enter();
+        let signal = Signal::<[f64; 16]>::register("wide").unwrap();
+        for n in 0..3000 {
+            signal.record([f64::from(n); 16]);
+        }
+        let report = recorder.finish();
+        prop_assert_eq!((report.signals[0].recorded, report.signals[0].lost), (3000, 0));
+        for whole in [&kept[0], &kept[2]] {
+            prop_assert_eq!(whole.read().samples[&0].len(), 3000);
+        }
+        let (some, error) = common::read(&kept[1].bytes());
+        prop_assert!(error.is_none(), "{error:?}");
+        let missing = counters[0].load(std::sync::atomic::Ordering::Relaxed);
+        prop_assert_eq!(counters[1].load(std::sync::atomic::Ordering::Relaxed), 0);
+        if missing == 0 {
+            prop_assert!(some.has_ended && some.samples[&0].len() == 3000);
+        }
+        prop_assert!(any || missing == 0);
+    }
+}
+
+#[test]
+fn a_file_that_is_brought_to_the_disk_is_as_any_other() {
+    let file = std::env::temp_dir().join(format!("luna-logger-sync-{}.luna", std::process::id()));
+    let hub = Hub::new("sync", Default::default());
+    let recording = Logging::to_file(&file).sync_every(Duration::ZERO);
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<f64>::register("signal").unwrap();
+    signal.record(1.0);
+    let report = recorder.finish();
+    assert_eq!((&report.error, report.signals[0].recorded), (&None, 1));
+    assert!(
+        report
+            .to_string()
+            .starts_with("recorded 1 sample of 1 signal and 0 messages to "),
+        "{report}"
+    );
+    let (content, error) = common::read(&std::fs::read(&file).unwrap());
+    std::fs::remove_file(file).unwrap();
+    assert!(error.is_none() && content.has_ended);
 }
 
 #[test]

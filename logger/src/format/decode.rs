@@ -119,7 +119,7 @@ pub(super) fn is_known(of: u8, body: Body<'_>, types: &mut Types) -> Result<bool
         // One that comes before its time is known too: it is looked at for its times.
         kind::SAMPLE => types.get(body.small()?) != Declared::Unknown,
         kind::NAME => Subject::from_byte(body.byte()?).is_some(),
-        kind::LOSSES => (1..=3).contains(&body.byte()?),
+        kind::LOSSES => (1..=4).contains(&body.byte()?),
         kind::SESSION | kind::THREAD | kind::MESSAGE | kind::EVENT | kind::EPOCH | kind::END => {
             true
         }
@@ -209,6 +209,7 @@ pub(super) fn record<'a>(
                 of: match what {
                     1 => Losing::Signal(number),
                     2 => Losing::Messages(number),
+                    4 => Losing::Blocks,
                     _ => Losing::Events(number),
                 },
                 lost: body.number()?,

@@ -31,6 +31,7 @@ pub struct Encoder {
     block: Vec<u8>,
     body: Vec<u8>,
     sequence: u32,
+    full: usize,
     /// The time of the last record of the block that has one.
     last: u64,
 }
@@ -38,12 +39,28 @@ pub struct Encoder {
 impl Encoder {
     /// An encoder whose first block has number 0.
     pub fn new() -> Self {
-        let mut block = Vec::with_capacity(FULL + FULL / 2);
+        Self::with_block_size(FULL)
+    }
+
+    /// An encoder whose blocks are full at `size` bytes, at most 64 KiB: for a way that takes small pieces, such as datagrams. A block is longer than that by its last record at most.
+    ///
+    /// ```
+    /// use luna_logger::format::{Encoder, Record};
+    /// let mut encoder = Encoder::with_block_size(100);
+    /// while !encoder.is_full() {
+    ///     encoder.put(&Record::End { time: 7 });
+    /// }
+    /// assert!(encoder.block().len() < 110);
+    /// ```
+    pub fn with_block_size(size: usize) -> Self {
+        let full = size.min(FULL);
+        let mut block = Vec::with_capacity(full + full / 2);
         block.resize(BLOCK_START, 0);
         Self {
             block,
             body: Vec::with_capacity(256),
             sequence: 0,
+            full,
             last: 0,
         }
     }
@@ -51,6 +68,11 @@ impl Encoder {
     /// What stands before the first block.
     pub fn head() -> [u8; 16] {
         head()
+    }
+
+    /// Whether a block begins with the session, after which all is declared.
+    pub(crate) fn is_session(block: &[u8]) -> bool {
+        block.get(BLOCK_START) == Some(&kind::SESSION)
     }
 
     /// Whether the block holds nothing.
@@ -65,7 +87,7 @@ impl Encoder {
 
     /// Whether the block is to be taken before more is put into it.
     pub fn is_full(&self) -> bool {
-        self.block.len() >= FULL
+        self.block.len() >= self.full
     }
 
     /// Adds a record. Texts are cut after 4096 bytes.
@@ -82,14 +104,7 @@ impl Encoder {
         if self.is_empty() {
             return &[];
         }
-        let (start, records) = self.block.split_at_mut(BLOCK_START);
-        let sequence = self.sequence.to_le_bytes();
-        let length = (records.len() as u32).to_le_bytes();
-        start[..4].copy_from_slice(&BLOCK_MAGIC);
-        start[4..8].copy_from_slice(&sequence);
-        start[8..12].copy_from_slice(&length);
-        let checksum = crc32(&[&sequence, &length, records]);
-        start[12..].copy_from_slice(&checksum.to_le_bytes());
+        seal(&mut self.block, self.sequence);
         &self.block
     }
 
@@ -199,6 +214,7 @@ impl Encoder {
                     Losing::Signal(number) => (1, number),
                     Losing::Messages(thread) => (2, thread),
                     Losing::Events(thread) => (3, thread),
+                    Losing::Blocks => (4, 0),
                 };
                 self.body.push(what);
                 self.number(of.into());
@@ -240,6 +256,18 @@ impl Encoder {
         self.number(text.len() as u64);
         self.body.extend_from_slice(text.as_bytes());
     }
+}
+
+/// Fills in a block's start.
+pub(crate) fn seal(block: &mut [u8], sequence: u32) {
+    let (start, records) = block.split_at_mut(BLOCK_START);
+    let sequence = sequence.to_le_bytes();
+    let length = (records.len() as u32).to_le_bytes();
+    start[..4].copy_from_slice(&BLOCK_MAGIC);
+    start[4..8].copy_from_slice(&sequence);
+    start[8..12].copy_from_slice(&length);
+    let checksum = crc32(&[&sequence, &length, records]);
+    start[12..].copy_from_slice(&checksum.to_le_bytes());
 }
 
 impl Default for Encoder {

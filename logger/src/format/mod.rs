@@ -19,13 +19,17 @@ mod encoder;
 mod error;
 mod reader;
 mod record;
+mod tally;
 mod types;
 mod writer;
 
+pub(crate) use checksum::crc32;
 pub use encoder::Encoder;
+pub(crate) use encoder::seal;
 pub use error::{ReadError, ReadErrorKind};
 pub use reader::Reader;
 pub use record::{Event, Record, RunsOn, SignalInfo, Subject};
+pub use tally::Tally;
 pub use types::{ClockBase, Level, Losing, Type, Value, Values};
 pub use writer::Writer;
 

@@ -10,7 +10,7 @@ use std::io::{ErrorKind, Read};
 
 /// Reads a recording, record by record, from a file or a connection.
 ///
-/// It holds one block (1 MiB at most) and two bytes for each signal declared, whatever the recording says. It never panics on what it reads. A block is looked
+/// It holds one block twice (1 MiB at most each) and two bytes for each signal declared, whatever the recording says. It never panics on what it reads. A block is looked
 /// into only when it is there as a whole and its checksum is right. Not for the real-time path.
 ///
 /// ```
@@ -34,6 +34,8 @@ pub struct Reader<R> {
     version: (u16, u16),
     /// Where the next block begins.
     offset: u64,
+    /// What was read from there on and is not taken: at most a block and its start.
+    ahead: Vec<u8>,
     /// The records of this block.
     block: Vec<u8>,
     /// Where they begin in the recording.
@@ -45,6 +47,7 @@ pub struct Reader<R> {
     types: Types,
     is_over: bool,
     has_ended: bool,
+    missing: u64,
 }
 
 /// Where the next record's kind and body lie in the block.
@@ -81,6 +84,7 @@ impl<R: Read> Reader<R> {
             input,
             version,
             offset: HEAD as u64,
+            ahead: Vec::new(),
             block: Vec::new(),
             block_offset: HEAD as u64,
             at: 0,
@@ -89,12 +93,36 @@ impl<R: Read> Reader<R> {
             types: Types::default(),
             is_over: false,
             has_ended: false,
+            missing: 0,
         })
     }
 
     /// The recording's major and minor version.
     pub fn version(&self) -> (u16, u16) {
         self.version
+    }
+
+    /// What it reads from. What is added there after [`next`](Self::next) gave none is read as if it had been there before: a recording can be followed.
+    ///
+    /// ```
+    /// use luna_logger::format::{Encoder, Reader, Record};
+    /// use std::collections::VecDeque;
+    ///
+    /// let mut reader = Reader::new(VecDeque::from(Encoder::head()))?;
+    /// assert_eq!(reader.next()?, None);
+    /// let mut encoder = Encoder::new();
+    /// encoder.put(&Record::End { time: 7 });
+    /// reader.input().extend(encoder.block());
+    /// assert_eq!(reader.next()?, Some(Record::End { time: 7 }));
+    /// # Ok::<(), luna_logger::format::ReadError>(())
+    /// ```
+    pub fn input(&mut self) -> &mut R {
+        &mut self.input
+    }
+
+    /// How many blocks are missing between those that were read, by their numbers. None until [`resume`](Self::resume) has gone over a gap.
+    pub fn missing_blocks(&self) -> u64 {
+        self.missing
     }
 
     /// Whether the recording has said that it is whole. One that was cut off between two blocks has not.
@@ -106,7 +134,8 @@ impl<R: Read> Reader<R> {
     ///
     /// # Errors
     ///
-    /// The recording is truncated or damaged: [`ReadError`] says how and where. What came before is good, and nothing follows: the next call gives none.
+    /// The recording is truncated or damaged: [`ReadError`] says how and where. What came before is good, and nothing follows: the next call gives none, unless
+    /// [`resume`](Self::resume) finds more.
     #[expect(
         clippy::should_implement_trait,
         reason = "a record borrows from the reader, which an iterator's cannot"
@@ -118,6 +147,7 @@ impl<R: Read> Reader<R> {
         // What goes wrong on the way ends it.
         self.is_over = true;
         let Some(located) = self.locate()? else {
+            self.is_over = false;
             return Ok(None);
         };
         let body = Body::new(&self.block[located.begin..located.end]);
@@ -128,11 +158,77 @@ impl<R: Read> Reader<R> {
         Ok(Some(record))
     }
 
+    /// After an error: looks for the next whole block, from which [`next`](Self::next) goes on. Gives the bytes that were skipped, or none if no block follows; then nothing
+    /// does. What was in the damaged part is missing, and samples of a signal that was declared there are errors too.
+    ///
+    /// A byte that looks like a block's begin costs as much as the block that it promises: O(bytes) for what a disk damages, and at most 1 MiB for each four bytes of what is made to be slow.
+    ///
+    /// # Errors
+    ///
+    /// The input cannot be read.
+    ///
+    /// ```
+    /// use luna_logger::format::{Reader, Record, Writer};
+    ///
+    /// let mut writer = Writer::new(Vec::new())?;
+    /// for time in [1, 2, 3] {
+    ///     writer.put(&Record::End { time })?;
+    ///     writer.end_block()?;
+    /// }
+    /// let mut file = writer.finish()?;
+    /// file[16 + 19 + 17] ^= 1; // in the second block
+    /// let mut reader = Reader::new(&file[..])?;
+    /// assert_eq!(reader.next()?, Some(Record::End { time: 1 }));
+    /// assert!(reader.next().is_err());
+    /// assert_eq!(reader.resume()?, Some(19));
+    /// assert_eq!(reader.next()?, Some(Record::End { time: 3 }));
+    /// assert_eq!(reader.missing_blocks(), 1);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn resume(&mut self) -> Result<Option<u64>, ReadError> {
+        if !self.is_over {
+            return Ok(Some(0));
+        }
+        self.at = self.block.len();
+        let begin = self.offset;
+        loop {
+            match self.next_block(true) {
+                Ok(true) => {
+                    self.is_over = false;
+                    let skipped = self.block_offset - BLOCK_START as u64 - begin;
+                    return Ok(Some(skipped));
+                }
+                Ok(false) => return Ok(None),
+                Err(error) if matches!(error.kind(), ReadErrorKind::Io(_)) => return Err(error),
+                Err(_) => self.skip(),
+            }
+        }
+    }
+
+    /// After an error in a record: leaves out the rest of its block.
+    pub(crate) fn skip_block(&mut self) {
+        self.at = self.block.len();
+        self.is_over = false;
+    }
+
+    /// Leaves out what cannot be the beginning of a block, at least a byte.
+    fn skip(&mut self) {
+        let next = self.ahead.get(1..).unwrap_or_default();
+        // The last three may be its beginning.
+        let at = next
+            .windows(BLOCK_MAGIC.len())
+            .position(|bytes| bytes == BLOCK_MAGIC)
+            .map_or(next.len().saturating_sub(3), |at| at)
+            + 1;
+        self.ahead.drain(..at);
+        self.offset += at as u64;
+    }
+
     /// Finds the next record that this version knows.
     fn locate(&mut self) -> Result<Option<Located>, ReadError> {
         loop {
             if self.at == self.block.len() {
-                if !self.next_block()? {
+                if !self.next_block(false)? {
                     return Ok(None);
                 }
                 continue;
@@ -162,16 +258,16 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// Reads a block; false at the end.
-    fn next_block(&mut self) -> Result<bool, ReadError> {
+    /// Reads a block; false at the end. On an error nothing is taken.
+    fn next_block(&mut self, after_damage: bool) -> Result<bool, ReadError> {
         let offset = self.offset;
         let broken = |kind| ReadError::new(offset, kind);
-        let mut start = [0; BLOCK_START];
-        let got =
-            fill(&mut self.input, &mut start).map_err(|error| broken(ReadErrorKind::Io(error)))?;
+        let io = |error| broken(ReadErrorKind::Io(error));
+        let got = self.look(BLOCK_START).map_err(io)?;
         if got == 0 {
             return Ok(false);
         }
+        let start = &self.ahead[..got];
         let known = got.min(BLOCK_MAGIC.len());
         if start[..known] != BLOCK_MAGIC[..known] {
             return Err(broken(ReadErrorKind::NoBlock));
@@ -186,26 +282,43 @@ impl<R: Read> Reader<R> {
         if length as usize > MOST_IN_BLOCK {
             return Err(broken(ReadErrorKind::BlockTooLong { length }));
         }
-        self.block.resize(length as usize, 0);
-        self.at = self.block.len();
-        let got = fill(&mut self.input, &mut self.block)
-            .map_err(|error| broken(ReadErrorKind::Io(error)))?;
-        if got < self.block.len() {
+        let whole = BLOCK_START + length as usize;
+        if self.look(whole).map_err(io)? < whole {
             return Err(broken(ReadErrorKind::Truncated));
         }
-        if crc32(&[&start[4..12], &self.block]) != checksum {
+        if crc32(&[&self.ahead[4..12], &self.ahead[BLOCK_START..whole]]) != checksum {
             return Err(broken(ReadErrorKind::Checksum));
         }
-        if found != self.sequence {
+        if found != self.sequence && !after_damage {
             let expected = self.sequence;
             return Err(broken(ReadErrorKind::Sequence { expected, found }));
         }
-        self.sequence = self.sequence.wrapping_add(1);
+        // One that comes again is behind, and nothing is missing.
+        let gap = found.wrapping_sub(self.sequence);
+        self.missing += u64::from(gap.cast_signed().max(0).cast_unsigned());
+        self.sequence = found.wrapping_add(1);
+        self.block.clear();
+        self.block
+            .extend_from_slice(&self.ahead[BLOCK_START..whole]);
+        self.ahead.drain(..whole);
         self.block_offset = offset + BLOCK_START as u64;
-        self.offset = self.block_offset + u64::from(length);
+        self.offset = offset + whole as u64;
         self.at = 0;
         self.last = 0;
         Ok(true)
+    }
+
+    /// Reads on until so many bytes are ahead, as far as there are; says how many are, at most as many as asked for.
+    fn look(&mut self, length: usize) -> std::io::Result<usize> {
+        let before = self.ahead.len();
+        if before < length {
+            self.ahead.resize(length, 0);
+            let got = fill(&mut self.input, &mut self.ahead[before..]);
+            self.ahead
+                .truncate(before + got.as_ref().copied().unwrap_or(0));
+            got?;
+        }
+        Ok(self.ahead.len().min(length))
     }
 }
 

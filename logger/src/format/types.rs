@@ -264,4 +264,6 @@ pub enum Losing {
     Messages(u32),
     /// CSP events of the thread with this number.
     Events(u32),
+    /// Blocks on the way to a recorder on another computer, by that one's count: what was in them is unknown.
+    Blocks,
 }

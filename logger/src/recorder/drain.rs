@@ -1,15 +1,18 @@
 //! The recorder's thread.
 
-use super::output::Output;
+use super::output::{Output, Way};
 use super::queue::{Queue, merge};
 use super::report::LoggingReport;
-use super::sink::Sink;
 use super::timeline::Timeline;
 use crate::format::{Level, Losing};
 use crate::hub::Hub;
 use crate::lane::{Counts, Inlet};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How often a sink is asked for what it has to say.
+const ASK_EVERY: Duration = Duration::from_millis(100);
 
 /// What moves entries from rings to blocks.
 pub(super) struct Drain {
@@ -24,9 +27,9 @@ pub(super) struct Drain {
 }
 
 impl Drain {
-    pub(super) fn new(hub: Arc<Hub>, to: String, sink: Box<dyn Sink>, show: Option<Level>) -> Self {
+    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<Level>) -> Self {
         let timeline = Timeline::begin(hub.stamp);
-        let output = Output::new(hub.clone(), to, sink, show);
+        let output = Output::new(hub.clone(), to, way, show);
         Self {
             hub,
             timeline,
@@ -42,11 +45,17 @@ impl Drain {
     pub(super) fn run(mut self, wait: impl Fn() -> bool) -> LoggingReport {
         // So that a recording says from the beginning what it is.
         self.round(false);
+        let mut asked = Instant::now();
         loop {
             let is_last = wait();
             self.round(is_last);
             if is_last {
                 break;
+            }
+            // A quiet system has no blocks for it.
+            if asked.elapsed() >= ASK_EVERY {
+                asked = Instant::now();
+                self.output.ask();
             }
         }
         // The last block may have been refused, and what it told with it.

@@ -6,27 +6,35 @@
 //! ```
 //!
 //! It works in rounds, on an ordinary thread, and nobody wakes it: the real-time path makes no system call for it. `queue` is a ring's reading end, `timeline` turns
-//! counter ticks into nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` where blocks go.
+//! counter ticks into nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` where blocks go, `tee` to several of them, `handoff` the thread that a sink
+//! works on.
 
 mod drain;
 #[cfg(feature = "events")]
 mod events;
+mod handoff;
 mod output;
 mod queue;
 mod report;
 mod sink;
+mod tee;
 mod timeline;
 
 #[cfg(feature = "events")]
 pub use report::EventsReport;
 pub use report::{LoggingReport, MessagesReport, SignalReport};
 pub use sink::{FileSink, Sink, WriterSink};
+pub use tee::Tee;
 
 use crate::format::{Encoder, Level};
 use crate::hub::{Hub, Rooms};
+use crate::net::{TcpSink, UdpSink};
 use drain::Drain;
+use handoff::{Handoff, Limiter};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use output::Way;
 use std::convert::Infallible;
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -50,18 +58,20 @@ pub struct Logging {
     rooms: Rooms,
     period: Duration,
     show: Option<Level>,
+    sync: Option<Duration>,
+    end_within: Duration,
 }
 
 enum Target {
     File(PathBuf),
-    Sink(Box<dyn Sink>),
+    Sink(String, Box<dyn Sink>),
 }
 
 impl fmt::Debug for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Target::File(path) => path.fmt(f),
-            Target::Sink(_) => f.write_str("a sink"),
+            Target::Sink(to, _) => f.write_str(to),
         }
     }
 }
@@ -74,7 +84,60 @@ impl Logging {
 
     /// Into something else.
     pub fn to_sink(sink: impl Sink + 'static) -> Self {
-        Self::to(Target::Sink(Box::new(sink)))
+        Self::to(Target::Sink("a sink".to_owned(), Box::new(sink)))
+    }
+
+    /// To a [`Receiver`](crate::Receiver) over TCP, such as `luna record --listen ADDR` on another computer: `address` is `HOST:PORT`.
+    ///
+    /// It need not be there: the connection is made in the background, and again when it is lost. What is not acknowledged waits in the memory, at most 4 MiB of blocks;
+    /// then blocks are refused, lost and counted. What is recorded, by the report, is acknowledged. See [`TcpSink`]. At the end it waits two seconds at most, unless
+    /// [`end_within`](Self::end_within) says otherwise.
+    ///
+    /// ```
+    /// use luna_logger::{Hub, Logging, Recorder};
+    ///
+    /// let hub = Hub::new("bench", Default::default());
+    /// let nobody = Logging::to_tcp("localhost:9").end_within(std::time::Duration::ZERO);
+    /// let report = Recorder::start(&hub, nobody)?.finish();
+    /// assert!(report.error.is_some());
+    /// # Ok::<(), luna_logger::StartError>(())
+    /// ```
+    pub fn to_tcp(address: impl Into<String>) -> Self {
+        let address = address.into();
+        let to = format!("{TCP}{address}");
+        Self::to(Target::Sink(to, Box::new(TcpSink::new(address)))).end_within(AT_PEERS)
+    }
+
+    /// To a [`Receiver`](crate::Receiver) by UDP datagrams: `address` is `HOST:PORT`. Nobody acknowledges them: recorded, by the report, is what was sent, and the receiver counts
+    /// what does not come. See [`UdpSink`].
+    ///
+    /// ```
+    /// use luna_logger::Logging;
+    /// assert!(format!("{:?}", Logging::to_udp("localhost:9000")).contains("udp://localhost:9000"));
+    /// ```
+    pub fn to_udp(address: impl Into<String>) -> Self {
+        let address = address.into();
+        let to = format!("{UDP}{address}");
+        Self::to(Target::Sink(to, Box::new(UdpSink::new(address)))).end_within(AT_PEERS)
+    }
+
+    /// To what a text names: `tcp://HOST:PORT`, `udp://HOST:PORT`, or a file.
+    ///
+    /// ```
+    /// use luna_logger::Logging;
+    /// assert!(format!("{:?}", Logging::to_place("tcp://localhost:9000")).contains("tcp://"));
+    /// assert!(format!("{:?}", Logging::to_place("run.luna")).contains("\"run.luna\""));
+    /// ```
+    pub fn to_place(place: impl AsRef<OsStr>) -> Self {
+        let place = place.as_ref();
+        let text = place.to_str().unwrap_or_default();
+        if let Some(address) = text.strip_prefix(TCP) {
+            Self::to_tcp(address)
+        } else if let Some(address) = text.strip_prefix(UDP) {
+            Self::to_udp(address)
+        } else {
+            Self::to_file(place)
+        }
     }
 
     fn to(target: Target) -> Self {
@@ -89,6 +152,8 @@ impl Logging {
             },
             period: Duration::from_millis(10),
             show: None,
+            sync: None,
+            end_within: AT_END,
         }
     }
 
@@ -136,7 +201,30 @@ impl Logging {
         self.show = Some(most);
         self
     }
+
+    /// Has a file's blocks brought to the disk (`fdatasync`) when so much time has gone by since that was done last, and at the end. If not stated, the kernel does that when it
+    /// likes: a program that is killed loses nothing by it, but a power failure does. The recorder waits for the disk meanwhile, so the rings have to hold as much longer.
+    pub fn sync_every(mut self, period: Duration) -> Self {
+        self.sync = Some(period);
+        self
+    }
+
+    /// Waits at most so long for the sink when the recording ends, at most a day; 10 s if not stated, and 2 s for a recorder on another computer. What it has not taken until then is lost, and counted as
+    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer at all is waited for two seconds more; then its thread is
+    /// left alone with it.
+    pub fn end_within(mut self, limit: Duration) -> Self {
+        self.end_within = limit;
+        self
+    }
 }
+
+/// What a place begins with that is on another computer.
+const TCP: &str = "tcp://";
+const UDP: &str = "udp://";
+
+/// How long the end of a recording waits at most, for a sink here and for one on another computer.
+const AT_END: Duration = Duration::from_secs(10);
+const AT_PEERS: Duration = Duration::from_secs(2);
 
 /// The most words of a ring: 1 GiB.
 const MOST_ROOM: usize = 1 << 27;
@@ -148,6 +236,8 @@ pub struct Recorder {
     to: String,
     thread: Option<Thread<LoggingReport>>,
     ending: Arc<Ending>,
+    limiter: Limiter,
+    end_within: Duration,
 }
 
 impl Recorder {
@@ -164,19 +254,29 @@ impl Recorder {
             rooms,
             period,
             show,
+            sync,
+            end_within,
         } = recording;
         let (to, sink) = match target {
             Target::File(path) => {
                 let to = path.display().to_string();
                 (
                     to,
-                    FileSink::create(&path).map(|sink| Box::new(sink) as Box<dyn Sink>),
+                    FileSink::create(&path).map(|sink| {
+                        Box::new(match sync {
+                            Some(period) => sink.sync_every(period),
+                            None => sink,
+                        }) as Box<dyn Sink>
+                    }),
                 )
             }
-            Target::Sink(sink) => ("a sink".to_owned(), Ok(sink)),
+            Target::Sink(to, sink) => (to, Ok(sink)),
         };
         let sink = sink
-            .and_then(|mut sink| sink.begin(&Encoder::head()).map(|()| sink))
+            .and_then(|mut sink| {
+                sink.is_of(&hub.system);
+                sink.begin(&Encoder::head()).map(|()| sink)
+            })
             .map_err(|error| StartError::Sink {
                 to: to.clone(),
                 error: error.to_string(),
@@ -184,8 +284,14 @@ impl Recorder {
         if !hub.begin_recording(rooms) {
             return Err(StartError::Twice);
         }
+        let block_size = sink.block_size();
+        let sink = Handoff::start(sink).map_err(|error| {
+            hub.end_recording();
+            StartError::Thread(error)
+        })?;
+        let limiter = sink.limiter();
         let ending = Arc::new(Ending::default());
-        let drain = Drain::new(hub.clone(), to.clone(), sink, show);
+        let drain = Drain::new(hub.clone(), to.clone(), Way { sink, block_size }, show);
         let awaited = ending.clone();
         let started = spawn(
             Attributes::framework("luna-recorder", Policy::Other),
@@ -198,6 +304,8 @@ impl Recorder {
                 to,
                 thread: Some(thread),
                 ending,
+                limiter,
+                end_within,
             }),
             Err(error) => {
                 hub.end_recording();
@@ -209,7 +317,7 @@ impl Recorder {
     /// Ends the recording: writes what the rings hold, and says what became of all samples and messages. To be called when the threads have ended, or do not record any
     /// more: what they record meanwhile may be missing without being counted.
     ///
-    /// Waits as long as the sink takes.
+    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says.
     pub fn finish(mut self) -> LoggingReport {
         self.stop()
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
@@ -218,6 +326,7 @@ impl Recorder {
     fn stop(&mut self) -> Option<LoggingReport> {
         let thread = self.thread.take()?;
         self.hub.end_recording();
+        self.limiter.end_within(self.end_within);
         self.ending.end();
         thread.join().ok()
     }

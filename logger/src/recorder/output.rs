@@ -4,8 +4,8 @@
 use super::events::Events;
 #[cfg(feature = "events")]
 use super::report::EventsReport;
+use super::handoff::Handoff;
 use super::report::{LoggingReport, MessagesReport, SignalReport};
-use super::sink::Sink;
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
 use crate::hub::{Declared, Hub};
@@ -27,7 +27,7 @@ const NO_THREAD: u32 = u32::MAX;
 pub(super) struct Output {
     hub: Arc<Hub>,
     to: String,
-    sink: Box<dyn Sink>,
+    sink: Handoff,
     encoder: Encoder,
     show: Option<Level>,
     signals: Vec<Declared>,
@@ -37,6 +37,7 @@ pub(super) struct Output {
     threads: Vec<(u32, String)>,
     /// What stands in the recording already, since it began or had to begin anew.
     told: Told,
+    is_asked_to_declare: bool,
     messages: MessagesReport,
     messages_in_block: MessagesReport,
     #[cfg(feature = "events")]
@@ -44,6 +45,12 @@ pub(super) struct Output {
     last_time: u64,
     bytes: u64,
     error: Option<String>,
+}
+
+/// To the sink.
+pub(super) struct Way {
+    pub(super) sink: Handoff,
+    pub(super) block_size: usize,
 }
 
 #[derive(Default)]
@@ -64,20 +71,21 @@ struct Count {
 }
 
 impl Output {
-    pub(super) fn new(hub: Arc<Hub>, to: String, sink: Box<dyn Sink>, show: Option<Level>) -> Self {
+    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<Level>) -> Self {
         Self {
             #[cfg(feature = "events")]
             events: Events::new(hub.names()),
             hub,
             to,
-            sink,
-            encoder: Encoder::new(),
+            sink: way.sink,
+            encoder: Encoder::with_block_size(way.block_size),
             show,
             signals: Vec::new(),
             counts: Vec::new(),
             in_block: Vec::new(),
             threads: Vec::new(),
             told: Told::default(),
+            is_asked_to_declare: false,
             messages: MessagesReport::default(),
             messages_in_block: MessagesReport::default(),
             last_time: 0,
@@ -267,6 +275,9 @@ impl Output {
 
     /// Tells the time of day, if it is time; where time is virtual there is none.
     pub(super) fn tell_time(&mut self) {
+        if std::mem::take(&mut self.is_asked_to_declare) {
+            self.told = Told::default();
+        }
         if !self.declare() {
             return;
         }
@@ -349,7 +360,31 @@ impl Output {
         }
         #[cfg(feature = "events")]
         self.events.end_block(has_failed);
+        self.heed();
         !has_failed
+    }
+
+    /// Asks what the sink has to say, also if there was no block for it.
+    pub(super) fn ask(&mut self) {
+        self.sink.ask();
+        self.heed();
+    }
+
+    /// Heeds what the sink has said.
+    fn heed(&mut self) {
+        // With the next round, which begins a block.
+        self.is_asked_to_declare |= self.sink.wants_declarations();
+        while let Some(lost) = self.sink.take_lost() {
+            for (signal, samples) in lost.samples {
+                if let Some(count) = self.counts.get_mut(signal as usize) {
+                    count.recorded = count.recorded.saturating_sub(samples);
+                    count.refused += samples;
+                }
+            }
+            self.messages.recorded = self.messages.recorded.saturating_sub(lost.messages);
+            self.messages.lost += lost.messages;
+            self.bytes = self.bytes.saturating_sub(lost.bytes);
+        }
     }
 
     /// Ends the recording, of which so many messages were lost before they came here.
@@ -363,6 +398,10 @@ impl Output {
             });
             self.end_block();
         }
+        if let Err(error) = self.sink.end() {
+            self.error.get_or_insert_with(|| error.to_string());
+        }
+        self.heed();
         self.messages.lost += lost_messages;
         let signals = (0..self.signals.len())
             .map(|index| SignalReport {

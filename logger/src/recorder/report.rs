@@ -79,19 +79,30 @@ impl LoggingReport {
     }
 }
 
+/// A number of things.
+struct Count(u64, &'static str);
+
+impl fmt::Display for Count {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Count(number, what) = self;
+        write!(f, "{number} {what}{}", if *number == 1 { "" } else { "s" })
+    }
+}
+
 impl fmt::Display for LoggingReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let samples: u64 = self.signals.iter().map(|signal| signal.recorded).sum();
         write!(
             f,
-            "recorded {samples} samples of {} signals and {} messages to {} ({} bytes)",
-            self.signals.len(),
-            self.messages.recorded,
+            "recorded {} of {} and {} to {} ({} bytes)",
+            Count(samples, "sample"),
+            Count(self.signals.len() as u64, "signal"),
+            Count(self.messages.recorded, "message"),
             self.to,
             self.bytes
         )?;
         if self.messages.lost > 0 {
-            write!(f, ", lost {} messages", self.messages.lost)?;
+            write!(f, ", lost {}", Count(self.messages.lost, "message"))?;
         }
         #[cfg(feature = "events")]
         if self.events != EventsReport::default() {
@@ -106,7 +117,11 @@ impl fmt::Display for LoggingReport {
                 ..
             } = signal;
             let of = recorded + lost;
-            write!(f, "\nsignal `{name}`: lost {lost} of {of} samples")?;
+            write!(
+                f,
+                "\nsignal `{name}`: lost {lost} of {}",
+                Count(of, "sample")
+            )?;
         }
         if let Some(error) = &self.error {
             write!(f, "\nnot all could be written: {error}")?;

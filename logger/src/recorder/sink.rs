@@ -1,11 +1,14 @@
 //! Where blocks go.
 
+use crate::format::Tally;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-/// What takes a recording's blocks. It may wait as long as it likes: only the recorder's thread does.
+/// What takes a recording's blocks. It is called on a thread of its own, and may wait as long as it likes: the recorder waits for it, the rings fill, and what has no room there is lost and
+/// counted. At the end of the recording it has [a limit](crate::Logging::end_within).
 ///
 /// What it takes is the recording; what it refuses is lost, and counted as such.
 pub trait Sink: Send {
@@ -21,7 +24,36 @@ pub trait Sink: Send {
     /// # Errors
     ///
     /// The sink's own. What is in the block is lost; the sink is asked again with the next one, which repeats all declarations.
+    ///
+    /// [`WouldBlock`](io::ErrorKind::WouldBlock) says that it cannot take the block yet: it is offered again.
     fn block(&mut self, block: &[u8]) -> io::Result<()>;
+
+    /// The name of the system that is recorded: told before all else.
+    fn is_of(&mut self, _system: &str) {}
+
+    /// At how many bytes a block is full, at most 64 KiB.
+    fn block_size(&self) -> usize {
+        64 << 10
+    }
+
+    /// Whether all is to be declared again: the next block then begins with the session. Asked after each block, and ten times a second.
+    fn wants_declarations(&mut self) -> bool {
+        false
+    }
+
+    /// What was in blocks that it has taken, and that are lost after all: since this was asked last. Asked after each block, and ten times a second.
+    fn take_lost(&mut self) -> Tally {
+        Tally::default()
+    }
+
+    /// The recording has ended, and there are no more blocks. It is left alone when `limit` has passed.
+    ///
+    /// # Errors
+    ///
+    /// The sink's own, which is told in the report.
+    fn end(&mut self, _limit: Duration) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// A file. A block that cannot be written whole (a full disk) is taken back, so that the file stays readable, and goes on when there is room again.
@@ -31,6 +63,8 @@ pub struct FileSink {
     /// How long the file is with its last whole block.
     length: u64,
     is_broken: bool,
+    /// How often it is brought to the disk, and when it was.
+    sync: Option<(Duration, Instant)>,
 }
 
 impl FileSink {
@@ -49,7 +83,14 @@ impl FileSink {
             file: File::create(path)?,
             length: 0,
             is_broken: false,
+            sync: None,
         })
+    }
+
+    /// Brings it to the disk (`fdatasync`) when so much time has gone by since that was done last, and at the end.
+    pub fn sync_every(mut self, period: Duration) -> FileSink {
+        self.sync = Some((period, Instant::now()));
+        self
     }
 
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
@@ -77,7 +118,23 @@ impl Sink for FileSink {
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
-        self.append(block)
+        self.append(block)?;
+        match &mut self.sync {
+            Some((period, last)) if last.elapsed() >= *period => {
+                *last = Instant::now();
+                // The block is in the file. That the disk has failed is told at the end, where it fails again.
+                let _ = self.file.sync_data();
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn end(&mut self, _limit: Duration) -> io::Result<()> {
+        match self.sync {
+            Some(_) => self.file.sync_data(),
+            None => Ok(()),
+        }
     }
 }
 

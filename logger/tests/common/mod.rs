@@ -69,6 +69,8 @@ pub(crate) struct Content {
     pub(crate) lost: BTreeMap<u32, u64>,
     /// By thread.
     pub(crate) lost_messages: BTreeMap<u32, u64>,
+    /// On the way, by the count of who received it.
+    pub(crate) lost_blocks: u64,
     pub(crate) epochs: usize,
     pub(crate) has_ended: bool,
     /// The times of all samples and messages, as they come.
@@ -133,6 +135,10 @@ pub(crate) fn read(bytes: &[u8]) -> (Content, Option<ReadError>) {
                 let before = content.lost_messages.insert(thread, lost);
                 assert!(before.is_none_or(|before| before <= lost));
             }
+            Record::Losses {
+                of: Losing::Blocks,
+                lost,
+            } => content.lost_blocks = lost,
             Record::Epoch { .. } => content.epochs += 1,
             _ => {}
         }

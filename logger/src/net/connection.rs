@@ -1,0 +1,203 @@
+//! TCP connections of senders, a thread each.
+
+use super::receive::{Known, LOOK, Office, lock};
+use super::wire::{
+    Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
+};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, crc32};
+use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use std::convert::Infallible;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// How many connections at a time.
+const MOST: usize = 64;
+/// How long a hello may take, and how long a sender may be silent: it tells the time of day each ten seconds.
+const HELLO_WITHIN: Duration = Duration::from_secs(5);
+const SILENT: Duration = Duration::from_secs(60);
+/// How long an acknowledgement may take.
+const ACK_WITHIN: Duration = Duration::from_secs(5);
+
+/// Takes connections until it is over.
+pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
+    let mut threads: Vec<Thread<()>> = Vec::new();
+    while !office.is_over() {
+        threads.retain(|thread| !thread.is_finished());
+        let Ok((stream, address)) = listener.accept() else {
+            // Nobody, or one who has gone again.
+            std::thread::sleep(LOOK);
+            continue;
+        };
+        // What is accepted may be non-blocking as the listener is.
+        if stream.set_nonblocking(false).is_err() || stream.set_nodelay(true).is_err() {
+            continue;
+        }
+        if threads.len() >= MOST {
+            refuse(office, &stream, address, PeerError::Full);
+            continue;
+        }
+        let inside = office.clone();
+        let thread = spawn(
+            Attributes::framework("luna-receiver-tcp", Policy::Other),
+            move |_| Ok::<_, Infallible>(()),
+            move |()| serve(&inside, stream, address),
+        );
+        threads.extend(thread);
+    }
+    for thread in threads {
+        let _ = thread.join();
+    }
+}
+
+fn refuse(office: &Office, mut stream: &TcpStream, address: SocketAddr, error: PeerError) {
+    let _ = stream.set_write_timeout(Some(ACK_WITHIN));
+    let _ = stream.write_all(&answer_bytes(Err(error)));
+    office.handler.was_refused(address, &error);
+}
+
+fn serve(office: &Office, stream: TcpStream, address: SocketAddr) {
+    let stream = Stream { stream, office };
+    let entered = stream
+        .hello()
+        .and_then(|hello| office.enter(&hello, address));
+    let (visit, known) = match entered {
+        Ok(entered) => entered,
+        Err(error) => return refuse(office, &stream.stream, address, error),
+    };
+    let outcome = stream.blocks(visit, &known);
+    let error = match outcome {
+        Ok(()) => None,
+        Err(error) => Some(error.to_string()),
+    };
+    office.leave(visit, &known, error);
+}
+
+struct Stream<'a> {
+    stream: TcpStream,
+    office: &'a Office,
+}
+
+impl Stream<'_> {
+    /// What a sender says first.
+    fn hello(&self) -> Result<Hello, PeerError> {
+        let begin = Instant::now();
+        let read = |bytes: &mut [u8]| {
+            let left = HELLO_WITHIN.saturating_sub(begin.elapsed());
+            match self.read(bytes, left) {
+                Ok(true) => Ok(()),
+                // Who says a word of another language and goes is none of ours either.
+                Ok(false) => Err(PeerError::NotLuna),
+                Err(error) if error.kind() == ErrorKind::TimedOut => Err(PeerError::Silent),
+                Err(_) => Err(PeerError::Damaged("it was cut off")),
+            }
+        };
+        let mut hello = vec![0; HELLO];
+        read(&mut hello[..MAGIC.len()])?;
+        if hello[..MAGIC.len()] != MAGIC {
+            return Err(PeerError::NotLuna);
+        }
+        read(&mut hello[MAGIC.len()..PREFIX])?;
+        check_prefix(&hello)?;
+        read(&mut hello[PREFIX..])?;
+        let rest = Hello::rest(&hello)?;
+        hello.resize(HELLO + rest, 0);
+        read(&mut hello[HELLO..])?;
+        Hello::read(&hello)
+    }
+
+    /// Takes blocks until the sender goes.
+    fn blocks(&self, visit: u64, known: &Mutex<Known>) -> io::Result<()> {
+        let next: Answer = Ok(lock(known).next);
+        self.write(&answer_bytes(next))?;
+        let mut block = Vec::new();
+        loop {
+            block.resize(BLOCK_START, 0);
+            if !self.read(&mut block, SILENT)? {
+                return Ok(());
+            }
+            let (number, length) = (u32_at(&block, 4), u32_at(&block, 8) as usize);
+            if block[..4] != BLOCK_MAGIC || length > MOST_IN_BLOCK {
+                return Err(io::Error::other(PeerError::Damaged("it is no block")));
+            }
+            block.resize(BLOCK_START + length, 0);
+            if !self.read(&mut block[BLOCK_START..], SILENT)? {
+                return Err(io::Error::new(
+                    ErrorKind::UnexpectedEof,
+                    "it ends in a block",
+                ));
+            }
+            if crc32(&[&block[4..12], &block[BLOCK_START..]]) != u32_at(&block, 12) {
+                return Err(io::Error::other(PeerError::Damaged(
+                    "a block's checksum is wrong",
+                )));
+            }
+            let mut known = lock(known);
+            if !known.is_of(visit) {
+                return Err(io::Error::other("it has come again by another connection"));
+            }
+            if number != known.next {
+                return Err(io::Error::other(PeerError::Damaged(
+                    "a block is not the next one",
+                )));
+            }
+            known.block(&mut block)?;
+            known.next = known.next.wrapping_add(1);
+            let next = known.next;
+            drop(known);
+            self.write(&ack_bytes(next))?;
+        }
+    }
+
+    /// Reads all; false if the peer has gone before the first byte.
+    fn read(&self, bytes: &mut [u8], within: Duration) -> io::Result<bool> {
+        let mut at = 0;
+        self.go_on(within, |mut stream| {
+            stream.set_read_timeout(Some(LOOK))?;
+            match stream.read(&mut bytes[at..])? {
+                0 if at == 0 => return Ok(Some(false)),
+                0 => return Err(ErrorKind::UnexpectedEof.into()),
+                got => at += got,
+            }
+            Ok((at == bytes.len()).then_some(true))
+        })
+    }
+
+    fn write(&self, bytes: &[u8]) -> io::Result<()> {
+        let mut rest = bytes;
+        self.go_on(ACK_WITHIN, |mut stream| {
+            stream.set_write_timeout(Some(LOOK))?;
+            let written = stream.write(rest)?;
+            rest = &rest[written..];
+            Ok(rest.is_empty().then_some(()))
+        })
+    }
+
+    /// Calls `step` until it is done, at most so long.
+    fn go_on<T>(
+        &self,
+        within: Duration,
+        mut step: impl FnMut(&TcpStream) -> io::Result<Option<T>>,
+    ) -> io::Result<T> {
+        let begin = Instant::now();
+        loop {
+            if self.office.is_over() {
+                return Err(io::Error::other("the recorder was stopped"));
+            }
+            match step(&self.stream) {
+                Ok(Some(done)) => return Ok(done),
+                Ok(None) => {}
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                    ) => {}
+                Err(error) => return Err(error),
+            }
+            if begin.elapsed() >= within {
+                return Err(io::Error::new(ErrorKind::TimedOut, PeerError::Silent));
+            }
+        }
+    }
+}

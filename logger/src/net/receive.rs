@@ -1,0 +1,381 @@
+//! The receiving side: who is there, and the sink of each.
+
+use super::wire::{Hello, Key, PeerError};
+use super::{connection, datagrams};
+use crate::format::{Encoder, Losing, Record, Tally, seal};
+use crate::recorder::Sink;
+use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use std::collections::HashMap;
+use std::convert::Infallible;
+use std::fmt;
+use std::io;
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs, UdpSocket};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How many senders are known at most: those that are there, and those that may come back.
+const MOST_KNOWN: usize = 64;
+/// How often a thread looks whether it is to end.
+pub(super) const LOOK: Duration = Duration::from_millis(50);
+
+/// A program that sends its recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Peer {
+    /// Where it is, as it came first.
+    pub address: SocketAddr,
+    /// The name of its system.
+    pub system: String,
+    /// The number of its process there; 0 if it was not said (UDP).
+    pub process: u32,
+    /// When it began to record, by its own clock: nanoseconds since 1970.
+    pub started: i64,
+    /// 0, and one more each time that it had to begin anew, since the receiver did not know it any more.
+    pub part: u32,
+}
+
+/// How a sender has gone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Departure {
+    /// Whether the recording has ended and is whole. Else the sender may come back.
+    pub has_ended: bool,
+    /// What was received of it, until now.
+    pub received: Tally,
+    /// How many blocks have not come, by their numbers (UDP), or could not be read without what was declared in those.
+    pub missing: u64,
+    /// What went wrong, if anything did.
+    pub error: Option<String>,
+}
+
+/// What is done with senders. Called from several threads.
+///
+/// ```
+/// use luna_logger::{Handler, Hub, Logging, Peer, Receiver, Recorder, Sink, WriterSink};
+/// use std::sync::Arc;
+///
+/// struct Forget;
+/// impl Handler for Forget {
+///     fn open(&self, peer: &Peer) -> std::io::Result<Box<dyn Sink>> {
+///         assert_eq!(peer.system, "bench");
+///         Ok(Box::new(WriterSink::new(std::io::sink())))
+///     }
+/// }
+///
+/// let receiving = Receiver::tcp("127.0.0.1:0")?.start(Arc::new(Forget))?;
+/// let hub = Hub::new("bench", Default::default());
+/// let recording = Logging::to_tcp(receiving.address().to_string());
+/// let report = Recorder::start(&hub, recording).unwrap().finish();
+/// assert_eq!(report.error, None);
+/// receiving.stop();
+/// # Ok::<(), std::io::Error>(())
+/// ```
+pub trait Handler: Send + Sync + 'static {
+    /// Makes the sink for a sender that has come for the first time. Its blocks then go there, and are acknowledged when it has taken them.
+    ///
+    /// # Errors
+    ///
+    /// Its own: the sender is refused.
+    fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>>;
+
+    /// A sender that was here before has come back.
+    fn is_back(&self, _peer: &Peer) {}
+
+    /// A sender has gone.
+    fn has_gone(&self, _peer: &Peer, _departure: &Departure) {}
+
+    /// Somebody was refused, who is none to record with. Said once each by UDP.
+    fn was_refused(&self, _address: SocketAddr, _error: &PeerError) {}
+}
+
+/// Takes recordings from other programs, also of other computers: a [`Sink`] for each.
+///
+/// Nobody is trusted: memory is bounded whatever is sent (64 senders, a block of at most 1 MiB and 16 bytes for each), and what is none of LUNA's is refused while the others go on. But nobody
+/// is asked who he is either, so listen where only friends are. Not for the real-time path.
+#[derive(Debug)]
+pub struct Receiver {
+    way: Way,
+    address: SocketAddr,
+}
+
+#[derive(Debug)]
+enum Way {
+    Tcp(TcpListener),
+    Udp(UdpSocket),
+}
+
+impl Receiver {
+    /// Listens for [`TcpSink`](crate::TcpSink)s; port 0 takes one that is free.
+    ///
+    /// # Errors
+    ///
+    /// The system's own: the address is taken, or not this machine's.
+    pub fn tcp(address: impl ToSocketAddrs) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
+        Ok(Self {
+            address: listener.local_addr()?,
+            way: Way::Tcp(listener),
+        })
+    }
+
+    /// Listens for [`UdpSink`](crate::UdpSink)s; port 0 takes one that is free.
+    ///
+    /// # Errors
+    ///
+    /// As of [`tcp`](Self::tcp).
+    pub fn udp(address: impl ToSocketAddrs) -> io::Result<Self> {
+        let socket = UdpSocket::bind(address)?;
+        socket.set_read_timeout(Some(LOOK))?;
+        Ok(Self {
+            address: socket.local_addr()?,
+            way: Way::Udp(socket),
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Begins, on threads of its own.
+    ///
+    /// # Errors
+    ///
+    /// A thread cannot be made.
+    pub fn start(self, handler: Arc<dyn Handler>) -> io::Result<Receiving> {
+        let office = Arc::new(Office {
+            handler,
+            known: Mutex::default(),
+            is_over: AtomicBool::new(false),
+            visits: AtomicU64::new(0),
+        });
+        let inside = office.clone();
+        let thread = spawn(
+            Attributes::framework("luna-receiver", Policy::Other),
+            move |_| Ok::<_, Infallible>(()),
+            move |()| match self.way {
+                Way::Tcp(listener) => connection::accept(&listener, &inside),
+                Way::Udp(socket) => datagrams::receive(&socket, &inside),
+            },
+        );
+        Ok(Receiving {
+            address: self.address,
+            thread: Some(thread.map_err(|error| io::Error::other(error.to_string()))?),
+            office,
+        })
+    }
+}
+
+/// A [`Receiver`] that works. Dropping it stops it.
+#[must_use = "it stops when this is dropped"]
+pub struct Receiving {
+    address: SocketAddr,
+    thread: Option<Thread<()>>,
+    office: Arc<Office>,
+}
+
+impl Receiving {
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Stops: tells of all senders that are there that they have gone, and ends their sinks. What they took is whole.
+    pub fn stop(mut self) {
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.office.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        for known in std::mem::take(&mut *self.office.known()).into_values() {
+            lock(&known).end();
+        }
+    }
+}
+
+impl Drop for Receiving {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl fmt::Debug for Receiving {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Receiving")
+            .field("address", &self.address)
+            .finish_non_exhaustive()
+    }
+}
+
+/// What the threads of a receiver share.
+pub(super) struct Office {
+    pub(super) handler: Arc<dyn Handler>,
+    known: Mutex<HashMap<Key, Arc<Mutex<Known>>>>,
+    is_over: AtomicBool,
+    visits: AtomicU64,
+}
+
+/// A sender that is known.
+pub(super) struct Known {
+    pub(super) peer: Peer,
+    /// None when it has ended.
+    sink: Option<Box<dyn Sink>>,
+    /// The number of the block that it has to send next.
+    pub(super) next: u32,
+    /// The number of the next block in what its sink takes.
+    sequence: u32,
+    /// Which visit has it: a later one takes it over. None while it is away.
+    visit: Option<u64>,
+    seen: Instant,
+    pub(super) departure: Departure,
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Office {
+    pub(super) fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+
+    fn known(&self) -> MutexGuard<'_, HashMap<Key, Arc<Mutex<Known>>>> {
+        lock(&self.known)
+    }
+
+    /// Lets a sender in: which visit it is, and the sender.
+    pub(super) fn enter(
+        &self,
+        hello: &Hello,
+        address: SocketAddr,
+    ) -> Result<(u64, Arc<Mutex<Known>>), PeerError> {
+        let visit = self.visits.fetch_add(1, Ordering::Relaxed) + 1;
+        let mut all = self.known();
+        if let Some(known) = all.get(&hello.key) {
+            let known = known.clone();
+            drop(all);
+            let mut inside = lock(&known);
+            inside.visit = Some(visit);
+            inside.seen = Instant::now();
+            if inside.sink.is_some() {
+                self.handler.is_back(&inside.peer);
+            }
+            drop(inside);
+            return Ok((visit, known));
+        }
+        let peer = Peer {
+            address,
+            system: hello.system.clone(),
+            process: hello.process,
+            started: hello.started,
+            part: hello.key.part,
+        };
+        let mut known = Known {
+            peer,
+            sink: None,
+            next: 0,
+            sequence: 0,
+            visit: Some(visit),
+            seen: Instant::now(),
+            departure: Departure {
+                has_ended: false,
+                received: Tally::default(),
+                missing: 0,
+                error: None,
+            },
+        };
+        // One that cannot go on where it is begins anew, with another key.
+        if hello.next != 0 {
+            return Ok((visit, Arc::new(Mutex::new(known))));
+        }
+        if all.len() >= MOST_KNOWN && !forget_one(&mut all) {
+            return Err(PeerError::Full);
+        }
+        let opened = self.handler.open(&known.peer).and_then(|mut sink| {
+            sink.is_of(&known.peer.system);
+            sink.begin(&Encoder::head()).map(|()| sink)
+        });
+        known.sink = Some(opened.map_err(|_| PeerError::NoRoom)?);
+        let known = Arc::new(Mutex::new(known));
+        all.insert(hello.key, known.clone());
+        Ok((visit, known))
+    }
+
+    /// A sender has gone, if it was not taken over.
+    pub(super) fn leave(&self, visit: u64, known: &Mutex<Known>, error: Option<String>) {
+        let mut known = lock(known);
+        if known.visit != Some(visit) {
+            return;
+        }
+        known.visit = None;
+        known.seen = Instant::now();
+        known.departure.error = error;
+        let has_ended = known.departure.received.has_end;
+        known.departure.has_ended = has_ended;
+        if known.sink.is_none() {
+            return;
+        }
+        if has_ended {
+            known.end();
+        }
+        self.handler.has_gone(&known.peer, &known.departure);
+    }
+}
+
+/// Makes room: the one that has been away longest is forgotten. False if all are there.
+fn forget_one(all: &mut HashMap<Key, Arc<Mutex<Known>>>) -> bool {
+    let away = all.iter().filter_map(|(key, known)| {
+        // One whose sink works is there.
+        let known = known.try_lock().ok()?;
+        known.visit.is_none().then_some((known.seen, *key))
+    });
+    let Some((_, key)) = away.min_by_key(|(seen, _)| *seen) else {
+        return false;
+    };
+    if let Some(known) = all.remove(&key) {
+        lock(&known).end();
+    }
+    true
+}
+
+impl Known {
+    /// Whether a visit still has it.
+    pub(super) fn is_of(&self, visit: u64) -> bool {
+        self.visit == Some(visit)
+    }
+
+    /// Gives a whole block to the sink, with a number of the sink's own.
+    pub(super) fn block(&mut self, block: &mut [u8]) -> io::Result<()> {
+        let Some(sink) = &mut self.sink else {
+            return Err(io::Error::other("the recording has ended before"));
+        };
+        seal(block, self.sequence);
+        sink.block(block)?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.departure.received.add(block);
+        Ok(())
+    }
+
+    /// Writes into the recording how many blocks are missing by now.
+    pub(super) fn tell_missing(&mut self) {
+        let mut encoder = Encoder::new();
+        encoder.put(&Record::Losses {
+            of: Losing::Blocks,
+            lost: self.departure.missing,
+        });
+        let mut block = encoder.block().to_vec();
+        // One that comes later says more.
+        let _ = self.block(&mut block);
+    }
+
+    fn end(&mut self) {
+        if let Some(mut sink) = self.sink.take() {
+            let _ = sink.end(Duration::from_secs(2));
+        }
+    }
+}

@@ -1,0 +1,462 @@
+//! The sending side over TCP.
+
+use super::wire::{
+    ACK, ANSWER, Hello, Key, MAGIC, PREFIX, PeerError, check_prefix, now, read_ack, read_answer,
+};
+use crate::format::{Encoder, Tally, seal};
+use crate::recorder::Sink;
+use luna_platform::thread::{Attributes, Policy, spawn};
+use std::collections::{HashSet, VecDeque};
+use std::convert::Infallible;
+use std::fmt;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpStream, ToSocketAddrs};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The most bytes of blocks that wait.
+const ROOM: usize = 4 << 20;
+/// The most blocks that are sent before acknowledgements are read: these find room in the socket.
+const MOST_AHEAD: usize = 256;
+/// How long a connection may take, and how long a piece of it may stand.
+const CONNECT: Duration = Duration::from_secs(1);
+const STANDS: Duration = Duration::from_secs(2);
+/// From one attempt to the next: doubled each time.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
+
+/// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own: what it is given waits in at most 4 MiB until the receiver has acknowledged it, and the
+/// recorder never waits for the network. When there is no room, blocks are refused.
+///
+/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most. The receiver then says what it has, and nothing is sent twice. One that does not know
+/// the recording (it was started again) begins a new file: what waits is lost, since it could not be read without what was declared before, and all is declared again. A peer that is
+/// no recorder of LUNA, or one of another version, is said on standard error, once, and is tried again.
+///
+/// [`Logging::to_tcp`](crate::Logging::to_tcp) makes one; by itself it is for a [`Tee`](crate::Tee).
+///
+/// ```no_run
+/// use luna_logger::{FileSink, Logging, TcpSink, Tee};
+/// let both = Tee::new(FileSink::create("run.luna".as_ref())?).and(TcpSink::new("recorder.lan:7411"));
+/// let recording = Logging::to_sink(both);
+/// # drop(recording);
+/// # Ok::<(), std::io::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct TcpSink {
+    address: String,
+    shared: Arc<Shared>,
+    system: String,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    state: Mutex<State>,
+    changes: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    /// Blocks that were not acknowledged, first to last.
+    blocks: VecDeque<Vec<u8>>,
+    bytes: usize,
+    /// The number of the first of them.
+    first: u32,
+    /// All is to be declared before anything else is taken.
+    begins_anew: bool,
+    wants_declarations: bool,
+    lost: Tally,
+    part: u32,
+    is_ending: bool,
+    is_left_alone: bool,
+    is_gone: bool,
+    error: Option<String>,
+}
+
+impl State {
+    fn next(&self) -> u32 {
+        self.first.wrapping_add(self.blocks.len() as u32)
+    }
+
+    /// The receiver has all before `next`. False if it cannot be so.
+    fn acknowledge(&mut self, next: u32) -> bool {
+        let acknowledged = next.wrapping_sub(self.first) as usize;
+        if acknowledged > self.blocks.len() {
+            return false;
+        }
+        let gone: usize = self
+            .blocks
+            .drain(..acknowledged)
+            .map(|block| block.len())
+            .sum();
+        self.bytes -= gone;
+        self.first = next;
+        true
+    }
+
+    fn lose_all(&mut self) {
+        for block in self.blocks.drain(..) {
+            self.lost.add(&block);
+        }
+        self.bytes = 0;
+    }
+
+    /// For a receiver that knows nothing of what was before.
+    fn begin_anew(&mut self) {
+        self.lose_all();
+        self.first = 0;
+        self.part = self.part.wrapping_add(1);
+        self.begins_anew = true;
+        self.wants_declarations = true;
+    }
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits for a change, at most so long.
+    fn wait<'a>(&self, state: MutexGuard<'a, State>, most: Duration) -> MutexGuard<'a, State> {
+        let waited = self.changes.wait_timeout(state, most);
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+}
+
+impl TcpSink {
+    /// To `address`, `HOST:PORT`. Nothing is done yet.
+    pub fn new(address: impl Into<String>) -> Self {
+        Self {
+            address: address.into(),
+            shared: Arc::default(),
+            system: String::new(),
+        }
+    }
+}
+
+impl Sink for TcpSink {
+    fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
+        check_address(&self.address)?;
+        let link = Link {
+            address: self.address.clone(),
+            shared: self.shared.clone(),
+            key: Key::new(),
+            started: now(),
+            system: self.system.clone(),
+            said: HashSet::new(),
+        };
+        let started = spawn(
+            Attributes::framework("luna-record-tcp", Policy::Other),
+            move |_| Ok::<_, Infallible>(link),
+            |mut link| link.run(),
+        );
+        started
+            .map(drop)
+            .map_err(|error| io::Error::other(error.to_string()))
+    }
+
+    fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        let mut state = self.shared.state();
+        if state.begins_anew && !Encoder::is_session(block) {
+            return Err(io::Error::other(
+                "the recorder was started again: all is declared anew",
+            ));
+        }
+        if state.bytes + block.len() > ROOM {
+            let why = state.error.as_deref().unwrap_or("it is too slow");
+            return Err(io::Error::other(format!(
+                "4 MiB wait for the recorder: {why}"
+            )));
+        }
+        state.begins_anew = false;
+        let mut block = block.to_vec();
+        seal(&mut block, state.next());
+        state.bytes += block.len();
+        state.blocks.push_back(block);
+        drop(state);
+        self.shared.changes.notify_all();
+        Ok(())
+    }
+
+    fn is_of(&mut self, system: &str) {
+        system.clone_into(&mut self.system);
+    }
+
+    fn wants_declarations(&mut self) -> bool {
+        std::mem::take(&mut self.shared.state().wants_declarations)
+    }
+
+    fn take_lost(&mut self) -> Tally {
+        std::mem::take(&mut self.shared.state().lost)
+    }
+
+    fn end(&mut self, limit: Duration) -> io::Result<()> {
+        let begin = Instant::now();
+        let mut state = self.shared.state();
+        state.is_ending = true;
+        self.shared.changes.notify_all();
+        while !state.is_gone {
+            let left = limit.saturating_sub(begin.elapsed());
+            if left.is_zero() {
+                break;
+            }
+            state = self.shared.wait(state, left);
+        }
+        state.is_left_alone = true;
+        self.shared.changes.notify_all();
+        if state.blocks.is_empty() {
+            return Ok(());
+        }
+        state.lose_all();
+        let why = state.error.as_deref().unwrap_or("it is too slow");
+        Err(io::Error::other(format!(
+            "the recorder has not acknowledged the last blocks: {why}"
+        )))
+    }
+}
+
+impl Drop for TcpSink {
+    fn drop(&mut self) {
+        self.shared.state().is_left_alone = true;
+        self.shared.changes.notify_all();
+    }
+}
+
+/// `HOST:PORT`; whether there is such a host is another matter.
+pub(super) fn check_address(address: &str) -> io::Result<()> {
+    let is_good = address.rsplit_once(':').is_some_and(|(host, port)| {
+        !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port != 0)
+    });
+    match is_good {
+        true => Ok(()),
+        false => Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "it is no address HOST:PORT",
+        )),
+    }
+}
+
+/// The thread that sends.
+struct Link {
+    address: String,
+    shared: Arc<Shared>,
+    key: Key,
+    started: i64,
+    system: String,
+    said: HashSet<PeerError>,
+}
+
+/// Why a connection is over.
+enum Over {
+    /// All was sent, and the recording has ended; or nobody waits for it.
+    Done,
+    Broken(io::Error),
+}
+
+impl From<io::Error> for Over {
+    fn from(error: io::Error) -> Self {
+        Over::Broken(error)
+    }
+}
+
+impl From<PeerError> for Over {
+    fn from(error: PeerError) -> Self {
+        Over::Broken(io::Error::other(error))
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.shared.state().is_gone = true;
+        self.shared.changes.notify_all();
+    }
+}
+
+impl Link {
+    fn run(&mut self) {
+        let mut pause = BACK_OFF.0;
+        loop {
+            match self.connection(&mut pause) {
+                Over::Done => return,
+                Over::Broken(error) => self.note(&error),
+            }
+            let begin = Instant::now();
+            let mut state = self.shared.state();
+            while begin.elapsed() < pause {
+                // Who waits for the end has a limit of his own.
+                if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
+                    return;
+                }
+                let left = pause.saturating_sub(begin.elapsed());
+                state = self.shared.wait(state, left);
+            }
+            pause = (2 * pause).min(BACK_OFF.1);
+        }
+    }
+
+    /// Keeps what went wrong, and says what a user has to mend.
+    fn note(&mut self, error: &io::Error) {
+        let text = format!("tcp://{}: {error}", self.address);
+        let peer = error
+            .get_ref()
+            .and_then(|inner| inner.downcast_ref::<PeerError>());
+        if let Some(peer) = peer
+            && self.said.insert(*peer)
+        {
+            // Nobody may read there any more.
+            let _ = writeln!(io::stderr().lock(), "luna: recording to {text}");
+        }
+        self.shared.state().error = Some(text);
+    }
+
+    /// Connects, and sends as long as that goes well.
+    fn connection(&mut self, pause: &mut Duration) -> Over {
+        let outcome = self.connect().and_then(|mut stream| {
+            self.greet(&mut stream)?;
+            *pause = BACK_OFF.0;
+            self.shared.state().error = None;
+            self.send(&mut stream)
+        });
+        outcome.err().unwrap_or(Over::Done)
+    }
+
+    fn connect(&self) -> Result<TcpStream, Over> {
+        let mut last = io::Error::new(ErrorKind::NotFound, "the host has no address");
+        for address in self.address.to_socket_addrs()? {
+            if self.shared.state().is_left_alone {
+                return Err(Over::Done);
+            }
+            match TcpStream::connect_timeout(&address, CONNECT) {
+                Ok(stream) => {
+                    stream.set_nodelay(true)?;
+                    return Ok(stream);
+                }
+                Err(error) => last = error,
+            }
+        }
+        Err(last.into())
+    }
+
+    /// Says who this is, and learns what the recorder has.
+    fn greet(&self, stream: &mut TcpStream) -> Result<(), Over> {
+        let hello = {
+            let state = self.shared.state();
+            Hello {
+                key: Key {
+                    part: state.part,
+                    ..self.key
+                },
+                next: state.first,
+                started: self.started,
+                process: std::process::id(),
+                system: self.system.clone(),
+            }
+        };
+        self.write(stream, &hello.bytes())?;
+        let mut answer = [0; ANSWER];
+        // Another program may say less, and then wait.
+        self.read(stream, &mut answer[..MAGIC.len()])?;
+        if answer[..MAGIC.len()] != MAGIC {
+            return Err(PeerError::NotLuna.into());
+        }
+        self.read(stream, &mut answer[MAGIC.len()..PREFIX])?;
+        check_prefix(&answer)?;
+        self.read(stream, &mut answer[PREFIX..])?;
+        let next = read_answer(&answer)?;
+        let mut state = self.shared.state();
+        if !state.acknowledge(next) {
+            // It does not know the recording, or this is another.
+            state.begin_anew();
+            // The next hello is of a new part.
+            let what = "the recorder was started again";
+            return Err(io::Error::new(ErrorKind::ConnectionReset, what).into());
+        }
+        Ok(())
+    }
+
+    /// Sends what there is, and waits for more.
+    fn send(&self, stream: &mut TcpStream) -> Result<(), Over> {
+        loop {
+            // A copy: nothing waits for the network with the lock.
+            let ahead: Vec<Vec<u8>> = {
+                let mut state = self.shared.state();
+                loop {
+                    if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
+                        let _ = stream.shutdown(Shutdown::Write);
+                        return Err(Over::Done);
+                    }
+                    if !state.blocks.is_empty() {
+                        break state.blocks.iter().take(MOST_AHEAD).cloned().collect();
+                    }
+                    state = self.shared.wait(state, Duration::from_secs(60));
+                }
+            };
+            for block in &ahead {
+                self.write(stream, block)?;
+            }
+            for _ in &ahead {
+                let mut ack = [0; ACK];
+                self.read(stream, &mut ack)?;
+                if !self.shared.state().acknowledge(read_ack(&ack)?) {
+                    return Err(PeerError::Damaged("it acknowledges what was not sent").into());
+                }
+            }
+        }
+    }
+
+    /// Writes all, within the time that it may stand.
+    fn write(&self, stream: &mut TcpStream, bytes: &[u8]) -> Result<(), Over> {
+        let mut rest = bytes;
+        self.within(|left| {
+            stream.set_write_timeout(Some(left))?;
+            let written = stream.write(rest)?;
+            rest = &rest[written..];
+            Ok(rest.is_empty())
+        })
+    }
+
+    /// Reads all, within the time that it may stand.
+    fn read(&self, stream: &mut TcpStream, bytes: &mut [u8]) -> Result<(), Over> {
+        let mut at = 0;
+        self.within(|left| {
+            stream.set_read_timeout(Some(left))?;
+            let got = stream.read(&mut bytes[at..])?;
+            if got == 0 {
+                return Err(ErrorKind::UnexpectedEof.into());
+            }
+            at += got;
+            Ok(at == bytes.len())
+        })
+    }
+
+    /// Calls `go_on` until it is done, at most so long.
+    fn within(&self, mut go_on: impl FnMut(Duration) -> io::Result<bool>) -> Result<(), Over> {
+        let begin = Instant::now();
+        loop {
+            let left = STANDS.saturating_sub(begin.elapsed());
+            if left.is_zero() {
+                return Err(PeerError::Silent.into());
+            }
+            if self.shared.state().is_left_alone {
+                return Err(Over::Done);
+            }
+            match go_on(left.min(Duration::from_millis(100))) {
+                Ok(true) => return Ok(()),
+                Ok(false) => {}
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                    ) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}
+
+impl fmt::Debug for Over {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Over::Done => f.write_str("Done"),
+            Over::Broken(error) => error.fmt(f),
+        }
+    }
+}

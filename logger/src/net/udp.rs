@@ -1,0 +1,135 @@
+//! The sending side over UDP.
+
+use super::tcp::check_address;
+use super::wire::{ANSWER, Datagram, Key, PeerError, now, read_answer};
+use crate::format::{Encoder, seal};
+use crate::recorder::Sink;
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::time::{Duration, Instant};
+
+/// A block is full at so many bytes, so that a datagram mostly finds room in an Ethernet frame.
+const BLOCK: usize = 1200;
+/// How often all is declared again, for receivers that come later or have lost it.
+const DECLARE: Duration = Duration::from_secs(1);
+/// From one attempt to find the host to the next.
+const BACK_OFF: Duration = Duration::from_secs(2);
+
+/// Sends a recording to a [`Receiver`](crate::Receiver) by UDP, a block a datagram, numbered: the receiver counts those that do not come, and what comes after a gap can be read. All is declared again each
+/// second, so a receiver may come and go. Nothing waits for it. A block counts as recorded when the kernel has taken it; one that it refuses (its buffer is full, nobody listens) counts
+/// as lost. A receiver of another version is said on standard error, once.
+///
+/// [`Logging::to_udp`](crate::Logging::to_udp) makes one; by itself it is for a [`Tee`](crate::Tee).
+#[derive(Debug)]
+pub struct UdpSink {
+    address: String,
+    socket: Option<UdpSocket>,
+    tried: Option<Instant>,
+    datagram: Datagram,
+    sequence: u32,
+    buffer: Vec<u8>,
+    declared: Option<Instant>,
+    said: HashSet<PeerError>,
+}
+
+impl UdpSink {
+    /// To `address`, `HOST:PORT`. Nothing is done yet.
+    pub fn new(address: impl Into<String>) -> Self {
+        Self {
+            address: address.into(),
+            socket: None,
+            tried: None,
+            datagram: Datagram {
+                key: Key::new(),
+                started: now(),
+            },
+            sequence: 0,
+            buffer: Vec::new(),
+            declared: None,
+            said: HashSet::new(),
+        }
+    }
+
+    fn open(&mut self) -> io::Result<&UdpSocket> {
+        if self.socket.is_none() {
+            if self.tried.is_some_and(|last| last.elapsed() < BACK_OFF) {
+                return Err(io::Error::other("the host was not found"));
+            }
+            self.tried = Some(Instant::now());
+            let mut addresses = self.address.to_socket_addrs()?;
+            let to = addresses
+                .next()
+                .ok_or_else(|| io::Error::other("the host has no address"))?;
+            let from: SocketAddr = match to {
+                SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
+                SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
+            };
+            let socket = UdpSocket::bind(from)?;
+            socket.connect(to)?;
+            socket.set_nonblocking(true)?;
+            self.socket = Some(socket);
+        }
+        self.socket
+            .as_ref()
+            .ok_or_else(|| io::ErrorKind::NotConnected.into())
+    }
+
+    /// What the receiver has to say, if anything.
+    fn listen(&mut self) {
+        let mut answer = [0; ANSWER];
+        let got = self.socket.as_ref().map(|socket| socket.recv(&mut answer));
+        if let Some(Ok(got)) = got
+            && let Err(error) = read_answer(&answer[..got])
+            && self.said.insert(error)
+        {
+            // Nobody may read there any more.
+            let _ = writeln!(
+                io::stderr().lock(),
+                "luna: recording to udp://{}: {error}",
+                self.address
+            );
+        }
+    }
+}
+
+impl Sink for UdpSink {
+    fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
+        check_address(&self.address)
+    }
+
+    fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        buffer.clear();
+        let start = self.datagram.bytes();
+        buffer.extend_from_slice(&start);
+        buffer.extend_from_slice(block);
+        seal(&mut buffer[start.len()..], self.sequence);
+        let sent = self.open().and_then(|socket| socket.send(&buffer));
+        self.buffer = buffer;
+        self.listen();
+        match sent {
+            Ok(_) => {
+                self.sequence = self.sequence.wrapping_add(1);
+                if Encoder::is_session(block) {
+                    self.declared = Some(Instant::now());
+                }
+                Ok(())
+            }
+            // It would be offered again, and the recorder wait for it.
+            Err(error) => Err(io::Error::other(format!("udp://{}: {error}", self.address))),
+        }
+    }
+
+    fn block_size(&self) -> usize {
+        BLOCK
+    }
+
+    fn wants_declarations(&mut self) -> bool {
+        let is_due = self.declared.is_some_and(|last| last.elapsed() >= DECLARE);
+        if is_due {
+            self.declared = None;
+        }
+        is_due
+    }
+}

@@ -1,0 +1,290 @@
+//! From the recorder's thread to the sink, on a thread of the sink's own: so that a sink which never comes back keeps nobody for ever.
+//!
+//! A block is handed on, and its outcome waited for: as long as the recording goes on, however long that takes. When the recording has ended, a limit is set. What the sink has
+//! not taken until then counts as refused, and the sink's thread is left alone with it.
+
+use super::sink::Sink;
+use crate::format::Tally;
+use luna_platform::thread::{Attributes, Policy, Thread, spawn};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::io;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How long a sink that cannot take a block yet is left alone.
+const AGAIN: Duration = Duration::from_millis(10);
+
+/// How much longer than its limit a sink may take to say what became of what it had taken.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// The recorder's end.
+pub(super) struct Handoff {
+    shared: Arc<Shared>,
+    /// None if it was left alone.
+    thread: Option<Thread<()>>,
+    news: News,
+}
+
+/// What a sink says beside the outcome of a block.
+#[derive(Default)]
+struct News {
+    wants_declarations: bool,
+    lost: VecDeque<Tally>,
+}
+
+#[derive(Default)]
+struct Shared {
+    state: Mutex<State>,
+    changes: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    job: Job,
+    /// The block that is under way.
+    block: Vec<u8>,
+    outcome: Option<io::Result<()>>,
+    news: News,
+    /// When the sink is to have ended.
+    limit: Option<Instant>,
+    is_left_alone: bool,
+    /// Its thread has ended, also by a panic.
+    is_gone: bool,
+}
+
+#[derive(Default, Clone, Copy, PartialEq)]
+enum Job {
+    #[default]
+    None,
+    Block,
+    /// Nothing but what it has to say.
+    Ask,
+    End,
+}
+
+/// Sets the limit, from another thread.
+#[derive(Clone)]
+pub(super) struct Limiter(Arc<Shared>);
+
+impl Limiter {
+    /// From now on a sink has so long.
+    pub(super) fn end_within(&self, limit: Duration) {
+        let at = Instant::now() + limit.min(Duration::from_secs(86_400));
+        self.0.state().limit = Some(at);
+        self.0.changes.notify_all();
+    }
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until `is_so`, or the limit; says whether it came to be so.
+    fn wait_until(&self, is_so: impl Fn(&State) -> bool) -> bool {
+        let mut state = self.state();
+        while !is_so(&state) {
+            let left = match state.limit {
+                None => Duration::from_secs(3600),
+                Some(limit) => (limit + GRACE).saturating_duration_since(Instant::now()),
+            };
+            if left.is_zero() {
+                state.is_left_alone = true;
+                self.changes.notify_all();
+                return false;
+            }
+            state = self
+                .changes
+                .wait_timeout(state, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+        true
+    }
+}
+
+impl Handoff {
+    /// Gives `sink` a thread.
+    pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
+        let shared = Arc::new(Shared::default());
+        let theirs = shared.clone();
+        let thread = spawn(
+            Attributes::framework("luna-recording", Policy::Other),
+            move |_| Ok::<_, Infallible>((theirs, sink)),
+            |(shared, mut sink)| {
+                // Dropped last: whatever the sink closes is closed then.
+                let gone = Gone(shared);
+                serve(&gone.0, &mut *sink);
+                drop(sink);
+            },
+        );
+        Ok(Self {
+            shared,
+            thread: Some(thread.map_err(|error| error.to_string())?),
+            news: News::default(),
+        })
+    }
+
+    pub(super) fn limiter(&self) -> Limiter {
+        Limiter(self.shared.clone())
+    }
+
+    /// What becomes of a block.
+    pub(super) fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        {
+            let mut state = self.shared.state();
+            state.block.clear();
+            state.block.extend_from_slice(block);
+        }
+        self.ask_for(Job::Block)
+    }
+
+    /// What the sink has to say beside blocks.
+    pub(super) fn ask(&mut self) {
+        // It has nothing to say if it does not answer.
+        let _ = self.ask_for(Job::Ask);
+    }
+
+    fn ask_for(&mut self, job: Job) -> io::Result<()> {
+        let late = || {
+            io::Error::new(
+                io::ErrorKind::TimedOut,
+                "it had not been taken when the time limit at the end had passed",
+            )
+        };
+        if self.thread.is_none() {
+            return Err(late());
+        }
+        self.shared.state().job = job;
+        self.shared.changes.notify_all();
+        self.shared
+            .wait_until(|state| state.outcome.is_some() || state.is_gone);
+        let mut state = self.shared.state();
+        // It may have come while the limit passed: then it counts.
+        match state.outcome.take() {
+            Some(outcome) => {
+                self.news.wants_declarations |= std::mem::take(&mut state.news.wants_declarations);
+                self.news.lost.append(&mut state.news.lost);
+                outcome
+            }
+            None => {
+                let is_gone = state.is_gone && !state.is_left_alone;
+                drop(state);
+                self.thread = None;
+                Err(match is_gone {
+                    true => io::Error::other("the sink panicked"),
+                    false => late(),
+                })
+            }
+        }
+    }
+
+    /// Whether all is to be declared again, since this was asked last.
+    pub(super) fn wants_declarations(&mut self) -> bool {
+        std::mem::take(&mut self.news.wants_declarations)
+    }
+
+    /// What was taken, and is lost after all.
+    pub(super) fn take_lost(&mut self) -> Option<Tally> {
+        self.news.lost.pop_front()
+    }
+
+    /// Ends it within the limit. An error that is no block's.
+    pub(super) fn end(&mut self) -> io::Result<()> {
+        let outcome = self.ask_for(Job::End);
+        let Some(thread) = self.thread.take() else {
+            return outcome;
+        };
+        if self.shared.wait_until(|state| state.is_gone) {
+            let _ = thread.join();
+        }
+        outcome
+    }
+}
+
+/// Tells that the thread has ended.
+struct Gone(Arc<Shared>);
+
+impl Drop for Gone {
+    fn drop(&mut self) {
+        self.0.state().is_gone = true;
+        self.0.changes.notify_all();
+    }
+}
+
+/// The sink's thread.
+fn serve(shared: &Shared, sink: &mut dyn Sink) {
+    // Swapped with the block that is under way, so that the sink works on it without the lock.
+    let mut block = Vec::new();
+    loop {
+        let mut state = shared.state();
+        while state.job == Job::None && !state.is_left_alone {
+            state = shared
+                .changes
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+        if state.is_left_alone {
+            return;
+        }
+        let job = state.job;
+        let limit = state.limit;
+        state.job = Job::None;
+        std::mem::swap(&mut state.block, &mut block);
+        drop(state);
+        let outcome = match job {
+            Job::Block => match take(shared, sink, &block) {
+                Some(outcome) => outcome,
+                None => return,
+            },
+            Job::End => {
+                let left = limit.map_or(Duration::MAX, |limit| {
+                    limit.saturating_duration_since(Instant::now())
+                });
+                sink.end(left)
+            }
+            Job::Ask | Job::None => Ok(()),
+        };
+        let (wants, lost) = (sink.wants_declarations(), sink.take_lost());
+        let mut state = shared.state();
+        state.news.wants_declarations |= wants;
+        if !lost.is_empty() {
+            state.news.lost.push_back(lost);
+        }
+        state.outcome = Some(outcome);
+        drop(state);
+        shared.changes.notify_all();
+        if job == Job::End {
+            return;
+        }
+    }
+}
+
+/// Offers a block until the sink has decided. None if nobody waits for it any more.
+fn take(shared: &Shared, sink: &mut dyn Sink, block: &[u8]) -> Option<io::Result<()>> {
+    loop {
+        match sink.block(block) {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            outcome => return Some(outcome),
+        }
+        let state = shared.state();
+        let waited = shared
+            .changes
+            .wait_timeout_while(state, AGAIN, |state| !state.is_left_alone);
+        if waited
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .is_left_alone
+        {
+            return None;
+        }
+    }
+}
+
+impl Drop for Handoff {
+    fn drop(&mut self) {
+        self.shared.state().is_left_alone = true;
+        self.shared.changes.notify_all();
+    }
+}
