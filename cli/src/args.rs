@@ -67,8 +67,14 @@ pub(crate) struct Demo {
     #[arg(long, value_name = "FILE")]
     pub(crate) record: Option<PathBuf>,
     /// Do a recorded run again, on a virtual clock, and say whether its outputs are the same, or at which event they differ
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "seconds", "rate", "joystick", "calibrated", "core", "policy", "parameters", "set"])]
     pub(crate) replay: Option<PathBuf>,
+    /// A TOML file with the controllers' parameters: kp, ki, kd and filter below [pan] and [tilt]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) parameters: Option<PathBuf>,
+    /// The value of a parameter, over that of the file: pan/kp=2.5. Several are set by several --set
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub(crate) set: Vec<String>,
     /// Do not look for the end stops first: the encoders are known to count from the middle
     #[arg(long)]
     pub(crate) calibrated: bool,
@@ -302,6 +308,14 @@ mod tests {
             (Some(1), Policy::round_robin(7), true)
         );
         assert_eq!(demo.joystick, Some(PathBuf::from("a.csv")));
+        assert!(demo.parameters.is_none() && demo.set.is_empty());
+    }
+
+    #[test]
+    fn demo_takes_parameters() {
+        let demo = demo("luna --parameters jiwy.toml --set pan/kp=2 --set tilt/kd=0.1");
+        assert_eq!(demo.parameters, Some(PathBuf::from("jiwy.toml")));
+        assert_eq!(demo.set, ["pan/kp=2", "tilt/kd=0.1"]);
     }
 
     #[test]
@@ -318,6 +332,8 @@ mod tests {
             "--calibrated",
             "--core 0",
             "--policy other",
+            "--parameters jiwy.toml",
+            "--set pan/kp=1",
         ] {
             let line = format!("luna demo --replay run.luna {other}");
             assert_eq!(parse(&line).expect_err(&line).exit_code(), 2, "{line}");

@@ -47,6 +47,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
         system.virtual_clock();
     }
     replay::record(&mut system, arguments);
+    set_parameters(&mut system, arguments).map_err(Failure::Luna)?;
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     if let Some(path) = &arguments.joystick
         && crate::joystick::is_device(path)
@@ -100,6 +101,17 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     };
     printed.map_err(Failure::Output)?;
     Ok(demo.measurement.complete)
+}
+
+/// The gains, where they are to be others than those that the controllers are made with.
+fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<()> {
+    if let Some(file) = &arguments.parameters {
+        system.parameters_from(file);
+    }
+    for assignment in &arguments.set {
+        system.set_parameter_text(assignment)?;
+    }
+    Ok(())
 }
 
 /// The control executor as asked for; the hardware below it, where the system likes; the operator with no promise at all.

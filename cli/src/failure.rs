@@ -77,7 +77,9 @@ impl Failure {
             | Self::Converted { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
-                SetupError::NoSuchCore { .. } | SetupError::Attributes(_),
+                SetupError::NoSuchCore { .. }
+                | SetupError::Attributes(_)
+                | SetupError::Parameters(_),
             )) => 2,
             Self::Card(_) => 2,
             // One that cannot be opened; what is lost later is the error of a process.

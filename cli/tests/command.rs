@@ -244,6 +244,9 @@ fn bad_values_end_with_2_and_say_why() {
     let bad = file("bad.csv");
     std::fs::write(&bad, "time,pan,tilt\n0,0,0\n1,left,0\n").expect("a file is written");
     let bad = bad.to_str().expect("a path");
+    let gains = file("gains.toml");
+    std::fs::write(&gains, "pan.kp = 1\n[tilt]\nkp = \"many\"\n").expect("a file is written");
+    let gains = gains.to_str().expect("a path");
     for (arguments, part) in [
         (&["demo", "--rate", "0"][..], "--rate"),
         (&["demo", "--seconds", "-1"], "--seconds"),
@@ -260,6 +263,23 @@ fn bad_values_end_with_2_and_say_why() {
         (
             &["demo", "--joystick", "/dev/null"],
             "`/dev/null` is no input device",
+        ),
+        (
+            &["demo", "--set", "pan/kq=1"],
+            "--set: `pan/kq` = 1: there is no such parameter; did you mean `pan/kp`?",
+        ),
+        (
+            &["demo", "--set", "tilt/kd=-1"],
+            "--set: `tilt/kd` = -1: it must be 0.0 to 100.0 s/rad",
+        ),
+        (&["demo", "--set", "pan/kp"], "is not NAME=VALUE"),
+        (
+            &["demo", "--parameters", gains],
+            "gains.toml:3: `tilt/kp` = many: it must be a number",
+        ),
+        (
+            &["demo", "--parameters", "/no/such/gains.toml"],
+            "/no/such/gains.toml: ",
         ),
         (&["jitter", "--interval", "0"], "--interval"),
         (
@@ -298,6 +318,8 @@ fn demo_records_a_run_in_real_time_and_replays_it() {
         "--calibrated",
         "--policy",
         "other",
+        "--set",
+        "pan/kp=0.5",
         "--record",
         path,
         "--json",

@@ -45,11 +45,11 @@ use crate::hardware::{self, Registers};
 use crate::joystick::{Playback, Sticks};
 use crate::parts::calibration::Calibration;
 use crate::parts::faults::{self, Fault};
-use crate::parts::pid::{Gains, Pid};
+use crate::parts::pid::Gains;
 use crate::parts::sanity::{Interventions, Sanity};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
-use crate::processes::control::{Track, calibrate, control, lead, pass_on, scale_output};
+use crate::processes::control::{Controller, Track, calibrate, lead, pass_on, scale_output};
 use crate::processes::operator::Joystick;
 use crate::processes::readers::{read_joystick, read_position, scale_joystick, scale_position};
 use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
@@ -284,7 +284,15 @@ impl AxisModel<'_> {
         )?;
         self.add(
             "controller",
-            control(Pid::new(gains), axis.plant.supply, followed, error, voltage),
+            Controller {
+                axis: axis.name,
+                gains,
+                tunable: None,
+                supply: axis.plant.supply,
+                demands: followed,
+                errors: error,
+                voltages: voltage,
+            },
         )?;
         self.add(
             "tracking",

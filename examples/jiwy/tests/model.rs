@@ -192,3 +192,39 @@ fn an_axis_that_cannot_reach_its_stop_is_not_taken_for_calibrated() {
         Some(0.0)
     );
 }
+
+/// A camera whose pan axis is given other gains in the middle of its run, by a set in which one gain is wrong, and then by a right one.
+#[test]
+fn gains_are_parameters_and_change_at_once() {
+    let run = |set: &'static str| {
+        let mut system = System::new("jiwy");
+        system.virtual_clock();
+        let executors = executors(&mut system).unwrap();
+        let machine = hardware::simulated(&mut system, &executors.mechanism, PERIOD).unwrap();
+        let settings = settings(5000, Start::Calibrated);
+        let findings = network::build(&executors, machine.registers, settings).unwrap();
+        let parameters = system.parameters();
+        let tuner = async move {
+            luna::after(PERIOD * 700).await;
+            let wrong = parameters.set([("pan/kp", 1.0), ("tilt/kp", -1.0)]);
+            assert!(
+                wrong
+                    .unwrap_err()
+                    .to_string()
+                    .contains("`tilt/kp` = -1.0: it must be 0.0 to 1000.0 1/rad")
+            );
+            if !set.is_empty() {
+                assert_eq!(parameters.set_text(set)?, 1);
+            }
+            Ok(())
+        };
+        executors.operator.process("tuner").spawn(tuner).unwrap();
+        drop(executors);
+        system.run().unwrap();
+        [0, 1].map(|axis| findings[axis].tracking.get().unwrap().rms())
+    };
+    let placed = run("");
+    let soft = run("pan/kp=0.1,pan/ki=0");
+    assert!(soft[0] > 1.2 * placed[0], "{soft:?}, {placed:?}");
+    assert_eq!(soft[1], placed[1]);
+}

@@ -80,6 +80,11 @@ impl Pid {
         }
     }
 
+    /// Goes on with other gains. The integral is kept in duty, so another integral gain gives no step.
+    pub fn set_gains(&mut self, gains: Gains) {
+        self.gains = gains;
+    }
+
     /// The duty for a measurement taken `sample_time` seconds after the one before. O(1); allocates nothing.
     ///
     /// A sample time that is not positive leaves integral and speed as they are.

@@ -4,7 +4,7 @@ use super::readers::Position;
 use crate::network::Findings;
 use crate::parts::calibration::{Calibration, Step};
 use crate::parts::faults::Fault;
-use crate::parts::pid::Pid;
+use crate::parts::pid::{Gains, Pid};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
 use luna::prelude::*;
@@ -93,38 +93,103 @@ pub(crate) async fn lead(
     Ok(())
 }
 
-/// The controller of an axis.
-pub(crate) async fn control(
-    mut pid: Pid,
-    supply: f64,
-    demands: Receiver<Demand>,
-    errors: Sender<f64>,
-    voltages: Sender<Command>,
-) -> luna::Result<()> {
-    while let Ok(Demand {
-        goal,
-        angle,
-        elapsed,
-    }) = demands.recv().await
-    {
-        let (duty, angle, raw) = match goal {
-            Goal::Drive(duty) => (duty, None, angle),
-            Goal::Be(target) => {
-                errors.send(target - angle).await?;
-                let duty = pid.update(target, angle, elapsed.as_secs_f64());
-                (duty, Some(angle), angle)
-            }
-        };
-        voltages
-            .send(Command {
-                duty: duty * supply,
-                angle,
-                raw,
-                elapsed,
-            })
-            .await?;
+/// The controller of an axis, whose gains are parameters of the system.
+pub(crate) struct Controller {
+    /// The axis' name.
+    pub(crate) axis: &'static str,
+    pub(crate) gains: Gains,
+    pub(crate) tunable: Option<TunableGains>,
+    pub(crate) supply: f64,
+    pub(crate) demands: Receiver<Demand>,
+    pub(crate) errors: Sender<f64>,
+    pub(crate) voltages: Sender<Command>,
+}
+
+/// What can be replaced of a controller's gains.
+pub(crate) struct TunableGains {
+    proportional: Parameter<f64>,
+    integral: Parameter<f64>,
+    derivative: Parameter<f64>,
+    filter: Parameter<f64>,
+}
+
+impl TunableGains {
+    fn declare(axis: &str, gains: Gains) -> luna::Result<Self> {
+        let gain =
+            |part: &str, default| Parameter::with_default(&format!("{axis}/{part}"), default);
+        Ok(Self {
+            proportional: gain("kp", gains.proportional)
+                .unit("1/rad")
+                .range(0.0..=1000.0)
+                .description("duty by error")
+                .register()?,
+            integral: gain("ki", gains.integral)
+                .unit("1/(rad·s)")
+                .range(0.0..=10_000.0)
+                .description("duty by the error's integral")
+                .register()?,
+            derivative: gain("kd", gains.derivative)
+                .unit("s/rad")
+                .range(0.0..=100.0)
+                .description("duty by the measured speed")
+                .register()?,
+            filter: gain("filter", gains.filter)
+                .unit("s")
+                .range(1e-5..=1.0)
+                .description("time constant of the measured speed")
+                .register()?,
+        })
     }
-    Ok(())
+
+    /// The gains from here to the next call: all of one set.
+    fn take(&self, limit: f64) -> Gains {
+        self.proportional.latch();
+        Gains {
+            proportional: self.proportional.get(),
+            integral: self.integral.get(),
+            derivative: self.derivative.get(),
+            filter: self.filter.get(),
+            limit,
+        }
+    }
+}
+
+impl Process for Controller {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        self.tunable = Some(TunableGains::declare(self.axis, self.gains)?);
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        let mut pid = Pid::new(self.gains);
+        while let Ok(demand) = self.demands.recv().await {
+            let Demand {
+                goal,
+                angle,
+                elapsed,
+            } = demand;
+            if let Some(tunable) = &self.tunable {
+                pid.set_gains(tunable.take(self.gains.limit));
+            }
+            let (duty, angle, raw) = match goal {
+                Goal::Drive(duty) => (duty, None, angle),
+                Goal::Be(target) => {
+                    self.errors.send(target - angle).await?;
+                    let duty = pid.update(target, angle, elapsed.as_secs_f64());
+                    (duty, Some(angle), angle)
+                }
+            };
+            self.voltages
+                .send(Command {
+                    duty: duty * self.supply,
+                    angle,
+                    raw,
+                    elapsed,
+                })
+                .await?;
+        }
+        Ok(())
+    }
 }
 
 /// Sums up how far the axis was from its set-point.
