@@ -1,4 +1,5 @@
-//! `logger`: what recording one sample costs the thread that does it, on one core.
+//! `logger`: what recording one sample or event costs the thread that does it, on one core, and what commstime costs with every event recorded, not recording, and
+//! with events compiled out (the feature `events`, of all this).
 //!
 //! A block records as many samples as there is room for, so that none is lost, while the recorder writes a file on any core. Beside it a line through
 //! `tracing` to a file by its non-blocking appender, and the clocks alone.
@@ -10,8 +11,12 @@ use std::{
 };
 
 use luna_benches::{
+    channels::Channel,
     cores::{on_core, one_core},
+    executors::Executor,
     harness::{Case, Goal, run},
+    ours::{Luna, LunaChannel},
+    processes::{consumer, delta, prefix, successor, warm_up},
 };
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, TracingSubscriber, message};
 use luna_platform::clock::{Counter, Instant as LunaInstant};
@@ -103,6 +108,75 @@ fn tracing_to_file(samples: u64) -> Duration {
     })
 }
 
+/// An event, told with two numbers while a recording to a file is under way.
+#[cfg(feature = "events")]
+fn event(events: u64) -> Duration {
+    use luna_platform::events::{code, tell};
+    on_core(one_core(), || {
+        let file = file("events");
+        let hub = Hub::new("bench", Default::default());
+        let room = Logging::to_file(&file).room_for_events(2 * SAMPLES as usize);
+        let recorder = Recorder::start(&hub, room).expect("the folder can be written to");
+        hub.enter_thread();
+        hub.enter_home();
+        let start = Instant::now();
+        for n in 0..events {
+            tell(code::COMMUNICATION, 7, || [black_box(n), 1]);
+        }
+        let elapsed = start.elapsed();
+        let report = recorder.finish();
+        std::fs::remove_file(file).expect("it was made");
+        assert_eq!((report.events.recorded, report.events.lost), (events, 0));
+        elapsed
+    })
+}
+
+/// Commstime with a sequential delta; `records` its events.
+fn commstime(cycles: u64, records: bool) -> Duration {
+    let core = one_core();
+    on_core(core, || {
+        let executor = Luna::new(core);
+        let path = file("commstime");
+        if records {
+            record_events(&executor, Logging::to_file(&path), cycles);
+        }
+        let (a, from_prefix) = LunaChannel::new_pair();
+        let (b, to_successor) = LunaChannel::new_pair();
+        let (c, from_successor) = LunaChannel::new_pair();
+        let (d, to_consumer) = LunaChannel::new_pair();
+        let prefix = executor.spawn(prefix(from_successor, a));
+        let delta = executor.spawn(delta(from_prefix, d, b));
+        let successor = executor.spawn(successor(to_successor, c));
+        let consumer = executor.spawn(consumer(to_consumer, cycles));
+        let elapsed = executor.block_on(async {
+            let elapsed = consumer.await;
+            prefix.await;
+            delta.await;
+            successor.await;
+            elapsed
+        });
+        if records {
+            let bytes = std::fs::metadata(&path).expect("it was made").len();
+            std::fs::remove_file(path).expect("it was made");
+            // Some 16 events a cycle, of some 8 bytes.
+            assert!(bytes > 60 * cycles, "{bytes}");
+        }
+        elapsed
+    })
+}
+
+/// Room for all of them: 16 a cycle.
+#[cfg(feature = "events")]
+fn record_events(executor: &Luna, recording: Logging, cycles: u64) {
+    let events = 20 * (cycles + warm_up(cycles)) as usize;
+    executor.system().log(recording.room_for_events(events));
+}
+
+#[cfg(not(feature = "events"))]
+fn record_events(_: &Luna, _: Logging, cycles: u64) {
+    unreachable!("no events of {} cycles", warm_up(cycles));
+}
+
 fn clock(samples: u64, read: impl Fn() -> u64 + Sync) -> Duration {
     on_core(one_core(), || {
         let start = Instant::now();
@@ -159,5 +233,24 @@ fn main() {
             clock(samples, || counter.read())
         }));
     }
+    const COMMSTIME: &str = "commstime, one core";
+    const CYCLE: &str = "ns/cycle";
+    let cycle = |peer, block: fn(u64) -> Duration| {
+        Case::new(COMMSTIME, peer, CYCLE, block).exactly(SAMPLES)
+    };
+    #[cfg(feature = "events")]
+    cases.extend([
+        case("LUNA, event", event).goal(Goal::AtMost(20.0)),
+        cycle("LUNA, events not recorded", |cycles| {
+            commstime(cycles, false)
+        }),
+        cycle("LUNA, every event recorded", |cycles| {
+            commstime(cycles, true)
+        }),
+    ]);
+    #[cfg(not(feature = "events"))]
+    cases.push(cycle("LUNA, events compiled out", |cycles| {
+        commstime(cycles, false)
+    }));
     run("logger", cases);
 }

@@ -4,7 +4,7 @@ use crate::channels::{Channel, Received, Receiving, Sending};
 use crate::executors::Executor;
 use core_affinity::CoreId;
 use luna::{ProcessBuilder, System};
-use std::cell::{Cell, RefCell};
+use std::cell::{Cell, RefCell, RefMut};
 use std::future::Future;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -69,6 +69,11 @@ impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
     /// The executor, to spawn processes of LUNA's own kinds on.
     pub fn executor(&self) -> &luna::Executor {
         &self.executor
+    }
+
+    /// The system, to ask more of it before it runs, or for its report.
+    pub fn system(&self) -> RefMut<'_, System> {
+        self.system.borrow_mut()
     }
 
     /// A process to be, with a name that no other one has.

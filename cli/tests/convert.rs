@@ -1,7 +1,9 @@
 //! `luna convert`: what it makes is read by the formats' own readers.
 
 use luna_logger::Level;
-use luna_logger::format::{ClockBase, Losing, Record, SignalInfo, Type, Values, Writer};
+use luna_logger::format::{
+    ClockBase, Event, Losing, Record, RunsOn, SignalInfo, Subject, Type, Values, Writer,
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -104,6 +106,182 @@ fn bytes() -> Vec<u8> {
         writer.put(&record).unwrap();
     }
     writer.finish().unwrap()
+}
+
+/// Two processes on an executor, and a loop: a communication, and what is around it.
+fn events() -> Vec<u8> {
+    use luna_platform::events::code;
+    let mut writer = Writer::new(Vec::new()).unwrap();
+    let name = |subject, number, parent, name| Record::Name {
+        subject,
+        number,
+        parent,
+        name,
+        runs_on: (subject == Subject::Process).then_some(RunsOn {
+            executor: 0,
+            level: 16,
+        }),
+    };
+    for record in [
+        Record::Session {
+            system: "test",
+            clock: ClockBase::Monotonic,
+            written_by: "a test",
+        },
+        Record::Epoch {
+            time: BASE,
+            unix: UNIX,
+        },
+        Record::Thread {
+            number: 0,
+            name: "thread of main",
+        },
+        name(Subject::Executor, 0, 0, "main"),
+        name(Subject::Process, 7, 0, "source"),
+        name(Subject::Process, 8, 0, "sink, or so"),
+        name(Subject::Channel, 3, 0, "force"),
+        name(Subject::Loop, 1, 7, "control"),
+    ] {
+        writer.put(&record).unwrap();
+    }
+    for (number, text) in code::NAMES {
+        let name = name(Subject::Code, number.into(), 0, text);
+        writer.put(&name).unwrap();
+    }
+    for (after, code, subject, arguments) in [
+        (0, code::ASLEEP, 0, [0, 0]),
+        (10, code::AWAKE, 0, [0, 0]),
+        (11, code::READY, 7, [0, 0]),
+        (12, code::RUNNING, 8, [0, 0]),
+        (20, code::WAITING, 8, [3, 3]),
+        (21, code::RUNNING, 7, [0, 0]),
+        (25, code::SLOT, 1, [41, 250]),
+        (30, code::COMMUNICATION, 3, [7, 8]),
+        (31, code::READY, 8, [7, 0]),
+        (40, code::WAITING, 7, [255, 0]),
+        (41, code::RUNNING, 8, [0, 0]),
+        (50, code::DONE, 8, [1, 0]),
+        (60, 999, 5, [1, 2]),
+    ] {
+        let event = Record::Event(Event {
+            thread: 0,
+            time: BASE + after,
+            code,
+            subject,
+            arguments,
+        });
+        writer.put(&event).unwrap();
+    }
+    let losses = Record::Losses {
+        of: Losing::Events(0),
+        lost: 4,
+    };
+    writer.put(&losses).unwrap();
+    writer.finish().unwrap()
+}
+
+fn recording_of_events(test: &str) -> (PathBuf, PathBuf) {
+    let (folder, file) = recording(test);
+    fs::write(&file, events()).unwrap();
+    (folder, file)
+}
+
+#[test]
+fn events_are_rows_in_words() {
+    let (folder, file) = recording_of_events("events-csv");
+    let output = luna(&["convert", path(&file), "--to", "csv"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(said.contains("0 messages, 13 events"), "{said}");
+    assert!(said.contains("4 events were lost"), "{said}");
+    let rows = fs::read_to_string(folder.join("run.events.csv")).unwrap();
+    let expected = "time,event,thread,subject,first,second\n\
+                    0.000000000,executor asleep,thread of main,main,,\n\
+                    0.000000010,executor awake,thread of main,main,,\n\
+                    0.000000011,ready,thread of main,source,,\n\
+                    0.000000012,running,thread of main,\"sink, or so\",,\n\
+                    0.000000020,waiting,thread of main,\"sink, or so\",force,\n\
+                    0.000000021,running,thread of main,source,,\n\
+                    0.000000025,slot,thread of main,control,41,250\n\
+                    0.000000030,communication,thread of main,force,source,\"sink, or so\"\n\
+                    0.000000031,ready,thread of main,\"sink, or so\",source,\n\
+                    0.000000040,waiting,thread of main,source,still ready,\n\
+                    0.000000041,running,thread of main,\"sink, or so\",,\n\
+                    0.000000050,done,thread of main,\"sink, or so\",error,\n\
+                    0.000000060,event 999,thread of main,5,1,2\n";
+    assert_eq!(rows, expected);
+}
+
+#[cfg(feature = "mcap")]
+#[test]
+fn events_are_a_topic() {
+    let (folder, file) = recording_of_events("events-mcap");
+    let output = luna(&["convert", path(&file), "--to", "mcap"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let bytes = fs::read(folder.join("run.mcap")).unwrap();
+    let mut events = Vec::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        if message.channel.topic == "/luna/events" {
+            let content: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+            let schema = message.channel.schema.clone().unwrap();
+            let described: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
+            let fields = content.as_object().unwrap().keys();
+            assert!(fields.clone().count() == 8);
+            for name in fields {
+                assert!(described["properties"].get(name).is_some(), "{name}");
+            }
+            events.push((message.log_time - UNIX as u64, content));
+        }
+    }
+    assert_eq!(events.len(), 13);
+    let (after, communication) = &events[7];
+    assert_eq!(*after, 30);
+    assert_eq!(communication["event"], "communication");
+    assert_eq!(communication["subject"], "force");
+    assert_eq!(communication["first"], "source");
+    assert_eq!(communication["second"], "sink, or so");
+    assert_eq!(communication["arguments"], serde_json::json!([7, 8]));
+    assert_eq!(communication["thread"], "thread of main");
+}
+
+#[test]
+fn events_are_tracks_by_the_schema_of_perfetto() {
+    let (folder, file) = recording_of_events("events-perfetto");
+    let output = luna(&["convert", path(&file), "--to", "perfetto"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let trace = folder.join("run.perfetto-trace");
+    assert!(fs::metadata(&trace).unwrap().len() > 500);
+    let Some(told) = read_trace(&trace) else {
+        return;
+    };
+    let expected = "process 1 test\n\
+                    thread thread of main\n\
+                    track executor main\n\
+                    track source\n\
+                    track sink, or so\n\
+                    slice executor main 0-10 asleep\n\
+                    slice executor main 12-20 sink, or so\n\
+                    slice sink, or so 12-20 running\n\
+                    slice source 11-21 ready\n\
+                    slice sink, or so 20-31 waiting for force\n\
+                    slice source 21-40 running\n\
+                    slice executor main 21-40 source\n\
+                    slice sink, or so 31-41 ready\n\
+                    slice sink, or so 41-50 running\n\
+                    slice executor main 41-50 sink, or so\n\
+                    flow source send force -> sink, or so receive force\n\
+                    instant source  25 slot control (first=41, second=250)\n\
+                    instant source  30 send force ()\n\
+                    instant sink, or so  30 receive force ()\n\
+                    instant sink, or so  50 done: error ()\n\
+                    instant thread of main  60 event 999 5 (first=1, second=2)\n";
+    let sorted = |text: &str| {
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        lines.sort();
+        lines
+    };
+    assert_eq!(sorted(&told), sorted(expected));
 }
 
 fn path(path: &Path) -> &str {
@@ -237,18 +415,9 @@ fn perfetto_traces_are_read_by_their_own_schema() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let trace = folder.join("run.perfetto-trace");
     assert!(fs::metadata(&trace).unwrap().len() > 500);
-    let Some(python) = std::env::var_os("LUNA_PERFETTO_PYTHON") else {
-        eprintln!(
-            "skipped: the trace's schema: set LUNA_PERFETTO_PYTHON to a Python with the package `perfetto`"
-        );
+    let Some(told) = read_trace(&trace) else {
         return;
     };
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_trace.py");
-    let read = Command::new(python)
-        .args([script, path(&trace)])
-        .output()
-        .unwrap();
-    assert!(read.status.success(), "{}", text(&read.stderr));
     let expected = "process 1 test\n\
                     thread control\n\
                     thread console\n\
@@ -258,7 +427,24 @@ fn perfetto_traces_are_read_by_their_own_schema() {
                     counter arm/\"ok\", or so []: 1000000=1\n\
                     instant console WARN 1500000 too \"hot\", stop (target=arm)\n\
                     instant console INFO 4000000 two lines (target=arm)\n";
-    assert_eq!(text(&read.stdout), expected);
+    assert_eq!(told, expected);
+}
+
+/// What the schema finds in a trace, if there is one.
+fn read_trace(trace: &Path) -> Option<String> {
+    let Some(python) = std::env::var_os("LUNA_PERFETTO_PYTHON") else {
+        eprintln!(
+            "skipped: the trace's schema: set LUNA_PERFETTO_PYTHON to a Python with the package `perfetto`"
+        );
+        return None;
+    };
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_trace.py");
+    let read = Command::new(python)
+        .args([script, path(trace)])
+        .output()
+        .unwrap();
+    assert!(read.status.success(), "{}", text(&read.stderr));
+    Some(text(&read.stdout).to_owned())
 }
 
 #[test]

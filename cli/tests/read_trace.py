@@ -16,6 +16,9 @@ assert all(packet.trusted_packet_sequence_id == 1 for packet in trace.packet)
 tracks = {}
 counters = {}
 events = []
+slices = []
+open_slices = {}
+flows = {}
 start = min(packet.timestamp for packet in trace.packet if packet.HasField("track_event"))
 for packet in trace.packet:
     kind = packet.WhichOneof("data")
@@ -31,15 +34,28 @@ for packet in trace.packet:
             print("thread", track.thread.thread_name)
         elif track.HasField("counter"):
             counters[track.uuid] = []
+        else:
+            print("track", track.name)
     elif kind == "track_event":
         event = packet.track_event
         at = packet.timestamp - start
         if event.type == schema.TrackEvent.TYPE_COUNTER:
             value = getattr(event, event.WhichOneof("counter_value_field"))
             counters[event.track_uuid].append(f"{at}={value}")
+        elif event.type == schema.TrackEvent.TYPE_SLICE_BEGIN:
+            assert event.track_uuid in tracks and event.track_uuid not in open_slices
+            open_slices[event.track_uuid] = (at, event.name)
+        elif event.type == schema.TrackEvent.TYPE_SLICE_END:
+            began, name = open_slices.pop(event.track_uuid)
+            slices.append(f"slice {tracks[event.track_uuid].name} {began}-{at} {name}")
         else:
             assert event.type == schema.TrackEvent.TYPE_INSTANT
-            thread = tracks[event.track_uuid].thread.thread_name
+            track = tracks[event.track_uuid]
+            thread = track.thread.thread_name or track.name
+            for flow in event.flow_ids:
+                flows[flow] = f"{thread} {event.name}"
+            for flow in event.terminating_flow_ids:
+                slices.append(f"flow {flows.pop(flow)} -> {thread} {event.name}")
             notes = ", ".join(f"{note.name}={note.string_value}" for note in event.debug_annotations)
             text = " ".join(event.name.split())
             events.append(f"instant {thread} {' '.join(event.categories)} {at} {text} ({notes})")
@@ -49,4 +65,5 @@ for packet in trace.packet:
 for uuid, values in counters.items():
     track = tracks[uuid]
     print(f"counter {track.name} [{track.counter.unit_name}]: {' '.join(values)}")
-print("\n".join(events))
+assert not flows
+print("\n".join(slices + events))

@@ -416,6 +416,22 @@ impl System {
     /// assert_eq!(system.run()?.logging.unwrap().messages.recorded, 1);
     /// # Ok::<(), luna::Error>(())
     /// ```
+    /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has what they are.
+    ///
+    #[cfg_attr(feature = "events", doc = "```")]
+    #[cfg_attr(not(feature = "events"), doc = "```ignore")]
+    /// use luna::{Logging, WriterSink, prelude::*};
+    ///
+    /// let mut system = System::new("pair");
+    /// system.log(Logging::to_sink(WriterSink::new(std::io::sink())).events());
+    /// let (output, input) = luna::channel();
+    /// let main = system.executor("main").build()?;
+    /// main.process("source").spawn(async move { Ok(output.send(1).await?) })?;
+    /// main.process("sink").spawn(async move { Ok(drop(input.recv().await?)) })?;
+    /// let events = system.run()?.logging.unwrap().events;
+    /// assert!(events.recorded > 0 && events.lost == 0);
+    /// # Ok::<(), luna::Error>(())
+    /// ```
     #[cfg(feature = "logger")]
     pub fn log(&mut self, recording: crate::Logging) -> &mut Self {
         self.plan.settings().logging = Some(recording);

@@ -1,8 +1,9 @@
 //! CSV, as the thesis' recorder wrote it: a column of times and one for each element of each signal.
 //!
 //! Times are seconds from the first sample or message. What was sampled at one instant stands in one row; a signal that was not leaves its column empty, or, if that is asked for, holds its
-//! last value. Messages go to a file beside it.
+//! last value. Messages and events go to files beside it.
 
+use super::events::{Names, Words};
 use super::recording::{each, time};
 use super::{Converted, broken, create};
 use crate::failure::Failure;
@@ -58,10 +59,13 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
 
     let beside = output.with_extension("messages.csv");
     let mut messages = None;
-    let mut threads: BTreeMap<u32, String> = BTreeMap::new();
+    let beside_events = output.with_extension("events.csv");
+    let mut events = None;
+    let mut names = Names::default();
     let mut waiting: BinaryHeap<Reverse<(u64, u64, u32, Cells)>> = BinaryHeap::new();
     let mut number = 0;
     let converted = each(input, |record| {
+        names.take(record);
         match record {
             Record::Sample {
                 signal,
@@ -75,8 +79,33 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
                     table.take(&signals, waiting.pop()).map_err(&failed)?;
                 }
             }
-            Record::Thread { number, name } => {
-                threads.insert(*number, (*name).to_owned());
+            Record::Event(event) => {
+                let file = match &mut events {
+                    Some(file) => file,
+                    none => {
+                        let mut file = create(&beside_events)?;
+                        writeln!(file, "time,event,thread,subject,first,second")
+                            .map_err(broken(&beside_events))?;
+                        none.insert(file)
+                    }
+                };
+                let Words {
+                    what,
+                    subject,
+                    first,
+                    second,
+                } = names.words(event);
+                writeln!(
+                    file,
+                    "{},{},{},{},{},{}",
+                    Seconds(event.time - start),
+                    Text(&what),
+                    Text(names.thread(event.thread)),
+                    Text(&subject),
+                    Text(&first),
+                    Text(&second)
+                )
+                .map_err(broken(&beside_events))?;
             }
             Record::Message {
                 thread,
@@ -96,7 +125,7 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
                         none.insert(file)
                     }
                 };
-                let thread = threads.get(thread).map_or("", String::as_str);
+                let thread = names.thread(*thread);
                 writeln!(
                     file,
                     "{},{level},{},{process},{},{}",
@@ -117,6 +146,9 @@ pub(super) fn write(input: &Path, output: &Path, hold: bool) -> Result<Converted
     table.end().map_err(&failed)?;
     if let Some(mut file) = messages {
         file.flush().map_err(broken(&beside))?;
+    }
+    if let Some(mut file) = events {
+        file.flush().map_err(broken(&beside_events))?;
     }
     Ok(converted)
 }

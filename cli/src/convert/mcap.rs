@@ -1,11 +1,12 @@
-//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's `Log`, losses as a topic of their own.
+//! MCAP, for Foxglove, Lichtblick and PlotJuggler: a topic for each signal, messages as Foxglove's `Log`, events and losses as topics of their own.
 //!
 //! Messages are JSON with a schema, which all of them read. Times are those of the day where the recording tells them, else those of its clock.
 
+use super::events::{Names, Words};
 use super::recording::each;
 use super::{Converted, broken, create};
 use crate::failure::Failure;
-use luna_logger::format::{Level, Losing, Record, SignalInfo, Type, Value, Values};
+use luna_logger::format::{Event, Level, Losing, Record, SignalInfo, Type, Value, Values};
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde_json::{Value as Json, json};
@@ -37,6 +38,8 @@ struct Mcap {
     signals: HashMap<u32, Channel>,
     messages: Option<Channel>,
     losses: Option<Channel>,
+    events: Option<Channel>,
+    names: Names,
     threads: HashMap<u32, String>,
     /// From the recording's clock to the time of day.
     offset: i128,
@@ -60,6 +63,8 @@ impl Mcap {
             signals: HashMap::new(),
             messages: None,
             losses: None,
+            events: None,
+            names: Names::default(),
             threads: HashMap::new(),
             offset: 0,
             has_epoch: false,
@@ -112,7 +117,42 @@ impl Mcap {
         Ok(())
     }
 
+    fn event(&mut self, event: &Event) -> mcap::McapResult<()> {
+        let time = self.time(event.time);
+        if self.events.is_none() {
+            let (text, number) = (json!({ "type": "string" }), json!({ "type": "integer" }));
+            let properties = json!({
+                "event": text, "thread": text, "subject": text, "first": text, "second": text,
+                "code": number, "number": number,
+                "arguments": { "type": "array", "items": number },
+            });
+            let about = BTreeMap::new();
+            self.events = Some(self.channel("/luna/events", "luna.Event", &properties, &about)?);
+        }
+        let Words {
+            what,
+            subject,
+            first,
+            second,
+        } = self.names.words(event);
+        let content = json!({
+            "event": what,
+            "thread": self.thread(event.thread),
+            "subject": subject,
+            "first": first,
+            "second": second,
+            "code": event.code,
+            "number": event.subject,
+            "arguments": event.arguments,
+        });
+        match &mut self.events {
+            Some(channel) => put(&mut self.writer, channel, time, &content),
+            None => Ok(()),
+        }
+    }
+
     fn take(&mut self, record: &Record<'_>) -> mcap::McapResult<()> {
+        self.names.take(record);
         match *record {
             Record::Epoch { time, unix } if !self.has_epoch => {
                 // The first alone: steps of the clock of the day do not tear the recording apart.
@@ -178,6 +218,7 @@ impl Mcap {
                 }
             }
             Record::Losses { of, lost } => self.losses(of, lost),
+            Record::Event(event) => self.event(&event),
             _ => Ok(()),
         }
     }

@@ -1,8 +1,10 @@
 //! `luna convert`: a recording in formats that other programs read.
 //!
-//! `recording` reads it, `csv`, `mcap` and `perfetto` write. Each holds in memory what the signals are, and a bounded number of samples.
+//! `recording` reads it, `csv`, `mcap` and `perfetto` write, `events` knows what events mean. Each holds in memory what the signals are, and a bounded number of samples.
 
+mod activity;
 mod csv;
+mod events;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod perfetto;
@@ -44,13 +46,23 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         #[cfg(feature = "mcap")]
         Format::Mcap => mcap::write(input, &output)?,
     };
-    println!(
+    print!(
         "{}: {} samples of {} signals, {} messages",
         output.display(),
         converted.samples,
         converted.signals,
         converted.messages
     );
+    match converted.events {
+        0 => println!(),
+        events => println!(", {events} events"),
+    }
+    if converted.lost_events > 0 {
+        println!(
+            "{} events were lost while it was recorded",
+            converted.lost_events
+        );
+    }
     if converted.lost > 0 {
         println!(
             "{} samples and messages were lost while it was recorded",
@@ -76,7 +88,9 @@ struct Converted {
     samples: u64,
     signals: usize,
     messages: u64,
+    events: u64,
     lost: u64,
+    lost_events: u64,
     damage: Option<luna_logger::format::ReadError>,
 }
 

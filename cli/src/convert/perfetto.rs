@@ -1,7 +1,10 @@
-//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread a track with its messages as instants.
+//! A trace that opens in ui.perfetto.dev: each element of a signal is a counter track, each thread a track with its messages as instants, and with events each process and
+//! executor one with what it does (`activity`).
 //!
 //! Field numbers are those of `perfetto_trace.proto`; they never change.
 
+use super::activity::Activity;
+use super::events::Names;
 use super::protobuf::Message;
 use super::recording::each;
 use super::{Converted, broken, create};
@@ -15,14 +18,14 @@ use std::path::Path;
 const SEQUENCE: u64 = 1;
 
 /// The system as a process of the trace.
-const PROCESS: u64 = 1;
+pub(super) const PROCESS: u64 = 1;
 
 /// Tracks of threads are numbered from here, and behind those the tracks of signals.
-const THREADS: u64 = 1 << 8;
+pub(super) const THREADS: u64 = 1 << 8;
 const SIGNALS: u64 = 1 << 40;
 
 /// `TrackEvent.Type`
-const INSTANT: u64 = 3;
+pub(super) const INSTANT: u64 = 3;
 const COUNTER: u64 = 4;
 
 pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
@@ -30,7 +33,9 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
     let failed = broken(output);
     let mut is_first = true;
     let mut described = HashSet::new();
+    let (mut names, mut activity) = (Names::default(), Activity::default());
     let converted = each(input, |record| {
+        names.take(record);
         let mut put = |packet: Message| {
             let packet = packet.number(10, SEQUENCE);
             // The first says that nothing before it is needed to understand what follows.
@@ -101,18 +106,7 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
                     .message(4, &from);
                 put(Message::default().number(8, *time).message(11, &event))
             }
-            Record::Event(event) => {
-                let argument =
-                    |name: &str, value: u64| Message::default().text(10, name).number(3, value);
-                let told = Message::default()
-                    .number(9, INSTANT)
-                    .number(11, THREADS + u64::from(event.thread))
-                    .text(23, &format!("event {}", event.code))
-                    .message(4, &argument("subject", event.subject.into()))
-                    .message(4, &argument("first", event.arguments[0]))
-                    .message(4, &argument("second", event.arguments[1]));
-                put(Message::default().number(8, event.time).message(11, &told))
-            }
+            Record::Event(event) => activity.put(&names, event, put),
             _ => Ok(()),
         }
     })?;
@@ -121,7 +115,11 @@ pub(super) fn write(input: &Path, output: &Path) -> Result<Converted, Failure> {
 }
 
 /// A packet that describes a track.
-fn track(uuid: u64, parent: Option<u64>, more: impl FnOnce(Message) -> Message) -> Message {
+pub(super) fn track(
+    uuid: u64,
+    parent: Option<u64>,
+    more: impl FnOnce(Message) -> Message,
+) -> Message {
     let described = Message::default().number(1, uuid);
     let described = match parent {
         Some(parent) => described.number(5, parent),

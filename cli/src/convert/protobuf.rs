@@ -27,6 +27,13 @@ impl Message {
         self
     }
 
+    /// A field of type `fixed64`.
+    pub(super) fn fixed(mut self, field: u32, value: u64) -> Self {
+        self.varint(u64::from(field) << 3 | 1);
+        self.0.extend_from_slice(&value.to_le_bytes());
+        self
+    }
+
     /// A field of type `string` or `bytes`.
     pub(super) fn text(mut self, field: u32, text: &str) -> Self {
         self.bytes(field, text.as_bytes());

@@ -47,6 +47,7 @@ pub(super) fn each(
         match &record {
             Record::Sample { .. } => converted.samples += 1,
             Record::Message { .. } => converted.messages += 1,
+            Record::Event(_) => converted.events += 1,
             Record::Signal(info) => {
                 signals.insert(info.number);
             }
@@ -58,7 +59,12 @@ pub(super) fn each(
         take(&record)?;
     }
     converted.signals = signals.len();
-    converted.lost = lost.values().sum();
+    for (of, lost) in lost {
+        match of {
+            Losing::Events(_) => converted.lost_events += lost,
+            _ => converted.lost += lost,
+        }
+    }
     Ok(converted)
 }
 

@@ -116,9 +116,7 @@ impl Member {
         self.enter();
         let (mut taken, most) = (0, most.min(self.left));
         let runs = released && self.is_running();
-        if std::mem::take(&mut self.rests) {
-            events::tell_executor(events::code::AWAKE);
-        }
+        let rested = std::mem::take(&mut self.rests);
         let lived = catch_unwind(AssertUnwindSafe(|| {
             turns(|| {
                 loop {
@@ -132,6 +130,9 @@ impl Member {
                     let Some(owner) = current::next_ready() else {
                         break;
                     };
+                    if rested && taken == 0 {
+                        events::tell_executor(events::code::AWAKE);
+                    }
                     taken += 1;
                     // SAFETY: it was just popped from this thread's queue, where only live tasks are: those of this executor, which is entered.
                     unsafe { task::run(owner) };
@@ -148,20 +149,20 @@ impl Member {
             self.give_up();
         }
         if events::is_on() {
-            self.tell();
+            self.tell(rested && taken == 0);
         }
         self.leave();
         (taken, lived.is_ok())
     }
 
-    /// Tells who records it its name, and whether it rests now.
+    /// Tells who records it its name, and whether it rests now. Who `rested` before and polled nobody, which depends on other threads, has nothing to tell.
     #[cold]
-    fn tell(&mut self) {
+    fn tell(&mut self, rested: bool) {
         if !std::mem::replace(&mut self.is_named, true) {
             events::name_executor(|| self.shared.name().to_owned());
         }
         self.rests = current::ready_levels() == 0;
-        if self.rests {
+        if self.rests && !rested {
             events::tell_executor(events::code::ASLEEP);
         }
     }

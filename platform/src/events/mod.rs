@@ -9,7 +9,7 @@
 //! The other half are names: who makes a process, a channel or a loop [names](name) it, if anybody [listens](listen). Not for the real-time path, as making one is not.
 
 pub mod code;
-#[cfg(any(feature = "events", loom))]
+#[cfg(any(all(feature = "events", not(loom)), all(test, loom)))]
 mod ring;
 
 // A model looks at no events, but at the ring.

@@ -3,10 +3,11 @@
 use super::ring::{Ring, Writer};
 use super::{Kind, code};
 use crate::current::{self, User};
+use crate::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::ptr;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 
 thread_local! {
     /// Where this thread's events go: null, or the ring of what it has in `ATTACHED`.
@@ -254,15 +255,11 @@ pub struct Name {
 }
 
 /// What was named since it was last asked.
-#[derive(Debug, Default)]
-pub struct Names(Mutex<Vec<Name>>);
+#[derive(Debug)]
+pub struct Names(PiLock<Vec<Name>>);
 
-static LISTENERS: Mutex<Vec<Weak<Names>>> = Mutex::new(Vec::new());
+static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
 static LISTENING: AtomicUsize = AtomicUsize::new(0);
-
-fn listeners() -> MutexGuard<'static, Vec<Weak<Names>>> {
-    LISTENERS.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// Who listens learns of each process, channel, barrier, lock and loop of the program that is named from now on, until it is dropped.
 ///
@@ -274,8 +271,8 @@ fn listeners() -> MutexGuard<'static, Vec<Weak<Names>>> {
 /// assert!(names.take().iter().any(|name| name.text == "setpoint"));
 /// ```
 pub fn listen() -> Arc<Names> {
-    let names = Arc::new(Names::default());
-    let mut listeners = listeners();
+    let names = Arc::new(Names(PiLock::new(Vec::new())));
+    let mut listeners = LISTENERS.lock();
     listeners.retain(|one| one.strong_count() > 0);
     listeners.push(Arc::downgrade(&names));
     LISTENING.fetch_add(1, Ordering::Relaxed);
@@ -285,22 +282,18 @@ pub fn listen() -> Arc<Names> {
 impl Names {
     /// What was named since the last call.
     pub fn take(&self) -> Vec<Name> {
-        std::mem::take(&mut *self.all())
+        std::mem::take(&mut *self.0.lock())
     }
 
     /// Names something to this listener alone.
     pub fn name(&self, kind: Kind, number: u32, text: String) {
-        self.all().push(Name {
+        self.0.lock().push(Name {
             kind,
             number,
             parent: 0,
             text,
             runs_on: None,
         });
-    }
-
-    fn all(&self) -> MutexGuard<'_, Vec<Name>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -338,8 +331,8 @@ pub fn name_executor(text: impl FnOnce() -> String) {
 #[cold]
 fn named(kind: Kind, number: u32, parent: u32, text: String, runs_on: Option<(u32, u8)>) {
     let on_path = current::set_on_path(false);
-    for names in listeners().iter().filter_map(Weak::upgrade) {
-        names.all().push(Name {
+    for names in LISTENERS.lock().iter().filter_map(Weak::upgrade) {
+        names.0.lock().push(Name {
             kind,
             number,
             parent,

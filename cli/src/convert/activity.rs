@@ -1,0 +1,242 @@
+//! Events as tracks of a Perfetto trace: what each process does, and whom each executor runs.
+
+use super::events::Names;
+use super::perfetto::{INSTANT, PROCESS, THREADS, track};
+use super::protobuf::Message;
+use luna_logger::format::{Event, Subject};
+use luna_platform::events::code;
+use std::collections::{HashMap, HashSet};
+
+/// Tracks of executors, and those of processes, are numbered from here.
+const EXECUTORS: u64 = 1 << 36;
+const PROCESSES: u64 = 1 << 41;
+
+/// `TrackEvent.Type`
+const BEGIN: u64 = 1;
+const END: u64 = 2;
+
+/// What a process does.
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    Running,
+    Ready,
+    Waiting,
+}
+
+/// What is open on the tracks.
+#[derive(Default)]
+pub(super) struct Activity {
+    described: HashSet<u64>,
+    processes: HashMap<u32, State>,
+    /// Whose slice is open on an executor's track: a process', or 0 while it sleeps.
+    executors: HashMap<u32, u32>,
+    flows: u64,
+}
+
+/// The packets of one event, in their order.
+struct Packets<'a, P> {
+    put: P,
+    names: &'a Names,
+    described: &'a mut HashSet<u64>,
+    time: u64,
+}
+
+impl<E, P: FnMut(Message) -> Result<(), E>> Packets<'_, P> {
+    fn event(&mut self, event: &Message) -> Result<(), E> {
+        let packet = Message::default().number(8, self.time);
+        (self.put)(packet.message(11, event))
+    }
+
+    /// The track of a process or executor, which is described the first time.
+    fn track(&mut self, of: Subject, number: u32) -> Result<u64, E> {
+        let (first, kind) = match of {
+            Subject::Executor => (EXECUTORS, "executor "),
+            _ => (PROCESSES, ""),
+        };
+        let uuid = first + u64::from(number);
+        if self.described.insert(uuid) {
+            let name = format!("{kind}{}", self.names.of(of, number.into()));
+            (self.put)(track(uuid, Some(PROCESS), |track| track.text(2, &name)))?;
+        }
+        Ok(uuid)
+    }
+
+    fn begin(&mut self, track: u64, name: &str) -> Result<(), E> {
+        let event = Message::default().number(9, BEGIN).number(11, track);
+        self.event(&event.text(23, name))
+    }
+
+    fn end(&mut self, track: u64) -> Result<(), E> {
+        self.event(&Message::default().number(9, END).number(11, track))
+    }
+
+    fn instant(
+        &mut self,
+        track: u64,
+        name: &str,
+        more: impl FnOnce(Message) -> Message,
+    ) -> Result<(), E> {
+        let event = Message::default().number(9, INSTANT).number(11, track);
+        self.event(&more(event.text(23, name)))
+    }
+}
+
+impl Activity {
+    /// Puts what an event says.
+    pub(super) fn put<E>(
+        &mut self,
+        names: &Names,
+        event: &Event,
+        put: impl FnMut(Message) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut packets = Packets {
+            put,
+            names,
+            described: &mut self.described,
+            time: event.time,
+        };
+        let process = event.subject;
+        let [a, b] = event.arguments;
+        let words = names.words(event);
+        match event.code {
+            code::READY => {
+                // Who is told that it is ready while it runs, or once more, is what it was.
+                let state = self.processes.get(&process);
+                if matches!(state, None | Some(State::Waiting)) {
+                    turn(
+                        &mut self.processes,
+                        &mut packets,
+                        process,
+                        State::Ready,
+                        "ready",
+                    )?;
+                }
+            }
+            code::RUNNING => {
+                turn(
+                    &mut self.processes,
+                    &mut packets,
+                    process,
+                    State::Running,
+                    "running",
+                )?;
+                let track = packets.track(Subject::Executor, event.thread)?;
+                if self.executors.insert(event.thread, process).is_some() {
+                    packets.end(track)?;
+                }
+                packets.begin(track, &words.subject)?;
+            }
+            code::WAITING => {
+                if a == code::STILL_READY {
+                    turn(
+                        &mut self.processes,
+                        &mut packets,
+                        process,
+                        State::Ready,
+                        "ready",
+                    )?;
+                } else {
+                    let name = match words.first.as_str() {
+                        "" => "waiting".to_owned(),
+                        awaited => format!("waiting for {awaited}"),
+                    };
+                    turn(
+                        &mut self.processes,
+                        &mut packets,
+                        process,
+                        State::Waiting,
+                        &name,
+                    )?;
+                }
+                leave(&mut self.executors, &mut packets, event.thread)?;
+            }
+            code::DONE => {
+                let track = packets.track(Subject::Process, process)?;
+                if self.processes.remove(&process).is_some() {
+                    packets.end(track)?;
+                }
+                packets.instant(track, &format!("done: {}", words.first), |event| event)?;
+                if self.executors.get(&event.thread) == Some(&process) {
+                    leave(&mut self.executors, &mut packets, event.thread)?;
+                }
+            }
+            code::ASLEEP => {
+                let track = packets.track(Subject::Executor, event.subject)?;
+                if self.executors.insert(event.subject, 0).is_some() {
+                    packets.end(track)?;
+                }
+                packets.begin(track, "asleep")?;
+            }
+            code::AWAKE => leave(&mut self.executors, &mut packets, event.subject)?,
+            code::COMMUNICATION => {
+                let ends = [(a, "send"), (b, "receive")];
+                self.flows += 1;
+                let flow = self.flows;
+                for (index, (process, does)) in ends.into_iter().enumerate() {
+                    let Some(process) = u32::try_from(process).ok().filter(|one| *one != 0) else {
+                        continue;
+                    };
+                    let track = packets.track(Subject::Process, process)?;
+                    let name = format!("{does} {}", words.subject);
+                    // `flow_ids`, and where it ends `terminating_flow_ids`; only from one to another.
+                    packets.instant(track, &name, |event| match (a, b) {
+                        (0, _) | (_, 0) => event,
+                        _ if index == 0 => event.fixed(47, flow),
+                        _ => event.fixed(48, flow),
+                    })?;
+                }
+            }
+            _ => {
+                let owner = match event.code {
+                    code::SLOT | code::LATE => names.process_of_loop(event.subject),
+                    code::SPAWNED => u32::try_from(a).unwrap_or_default(),
+                    code::ALTERNATIVE | code::PRIORITY | code::EMERGENCY => process,
+                    _ => 0,
+                };
+                let track = match owner {
+                    0 => THREADS + u64::from(event.thread),
+                    owner => packets.track(Subject::Process, owner)?,
+                };
+                let note = |name: &str, text: &str| Message::default().text(10, name).text(6, text);
+                packets.instant(
+                    track,
+                    &format!("{} {}", words.what, words.subject),
+                    |event| {
+                        event
+                            .message(4, &note("first", &words.first))
+                            .message(4, &note("second", &words.second))
+                    },
+                )?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A process does something else now.
+fn turn<E, P: FnMut(Message) -> Result<(), E>>(
+    processes: &mut HashMap<u32, State>,
+    packets: &mut Packets<'_, P>,
+    process: u32,
+    state: State,
+    name: &str,
+) -> Result<(), E> {
+    let track = packets.track(Subject::Process, process)?;
+    if processes.insert(process, state).is_some() {
+        packets.end(track)?;
+    }
+    packets.begin(track, name)
+}
+
+/// An executor runs nobody now, or has woken.
+fn leave<E, P: FnMut(Message) -> Result<(), E>>(
+    executors: &mut HashMap<u32, u32>,
+    packets: &mut Packets<'_, P>,
+    executor: u32,
+) -> Result<(), E> {
+    if executors.remove(&executor).is_some() {
+        let track = packets.track(Subject::Executor, executor)?;
+        packets.end(track)?;
+    }
+    Ok(())
+}

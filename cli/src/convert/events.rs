@@ -1,0 +1,154 @@
+//! CSP events in words: the names that a recording has for their numbers.
+
+use luna_logger::format::{Event, Record, Subject};
+use luna_platform::events::code;
+use std::collections::HashMap;
+
+/// The names until now.
+#[derive(Default)]
+pub(super) struct Names {
+    names: HashMap<(Subject, u32), (String, u32)>,
+    threads: HashMap<u32, String>,
+}
+
+/// An event in words; what has no meaning in it is empty.
+pub(super) struct Words {
+    pub(super) what: String,
+    pub(super) subject: String,
+    pub(super) first: String,
+    pub(super) second: String,
+}
+
+impl Names {
+    /// Learns what a record says of names.
+    pub(super) fn take(&mut self, record: &Record<'_>) {
+        match record {
+            Record::Name {
+                subject,
+                number,
+                parent,
+                name,
+                ..
+            } => {
+                let told = ((*name).to_owned(), *parent);
+                self.names.insert((*subject, *number), told);
+            }
+            Record::Thread { number, name } => {
+                self.threads.insert(*number, (*name).to_owned());
+            }
+            _ => {}
+        }
+    }
+
+    /// What it is called, or its kind and number.
+    pub(super) fn of(&self, subject: Subject, number: u64) -> String {
+        let kind = match subject {
+            Subject::Process => "process",
+            Subject::Executor => "executor",
+            Subject::Channel => "channel",
+            Subject::Barrier => "barrier",
+            Subject::Lock => "lock",
+            Subject::Loop => "loop",
+            _ => "event",
+        };
+        let known = u32::try_from(number).ok();
+        let known = known.and_then(|number| self.names.get(&(subject, number)));
+        known.map_or_else(|| format!("{kind} {number}"), |(name, _)| name.clone())
+    }
+
+    /// A process' name; empty for nobody.
+    fn process(&self, number: u64) -> String {
+        match number {
+            0 => String::new(),
+            number => self.of(Subject::Process, number),
+        }
+    }
+
+    pub(super) fn thread(&self, number: u32) -> &str {
+        self.threads.get(&number).map_or("", String::as_str)
+    }
+
+    /// The process that a loop belongs to; 0 if it is not known.
+    pub(super) fn process_of_loop(&self, number: u32) -> u32 {
+        let known = self.names.get(&(Subject::Loop, number));
+        known.map_or(0, |(_, parent)| *parent)
+    }
+
+    /// What a process waits for, as `WAITING` says it; empty if that is not known.
+    pub(super) fn awaited(&self, [kind, number]: [u64; 2]) -> String {
+        let kinds = [
+            Subject::Channel,
+            Subject::Barrier,
+            Subject::Lock,
+            Subject::Loop,
+        ];
+        let kind = kinds.into_iter().find(|one| *one as u64 == kind);
+        kind.map_or_else(String::new, |kind| self.of(kind, number))
+    }
+
+    /// An event in words.
+    pub(super) fn words(&self, event: &Event) -> Words {
+        let what = self.of(Subject::Code, event.code.into());
+        let [a, b] = event.arguments;
+        let subject: u64 = event.subject.into();
+        let number = |number: u64| number.to_string();
+        let none = String::new;
+        let (subject, first, second) = match event.code {
+            code::READY | code::SPAWNED => (self.process(subject), self.process(a), none()),
+            code::RUNNING => (self.process(subject), none(), none()),
+            code::WAITING if a == code::STILL_READY => {
+                (self.process(subject), "still ready".to_owned(), none())
+            }
+            code::WAITING => (self.process(subject), self.awaited([a, b]), none()),
+            code::DONE => {
+                let how = match a {
+                    code::ended::OK => "ok",
+                    code::ended::ERROR => "error",
+                    code::ended::PANICKED => "panicked",
+                    _ => "cancelled",
+                };
+                (self.process(subject), how.to_owned(), none())
+            }
+            code::COMMUNICATION => (
+                self.of(Subject::Channel, subject),
+                self.process(a),
+                self.process(b),
+            ),
+            code::ALTERNATIVE => {
+                let channel = match b {
+                    0 => none(),
+                    channel => self.of(Subject::Channel, channel),
+                };
+                (self.process(subject), number(a), channel)
+            }
+            code::ASLEEP | code::AWAKE => (self.of(Subject::Executor, subject), none(), none()),
+            code::SLOT => (self.of(Subject::Loop, subject), number(a), number(b)),
+            code::LATE => {
+                let cause = match b {
+                    code::late::LOOP_ITSELF => "the loop itself",
+                    code::late::OTHER_PROCESS => "another process",
+                    code::late::OTHER_THREAD => "another thread",
+                    _ => "",
+                };
+                (self.of(Subject::Loop, subject), number(a), cause.to_owned())
+            }
+            code::EMERGENCY => {
+                let degree = match a {
+                    0 => "normal",
+                    1 => "warning",
+                    2 => "safe state",
+                    _ => "emergency",
+                };
+                (self.process(subject), degree.to_owned(), none())
+            }
+            code::PRIORITY => (self.process(subject), number(a), number(b)),
+            _ => (number(subject), number(a), number(b)),
+        };
+        Words {
+            what,
+            subject,
+            first,
+            second,
+        }
+    }
+}
