@@ -227,6 +227,43 @@ fn a_start_with_what_is_wrong_names_all_of_it() {
 }
 
 #[test]
+fn a_name_that_comes_twice_on_a_command_line_is_refused_and_the_program_may_change_its_mind() {
+    let _watch = watchdog();
+    let describe = |arguments: &[&'static str]| {
+        let arguments: Vec<String> = arguments.iter().map(ToString::to_string).collect();
+        move |system: &mut System| {
+            system.set_parameter("count", 1).set_parameter("count", 2);
+            system.parameter_arguments(arguments).unwrap();
+        }
+    };
+    let twice = describe(&["--set=count=3", "--set", "count=4"]);
+    let outcome = run_with_all(twice, async |_: &All| Ok(()));
+    setup_error(outcome, &["--set: `count` = 4: it is set twice"]);
+    for (arguments, count) in [(&[][..], 2), (&["--set=count=3"][..], 3)] {
+        let body = async move |all: &All| {
+            assert_eq!(all.count.get(), count);
+            Ok(())
+        };
+        run_with_all(describe(arguments), body).unwrap();
+    }
+    let mut system = System::new("incomplete");
+    for wrong in [
+        "--set",
+        "--set=",
+        "--set=count",
+        "--parameters",
+        "--parameters=",
+    ] {
+        let error = system.parameter_arguments([wrong.to_owned()]).unwrap_err();
+        let says = match wrong.starts_with("--set") {
+            true => " is not NAME=VALUE",
+            false => "--parameters: it needs the name of a file",
+        };
+        assert!(error.to_string().contains(says), "{wrong}: {error}");
+    }
+}
+
+#[test]
 fn a_file_that_is_none_fails_the_start() {
     let _watch = watchdog();
     let run = |file: &PathBuf| {

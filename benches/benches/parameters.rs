@@ -58,7 +58,7 @@ fn in_process<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static>(
     let step = make(&system);
     let main = system
         .executor("main")
-        .core(one_core())
+        .core(one_core().id)
         .build()
         .expect("the core is there");
     let timed = Timed {

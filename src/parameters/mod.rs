@@ -97,13 +97,16 @@ impl Store {
                 "--parameters" | "--set" => {
                     let value = value.or_else(|| arguments.next());
                     let value = value.filter(|value| !value.is_empty());
-                    let value = value.ok_or_else(|| SetError::Syntax {
-                        source: Source::Argument,
-                        text: option.to_owned(),
-                    })?;
-                    match option {
-                        "--set" => self.give(sources::assignment(&value, &Source::Argument)?),
-                        _ => self.read_from(value.into()),
+                    match (option, value) {
+                        ("--set", value) => self.take_assignment(&value.unwrap_or_default())?,
+                        (_, Some(file)) => self.read_from(file.into()),
+                        (_, None) => {
+                            return Err(SetError::File {
+                                path: option.to_owned(),
+                                line: None,
+                                message: "it needs the name of a file".to_owned(),
+                            });
+                        }
                     }
                 }
                 _ => others.push(argument),

@@ -123,8 +123,11 @@ impl Store {
     /// Gives values that come over those of the file.
     pub(super) fn give(&self, given: Given) {
         let mut state = self.state();
-        // The last word of the program.
-        state.given.retain(|earlier| earlier.name != given.name);
+        // The last word counts; but who writes two on one command line means one of them.
+        let is_argument = |given: &Given| given.source == Source::Argument;
+        state.given.retain(|earlier| {
+            earlier.name != given.name || is_argument(earlier) && is_argument(&given)
+        });
         state.given.push(given);
     }
 
