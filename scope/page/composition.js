@@ -15,7 +15,7 @@ export class Composition {
     this.version = -1;
     this.read = -Infinity;
     this.body = make("tbody");
-    const head = make("tr", {}, ...["Channel", "Each second", "Who waits"].map((text, n) => make("th", { class: n === 1 ? "n" : "", scope: "col" }, text)));
+    const head = make("tr", {}, ...["Channel", "Each s", "Who waits"].map((text, n) => make("th", { class: n === 1 ? "n" : "", scope: "col" }, text)));
     this.channels = make("div", { class: "panel" }, make("header", {}, make("h2", {}, "Channels")), make("table", {}, make("thead", {}, head), this.body));
     $("#channels").append(this.channels);
     this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No processes yet"), make("p", {}, "Here are the processes of the system with their states, when the recording has its events.")));
@@ -35,7 +35,7 @@ export class Composition {
         box.process = process;
         put(box.title, process.name);
         this.boxes.set(process.number, box);
-        box.root.classList.toggle("group", parts.length > 0);
+        box.root.classList.toggle("whole", parts.length > 0);
         const inner = parts.length ? build(entries.filter(({ process: one }) => this.isIn(one, process)), depth + 1) : [];
         box.inner.replaceChildren(...inner);
         box.inner.hidden = inner.length === 0;

@@ -17,6 +17,7 @@ export class Loops {
     Object.assign(this, { model, clock, show });
     this.root = $("#loops");
     this.cards = new Map();
+    this.note = make("p", { class: "note" }, "How late each cycle began, after its slot. Both scales are logarithmic, so that one late cycle in a million is seen; what lies above p99 is amber.");
     this.grid = make("div", { class: "cards" });
     this.body = make("tbody");
     this.lateHead = make("h2", {}, "Late cycles");
@@ -24,7 +25,7 @@ export class Loops {
     const head = make("tr", {}, ...["When", "Loop", "Late by", "Cause", ""].map((text, n) => make("th", { class: n === 2 ? "n" : "", scope: "col" }, text)));
     this.late = make("div", { class: "panel" }, make("header", {}, this.lateHead, this.lateCount), make("table", {}, make("thead", {}, head), this.body));
     this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No loops yet"), make("p", {}, "Here is a histogram for each periodic loop, when the recording has the events of its slots.")));
-    this.root.append(this.quiet, this.grid, this.late);
+    this.root.append(this.quiet, this.note, this.grid, this.late);
   }
 
   frame() {
@@ -33,7 +34,7 @@ export class Loops {
     Object.assign(this, { shown: counts, version: this.model.version, theme: document.documentElement.dataset.theme, width: this.root.clientWidth });
     const hasLoops = counts.loops.length > 0;
     this.quiet.hidden = hasLoops;
-    this.late.hidden = !hasLoops;
+    this.late.hidden = this.note.hidden = !hasLoops;
     for (const one of counts.loops) this.card(one);
     for (const [number, card] of this.cards) {
       if (!counts.loops.some((one) => one.number === number)) { card.root.remove(); this.cards.delete(number); }

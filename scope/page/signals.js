@@ -7,7 +7,6 @@ import { Cursors } from "./cursors.js";
 import { exportCsv, exportPng } from "./export.js";
 
 const LEFT = 62, RIGHT = 14, TOP = 10, BOTTOM = 26; // of the plot, in CSS pixels
-const LEAST_LANE = 20;
 const SHORTEST = 20e-6, LONGEST = 120;
 const CHOSEN_AT_FIRST = 6;
 const BEFORE_TRIGGER = 0.25; // of the plot
@@ -283,8 +282,9 @@ export class Signals {
     for (const lane of this.lanes) {
       const key = lane.curves.map((curve) => curve.key).join();
       lane.scale = this.ease(key, lane);
-      const pad = Math.min(12, (lane.bottom - lane.top) * 0.14);
-      lane.scale.top = lane.top + pad;
+      const high = lane.bottom - lane.top, pad = Math.min(12, high * 0.14);
+      // Room for the names, where there is any.
+      lane.scale.top = lane.top + (high >= 56 ? 26 : pad);
       lane.scale.bottom = lane.bottom - pad;
     }
     for (const key of this.eased.keys()) if (!this.lanes.some((lane) => lane.scale === this.eased.get(key))) this.eased.delete(key);
@@ -322,7 +322,7 @@ export class Signals {
     this.lanes.forEach((lane, n) => {
       const { scale } = lane, high = lane.bottom - lane.top;
       if (n > 0) { context.fillStyle = line; context.fillRect(LEFT, Math.round(lane.top), width - LEFT - RIGHT, 1); }
-      const lines = Math.floor((scale.bottom - scale.top) / 32);
+      const lines = Math.floor((scale.bottom - scale.top) / 24);
       const y = (value) => scale.bottom - ((value - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
       context.textAlign = "right";
       if (lines >= 1 && scale.high > scale.low) {
@@ -423,10 +423,14 @@ export class Signals {
     if (now - (this.told ?? -Infinity) < 100) return;
     this.told = now;
     const at = this.clock.live ? Infinity : this.clock.now;
-    for (const { signal, element, figure } of this.rows.values()) {
+    for (const row of this.rows.values()) {
+      const { signal, element, figure } = row;
       const { series } = signal;
       const value = at === Infinity ? (series.end > series.begin ? series.value(series.end - 1, element) : NaN) : series.at(at, element);
-      const text = number(value);
+      // As many decimals as its greatest value leaves room for: figures that stand still can be read.
+      row.peak = Math.max(row.peak ?? 0, Math.abs(value) || 0);
+      const decimals = Math.max(0, Math.min(4, 3 - Math.floor(Math.log10(row.peak || 1))));
+      const text = Number.isFinite(value) && row.peak < 1e7 && row.peak >= 1e-3 && !Number.isInteger(row.peak) ? value.toFixed(decimals).replace("-", "−") : number(value);
       if (figure.data !== text) figure.data = text;
     }
     this.cursors.table();

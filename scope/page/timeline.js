@@ -6,7 +6,7 @@ import { gestures } from "./gestures.js";
 import { CODE, STATES, stateOf } from "./events.js";
 import { CAUSES } from "./loops.js";
 
-const AXIS = 28, LANE = 22, RIGHT = 12;
+const AXIS = 28, LOWEST = 22, HIGHEST = 32, RIGHT = 12;
 const SHORTEST = 2e-6, LONGEST = 20;
 const MOST_ARROWS = 400;
 
@@ -21,6 +21,8 @@ export class Timeline {
     this.spacer = make("div");
     this.box.append(this.spacer);
     this.span = 0.02;
+    this.lane = LOWEST;
+    this.lanes = [];
     this.end = null;
     this.version = -1;
     this.arrows = true;
@@ -41,7 +43,7 @@ export class Timeline {
       home: () => this.clock.follow(),
     });
     this.canvas.addEventListener("keydown", (event) => {
-      const down = { ArrowDown: LANE, ArrowUp: -LANE, PageDown: this.box.clientHeight / 2, PageUp: -this.box.clientHeight / 2 }[event.key];
+      const down = { ArrowDown: this.lane, ArrowUp: -this.lane, PageDown: this.box.clientHeight / 2, PageUp: -this.box.clientHeight / 2 }[event.key];
       if (down) { event.preventDefault(); this.box.scrollTop += down; }
     });
     this.clock.listeners.add(() => {
@@ -112,7 +114,8 @@ export class Timeline {
     this.to = to;
     put($("#lanes-span"), span(this.span));
     const high = this.box.clientHeight;
-    const room = this.lanes.length * LANE + AXIS;
+    this.lane = Math.floor(Math.max(LOWEST, Math.min(HIGHEST, (high - AXIS - 8) / Math.max(1, this.lanes.length))));
+    const room = this.lanes.length * this.lane + AXIS;
     const spare = `${Math.max(0, room - high)}px`;
     if (this.spacer.style.height !== spare) this.spacer.style.height = spare;
     if (this.canvas.style.height !== `${high}px`) this.canvas.style.height = `${high}px`;
@@ -127,6 +130,7 @@ export class Timeline {
   }
 
   draw({ context, width, height }, from, to) {
+    const LANE = this.lane;
     const { events } = this.model;
     const palette = colours();
     context.clearRect(0, 0, width, height);
@@ -157,7 +161,7 @@ export class Timeline {
       if (top < AXIS - LANE || top > height) return;
       const left = Math.max(gutter, gutter + (begin - from) * perSecond), stop = Math.min(right, gutter + (end - from) * perSecond);
       if (stop < left || state === 0 || state === 4) return;
-      if (state === 3) { if (stop - left >= 1) { flush(lane); bars.waiting.push(left, top + LANE / 2 - 1, stop - left, 2); } return; }
+      if (state === 3) { if (stop - left >= 1) { flush(lane); bars.waiting.push(left, Math.floor(top + LANE / 2), stop - left, 1); } return; }
       if (stop - left < 1) {
         const one = pending[lane], pixel = Math.floor(left);
         if (one.pixel !== pixel) { flush(lane); one.pixel = pixel; one.running = one.ready = 0; }
@@ -208,7 +212,7 @@ export class Timeline {
       for (let n = 0; n < list.length; n += 4) context.fillRect(list[n], list[n + 1], list[n + 2], list[n + 3]);
       context.globalAlpha = 1;
     };
-    fill(bars.waiting, palette.waiting, 0.55);
+    fill(bars.waiting, palette.waiting, 0.7);
     fill(bars.ready, palette.ready);
     fill(bars.faint, palette.running, 0.6);
     fill(bars.running, palette.running);
@@ -254,6 +258,7 @@ export class Timeline {
   }
 
   names(context, palette, y, width, height) {
+    const LANE = this.lane;
     context.save();
     context.beginPath();
     context.rect(0, AXIS, this.gutter - 8, height);
@@ -273,8 +278,10 @@ export class Timeline {
 
   // Slots, communications, late cycles and emergencies.
   marks(context, palette, marks, y, height) {
+    const LANE = this.lane;
     const { events } = this.model;
     let arrows = 0;
+    const late = [];
     for (const slot of marks) arrows += events.code[slot] === CODE.communication;
     const middle = (lane) => y(lane) + LANE / 2;
     const draws = this.arrows && arrows <= MOST_ARROWS;
@@ -307,16 +314,26 @@ export class Timeline {
           context.fillRect(slotX - 0.75, y(lane) + 1, 1.5, LANE - 2);
           break;
         }
-        case CODE.late: this.late(context, palette, events, slot, y); break;
+        case CODE.late: late.push(slot); break;
         case CODE.emergency:
           context.fillStyle = a === 0 ? palette.running : palette.failed;
           context.fillRect(x - 1, AXIS, 2, height);
           break;
       }
     }
+    for (const slot of late) this.late(context, palette, events, slot, y);
+  }
+
+  // Who ran on a thread at an instant.
+  ranAt(time, thread) {
+    for (const [number, state] of this.model.events.statesAt(this.model.events.find(time))) {
+      if (state.state === 2 && state.thread === thread) return this.model.processes.get(number)?.name;
+    }
+    return undefined;
   }
 
   late(context, palette, events, slot, y) {
+    const LANE = this.lane;
     const lane = this.laneOfLoop(events.subject[slot]);
     if (lane === undefined) return;
     const began = events.time[slot], lateness = events.a[slot] / 1e9;
@@ -331,7 +348,8 @@ export class Timeline {
     context.lineTo(right, top + LANE / 2 + 6);
     context.lineTo(right - 6, top + LANE / 2);
     context.fill();
-    const text = `${span(lateness)} late: ${CAUSES[events.b[slot]] ?? `cause ${events.b[slot]}`}`;
+    const cause = events.b[slot], instead = cause === 2 ? this.ranAt(began - lateness, events.thread[slot]) : undefined;
+    const text = `${span(lateness)} late: ${CAUSES[cause] ?? `cause ${cause}`}${instead ? `, ${instead}` : ""}`;
     const wide = context.measureText(text).width;
     const x = Math.min(right + 12, this.canvas.clientWidth - RIGHT - wide - 12);
     context.fillStyle = palette.failed;
@@ -347,7 +365,7 @@ export class Timeline {
 
   // What the pointer is on.
   hover() {
-    const lane = this.pointer && this.pointer[0] > this.gutter ? this.lanes[Math.floor((this.pointer[1] - AXIS + this.box.scrollTop) / LANE)] : null;
+    const lane = this.pointer && this.pointer[0] > this.gutter ? this.lanes[Math.floor((this.pointer[1] - AXIS + this.box.scrollTop) / this.lane)] : null;
     if (!lane?.process || this.clock.live) { this.tip.hidden = true; return; }
     const { events } = this.model;
     const time = this.time(this.pointer[0]), index = events.find(time);

@@ -99,9 +99,15 @@ mod tests {
         assert_eq!((histogram.count(), histogram.most()), (100_000, 100_000));
         for (share, exact) in [(0.5, 50_000.0), (0.99, 99_000.0), (1.0, 100_000.0)] {
             let found = histogram.quantile(share) as f64;
-            assert!((exact..=exact * 17.0 / 16.0).contains(&found), "{share}: {found}");
+            assert!(
+                (exact..=exact * 17.0 / 16.0).contains(&found),
+                "{share}: {found}"
+            );
         }
-        assert_eq!(histogram.parts().map(|(_, count)| count).sum::<u64>(), 100_000);
+        assert_eq!(
+            histogram.parts().map(|(_, count)| count).sum::<u64>(),
+            100_000
+        );
     }
 
     #[test]

@@ -35,7 +35,8 @@ impl Bucket {
         };
         if self.held.is_empty() {
             for value in values.iter() {
-                self.held.extend([held(value.as_f64()), held(value.as_f64())]);
+                self.held
+                    .extend([held(value.as_f64()), held(value.as_f64())]);
             }
             return false;
         }

@@ -5,6 +5,7 @@ use crate::token::Token;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// The port if none is stated.
 const PORT: u16 = 8620;
@@ -25,6 +26,7 @@ pub struct Settings {
     pub(crate) hosts: Vec<String>,
     pub(crate) viewers: usize,
     pub(crate) memory: usize,
+    pub(crate) patience: Duration,
     pub(crate) token: Option<Token>,
     pub(crate) parameters: Option<Arc<dyn Parameters>>,
 }
@@ -36,6 +38,7 @@ impl Default for Settings {
             hosts: Vec::new(),
             viewers: 8,
             memory: 16 << 20,
+            patience: Duration::from_secs(10),
             token: None,
             parameters: None,
         }
@@ -67,6 +70,12 @@ impl Settings {
     /// Keeps so many bytes of the last blocks for who comes late, 16 MiB if not stated, at least 1 MiB.
     pub fn memory(mut self, bytes: usize) -> Self {
         self.memory = bytes.max(1 << 20);
+        self
+    }
+
+    /// Drops a viewer that takes nothing for so long, 10 s if not stated. Others are not held up by it meanwhile.
+    pub fn patience(mut self, time: Duration) -> Self {
+        self.patience = time;
         self
     }
 

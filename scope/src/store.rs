@@ -118,8 +118,7 @@ impl Store {
         let bucket = self.buckets.entry(signal).or_default();
         let before = self.encoder.len();
         if bucket.is_over(span) {
-            self.left_out_samples +=
-                give(bucket, &mut self.encoder, signal, values.element_type());
+            self.left_out_samples += give(bucket, &mut self.encoder, signal, values.element_type());
         }
         if bucket.put(span, time, values) {
             self.encoder.put(&Record::Sample {

@@ -25,12 +25,12 @@ impl Token {
     /// Whether `given` is it, in a time that does not depend on where they differ.
     pub(crate) fn is(&self, given: &str) -> bool {
         let (own, given) = (self.0.as_bytes(), given.as_bytes());
-        let difference = own
-            .iter()
-            .enumerate()
-            .fold(own.len() ^ given.len(), |difference, (at, byte)| {
-                difference | usize::from(byte ^ given.get(at).copied().unwrap_or_default())
-            });
+        let difference =
+            own.iter()
+                .enumerate()
+                .fold(own.len() ^ given.len(), |difference, (at, byte)| {
+                    difference | usize::from(byte ^ given.get(at).copied().unwrap_or_default())
+                });
         std::hint::black_box(difference) == 0
     }
 }

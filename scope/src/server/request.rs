@@ -43,7 +43,9 @@ impl fmt::Display for Refusal {
             Refusal::TooLong => "The request is too long.",
             Refusal::HasBody => "The scope takes no content.",
             Refusal::Method => "The scope can only be looked at: GET.",
-            Refusal::Host => "The scope does not answer under this name; it can be started with --host NAME.",
+            Refusal::Host => {
+                "The scope does not answer under this name; it can be started with --host NAME."
+            }
             Refusal::Origin => "A page of another origin may not look at the scope.",
             Refusal::NoSuchPath => "There is no such page.",
             Refusal::NoWebSocket => "Here a WebSocket is spoken, version 13.",
@@ -177,21 +179,43 @@ mod tests {
 
     #[test]
     fn hosts_that_are_this_machine_are_answered() {
-        for host in ["localhost", "localhost:8620", "LocalHost:1", "127.0.0.1:8620", "[::1]:8620"] {
+        for host in [
+            "localhost",
+            "localhost:8620",
+            "LocalHost:1",
+            "127.0.0.1:8620",
+            "[::1]:8620",
+        ] {
             assert_eq!(check(host, "", "127.0.0.1", &[]), Ok(()), "{host}");
         }
         assert_eq!(check("192.168.0.7:8620", "", "192.168.0.7", &[]), Ok(()));
         assert_eq!(check("192.168.0.7", "", "::ffff:192.168.0.7", &[]), Ok(()));
-        assert_eq!(check("robot.local:8620", "", "10.0.0.1", &["robot.local"]), Ok(()));
+        assert_eq!(
+            check("robot.local:8620", "", "10.0.0.1", &["robot.local"]),
+            Ok(())
+        );
     }
 
     #[test]
     fn other_hosts_are_refused() {
         for host in [
-            "evil.example", "evil.example:8620", "localhost.evil.example", "127.0.0.1.evil.example", "10.0.0.1", "localhost:x",
-            "localhost:8620:1", "[::1", "[::1]8620", "", "user@localhost",
+            "evil.example",
+            "evil.example:8620",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "10.0.0.1",
+            "localhost:x",
+            "localhost:8620:1",
+            "[::1",
+            "[::1]8620",
+            "",
+            "user@localhost",
         ] {
-            assert_eq!(check(host, "", "127.0.0.1", &["robot"]), Err(Refusal::Host), "{host}");
+            assert_eq!(
+                check(host, "", "127.0.0.1", &["robot"]),
+                Err(Refusal::Host),
+                "{host}"
+            );
         }
         // Loopback under the name of the loopback alone.
         assert_eq!(check("127.0.0.1", "", "10.0.0.1", &[]), Err(Refusal::Host));
@@ -205,8 +229,13 @@ mod tests {
         let own = |origin| check("localhost:8620", origin, "127.0.0.1", &[]);
         assert_eq!(own("http://localhost:8620"), Ok(()));
         for origin in [
-            "http://evil.example", "http://localhost", "http://localhost:8621", "https://localhost:8620", "null",
-            "http://localhost:8620.evil.example", "http://127.0.0.1:8620",
+            "http://evil.example",
+            "http://localhost",
+            "http://localhost:8621",
+            "https://localhost:8620",
+            "null",
+            "http://localhost:8620.evil.example",
+            "http://127.0.0.1:8620",
         ] {
             assert_eq!(own(origin), Err(Refusal::Origin), "{origin}");
         }
@@ -216,8 +245,14 @@ mod tests {
     fn it_takes_no_content_and_no_other_method() {
         let lines = |line: &str, more: &str| format!("{line} HTTP/1.1\nHost: localhost{more}");
         assert_eq!(parse(&lines("POST /", "")), Err(Refusal::Method));
-        assert_eq!(parse(&lines("GET /", "\nContent-Length: 5")), Err(Refusal::HasBody));
-        assert_eq!(parse(&lines("GET /", "\nTransfer-Encoding: chunked")), Err(Refusal::HasBody));
+        assert_eq!(
+            parse(&lines("GET /", "\nContent-Length: 5")),
+            Err(Refusal::HasBody)
+        );
+        assert_eq!(
+            parse(&lines("GET /", "\nTransfer-Encoding: chunked")),
+            Err(Refusal::HasBody)
+        );
         assert!(parse(&lines("GET /", "\nContent-Length: 0")).is_ok());
         assert!(!parse(&lines("HEAD /", "")).unwrap().wants_body);
         assert_eq!(parse("nonsense"), Err(Refusal::Malformed));
@@ -231,7 +266,12 @@ mod tests {
         let good = "\nUpgrade: websocket\nConnection: Upgrade\nSec-WebSocket-Version: 13\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==";
         let key = Some("dGhlIHNhbXBsZSBub25jZQ==".to_owned());
         assert_eq!(live(good).unwrap().web_socket, key);
-        for bad in ["", &good.replace("13", "8"), &good.replace("websocket", "h2c"), &good.replace("==", "")] {
+        for bad in [
+            "",
+            &good.replace("13", "8"),
+            &good.replace("websocket", "h2c"),
+            &good.replace("==", ""),
+        ] {
             assert_eq!(live(bad), Err(Refusal::NoWebSocket), "{bad}");
         }
     }

@@ -17,8 +17,6 @@ use tungstenite::{Error, Message, WebSocket};
 const ROUND: Duration = Duration::from_millis(16);
 /// How often the counts are told.
 const COUNTS: Duration = Duration::from_millis(500);
-/// A viewer that takes nothing for so long is dropped.
-const PATIENCE: Duration = Duration::from_secs(10);
 /// What a viewer says has at most so many bytes.
 const LONGEST: usize = 4 << 10;
 /// What is on its way to a viewer at most, beside one block.
@@ -32,14 +30,8 @@ const WORDS: usize = 16;
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
 enum Word {
-    Token {
-        token: String,
-    },
-    Set {
-        id: u64,
-        name: String,
-        value: Value,
-    },
+    Token { token: String },
+    Set { id: u64, name: String, value: Value },
 }
 
 struct Viewer<'a> {
@@ -105,7 +97,7 @@ impl Viewer<'_> {
                     self.counts()?;
                 }
                 self.flush()?;
-            } else if taken.elapsed() > PATIENCE {
+            } else if taken.elapsed() > settings.patience {
                 return Err(Error::ConnectionClosed);
             }
             self.listen()?;

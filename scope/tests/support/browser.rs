@@ -26,8 +26,13 @@ pub fn program() -> Option<PathBuf> {
     let named = std::env::var_os("CHROMIUM").map(PathBuf::from);
     let paths = std::env::var_os("PATH").unwrap_or_default();
     let found = std::env::split_paths(&paths).flat_map(|folder| {
-        ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"]
-            .map(|name| folder.join(name))
+        [
+            "chromium",
+            "chromium-browser",
+            "google-chrome",
+            "google-chrome-stable",
+        ]
+        .map(|name| folder.join(name))
     });
     named.into_iter().chain(found).find(|path| path.is_file())
 }
@@ -39,10 +44,21 @@ impl Browser {
         std::fs::create_dir_all(&folder).unwrap();
         let mut child = Command::new(program)
             .args([
-                "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run", "--disable-extensions",
-                "--disable-background-networking", "--remote-debugging-port=0", "--hide-scrollbars", "--mute-audio",
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--no-first-run",
+                "--disable-extensions",
+                "--disable-background-networking",
+                "--remote-debugging-port=0",
+                "--hide-scrollbars",
+                "--mute-audio",
             ])
-            .arg(format!("--user-data-dir={}", folder.join("profile").display()))
+            .arg(format!(
+                "--user-data-dir={}",
+                folder.join("profile").display()
+            ))
             .arg("about:blank")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -53,12 +69,18 @@ impl Browser {
         let url = lines
             .find_map(|line| {
                 let line = line.unwrap();
-                line.strip_prefix("DevTools listening on ").map(str::to_owned)
+                line.strip_prefix("DevTools listening on ")
+                    .map(str::to_owned)
             })
             .expect("the browser listens");
         // It goes on to write, and is not to wait for a reader.
         std::thread::spawn(move || lines.for_each(drop));
-        let address = url.strip_prefix("ws://").unwrap().split('/').next().unwrap();
+        let address = url
+            .strip_prefix("ws://")
+            .unwrap()
+            .split('/')
+            .next()
+            .unwrap();
         let stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let (socket, _) = tungstenite::client(url.as_str(), stream).unwrap();
@@ -92,8 +114,12 @@ impl Browser {
         self.socket.send(Message::text(call.to_string())).unwrap();
         loop {
             let message = self.socket.read().unwrap();
-            let Ok(text) = message.to_text() else { continue };
-            let Ok(word) = serde_json::from_str::<Value>(text) else { continue };
+            let Ok(text) = message.to_text() else {
+                continue;
+            };
+            let Ok(word) = serde_json::from_str::<Value>(text) else {
+                continue;
+            };
             if word["id"] == id {
                 assert!(word["error"].is_null(), "{method}: {}", word["error"]);
                 return word["result"].clone();
@@ -108,7 +134,9 @@ impl Browser {
             Some("Runtime.exceptionThrown") => {
                 self.complaints.push(params["exceptionDetails"].to_string());
             }
-            Some("Runtime.consoleAPICalled") if params["type"] == "error" || params["type"] == "warning" => {
+            Some("Runtime.consoleAPICalled")
+                if params["type"] == "error" || params["type"] == "warning" =>
+            {
                 self.complaints.push(params["args"].to_string());
             }
             Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
@@ -143,7 +171,11 @@ impl Browser {
             "Runtime.evaluate",
             json!({"expression": script, "awaitPromise": true, "returnByValue": true}),
         );
-        assert!(result["exceptionDetails"].is_null(), "{script}: {}", result["exceptionDetails"]);
+        assert!(
+            result["exceptionDetails"].is_null(),
+            "{script}: {}",
+            result["exceptionDetails"]
+        );
         result["result"]["value"].clone()
     }
 
@@ -152,7 +184,11 @@ impl Browser {
         let held = self.run(&format!(
             "new Promise((done) => {{ let n = 0; const look = () => {{ let is = false; try {{ is = ({condition}); }} catch {{}} if (is) done(true); else if (++n > 3000) done(false); else setTimeout(look, 30); }}; look(); }})"
         ));
-        assert_eq!(held, true, "it never came that {condition}; {:?}", self.complaints);
+        assert_eq!(
+            held, true,
+            "it never came that {condition}; {:?}",
+            self.complaints
+        );
     }
 
     /// Lets so many frames be drawn.
@@ -184,7 +220,13 @@ impl Browser {
         self.mouse("mousePressed", from);
         for part in 1..=8 {
             let share = f64::from(part) / 8.0;
-            self.mouse("mouseMoved", (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share));
+            self.mouse(
+                "mouseMoved",
+                (
+                    from.0 + (to.0 - from.0) * share,
+                    from.1 + (to.1 - from.1) * share,
+                ),
+            );
         }
         self.mouse("mouseReleased", to);
     }

@@ -39,8 +39,18 @@ const PROCESSES: [(u32, u32, &str); 20] = [
 ];
 
 const CHANNELS: [&str; 12] = [
-    "pan/raw", "pan/angle", "pan/wanted", "pan/volts", "tilt/raw", "tilt/angle", "tilt/wanted", "tilt/volts", "motors/pan", "motors/tilt",
-    "joystick/setpoint", "camera/frames",
+    "pan/raw",
+    "pan/angle",
+    "pan/wanted",
+    "pan/volts",
+    "tilt/raw",
+    "tilt/angle",
+    "tilt/wanted",
+    "tilt/volts",
+    "motors/pan",
+    "motors/tilt",
+    "joystick/setpoint",
+    "camera/frames",
 ];
 
 const LOOPS: [(u32, u32, &str); 4] = [
@@ -51,18 +61,53 @@ const LOOPS: [(u32, u32, &str); 4] = [
 ];
 
 const CODES: [&str; 13] = [
-    "ready", "running", "waiting", "done", "communication", "alternative", "executor asleep", "executor awake", "priority", "slot", "late cycle",
-    "emergency", "spawned",
+    "ready",
+    "running",
+    "waiting",
+    "done",
+    "communication",
+    "alternative",
+    "executor asleep",
+    "executor awake",
+    "priority",
+    "slot",
+    "late cycle",
+    "emergency",
+    "spawned",
 ];
 
 /// Name and unit of each signal; the last one has three elements.
 const SIGNALS: [(&str, &str); 30] = [
-    ("pan/setpoint", "deg"), ("pan/angle", "deg"), ("pan/speed", "deg/s"), ("pan/error", "deg"), ("pan/voltage", "V"), ("pan/current", "A"),
-    ("tilt/setpoint", "deg"), ("tilt/angle", "deg"), ("tilt/speed", "deg/s"), ("tilt/error", "deg"), ("tilt/voltage", "V"), ("tilt/current", "A"),
-    ("supply/voltage", "V"), ("supply/current", "A"), ("motor/pan/temperature", "°C"), ("motor/tilt/temperature", "°C"),
-    ("pan/observer/load", "Nm"), ("tilt/observer/load", "Nm"), ("pan/integral", "V"), ("tilt/integral", "V"), ("pan/feed-forward", "V"),
-    ("tilt/feed-forward", "V"), ("joystick/x", ""), ("joystick/y", ""), ("camera/exposure", "ms"), ("camera/blur", "px"), ("pan/at-end", ""),
-    ("tilt/at-end", ""), ("vibration", "m/s²"), ("imu/acceleration", "m/s²"),
+    ("pan/setpoint", "deg"),
+    ("pan/angle", "deg"),
+    ("pan/speed", "deg/s"),
+    ("pan/error", "deg"),
+    ("pan/voltage", "V"),
+    ("pan/current", "A"),
+    ("tilt/setpoint", "deg"),
+    ("tilt/angle", "deg"),
+    ("tilt/speed", "deg/s"),
+    ("tilt/error", "deg"),
+    ("tilt/voltage", "V"),
+    ("tilt/current", "A"),
+    ("supply/voltage", "V"),
+    ("supply/current", "A"),
+    ("motor/pan/temperature", "°C"),
+    ("motor/tilt/temperature", "°C"),
+    ("pan/observer/load", "Nm"),
+    ("tilt/observer/load", "Nm"),
+    ("pan/integral", "V"),
+    ("tilt/integral", "V"),
+    ("pan/feed-forward", "V"),
+    ("tilt/feed-forward", "V"),
+    ("joystick/x", ""),
+    ("joystick/y", ""),
+    ("camera/exposure", "ms"),
+    ("camera/blur", "px"),
+    ("pan/at-end", ""),
+    ("tilt/at-end", ""),
+    ("vibration", "m/s²"),
+    ("imu/acceleration", "m/s²"),
 ];
 
 pub struct Machine {
@@ -71,6 +116,8 @@ pub struct Machine {
     axes: [Axis; 2],
     emergency_at: Option<u64>,
     is_declared: bool,
+    /// What happens after the next slot: it comes in the order of time.
+    pending: Vec<Event>,
 }
 
 #[derive(Default, Clone, Copy)]
@@ -90,6 +137,7 @@ impl Machine {
             axes: [Axis::default(); 2],
             emergency_at: None,
             is_declared: false,
+            pending: Vec::new(),
         }
     }
 
@@ -106,8 +154,20 @@ impl Machine {
             declare(put);
         }
         while self.cycle * PERIOD < nanos {
-            self.one_cycle(put);
+            let mut happened = std::mem::take(&mut self.pending);
+            self.one_cycle(&mut |record| match record {
+                Record::Event(event) => happened.push(*event),
+                other => put(other),
+            });
             self.cycle += 1;
+            happened.sort_by_key(|event| event.time);
+            // Nothing of the next cycle is earlier.
+            let next = FIRST + self.cycle * PERIOD - 200_000;
+            let now = happened.partition_point(|event| event.time < next);
+            self.pending = happened.split_off(now);
+            happened
+                .iter()
+                .for_each(|event| put(&Record::Event(*event)));
         }
     }
 
@@ -131,14 +191,21 @@ impl Machine {
 
     fn one_cycle(&mut self, put: &mut Put<'_>) {
         let slot = FIRST + self.cycle * PERIOD;
-        let is_late = self.cycle >= LATE_FIRST && (self.cycle - LATE_FIRST).is_multiple_of(LATE_EVERY);
+        let is_late =
+            self.cycle >= LATE_FIRST && (self.cycle - LATE_FIRST).is_multiple_of(LATE_EVERY);
         let mut trace = Trace {
             thread: CONTROL,
             time: slot,
             put,
         };
         if self.cycle == 0 {
-            message(trace.put, slot, Level::Info, 13, "both axes have found their end stops");
+            message(
+                trace.put,
+                slot,
+                Level::Info,
+                13,
+                "both axes have found their end stops",
+            );
         }
         if is_late {
             // It was under way when the slot came.
@@ -357,7 +424,11 @@ fn declare(put: &mut Put<'_>) {
         clock: ClockBase::Monotonic,
         written_by: "luna-scope's tests",
     });
-    for (number, name) in [(CONTROL, "control"), (MECHANISM, "mechanism"), (OPERATOR, "operator")] {
+    for (number, name) in [
+        (CONTROL, "control"),
+        (MECHANISM, "mechanism"),
+        (OPERATOR, "operator"),
+    ] {
         put(&Record::Thread { number, name });
         name_of(put, Subject::Executor, number, 0, name);
     }
