@@ -34,13 +34,20 @@ fn run_panics(system: &mut System) -> Degree {
 
 /// A process that fails, once `may` says so, with an error whose words panic; and one that would go on.
 fn add_failing(system: &mut System, may: Arc<AtomicBool>) {
+    add_failing_with(system, may, Unspeakable);
+}
+
+fn add_failing_with<E>(system: &mut System, may: Arc<AtomicBool>, error: E)
+where
+    E: std::error::Error + Send + Sync + 'static,
+{
     let main = system.executor("main").build().unwrap();
     main.process("fails")
         .spawn(async move {
             while !may.load(Ordering::SeqCst) {
                 luna::after(Duration::from_millis(1)).await;
             }
-            Err(Error::other(Unspeakable))
+            Err(Error::other(error))
         })
         .unwrap();
     main.process("goes on")
@@ -124,10 +131,81 @@ fn a_process_outlives_the_thread_that_runs_it() {
     );
 }
 
+/// A process of an executor that computes on and on keeps nobody: it is left behind, and what it uses with it.
+fn panics_beside_one_that_computes(is_virtual: bool) {
+    static COMPUTES: AtomicBool = AtomicBool::new(false);
+    static MAY_END: AtomicBool = AtomicBool::new(false);
+    static IS_GONE: AtomicBool = AtomicBool::new(false);
+    struct Computes(std::sync::mpsc::Sender<bool>);
+    /// Its words panic as soon as the other one computes.
+    #[derive(Debug)]
+    struct Later;
+    impl std::fmt::Display for Later {
+        fn fmt(&self, _: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            while !COMPUTES.load(Ordering::SeqCst) {
+                std::thread::yield_now();
+            }
+            panic!("no words")
+        }
+    }
+    impl std::error::Error for Later {}
+    impl Drop for Computes {
+        fn drop(&mut self) {
+            IS_GONE.store(true, Ordering::SeqCst);
+        }
+    }
+    impl Process for Computes {
+        async fn run(&mut self) -> luna::Result<()> {
+            COMPUTES.store(true, Ordering::SeqCst);
+            while !MAY_END.load(Ordering::SeqCst) {
+                std::thread::yield_now();
+            }
+            let _ = self.0.send(IS_GONE.load(Ordering::SeqCst));
+            Ok(())
+        }
+    }
+    let (ended, has_ended) = std::sync::mpsc::channel();
+    let mut system = System::new("computing");
+    if is_virtual {
+        // One thread runs all, and this one's turn comes first.
+        system.virtual_clock();
+    }
+    system.on_emergency("brakes", || println!("brakes"));
+    add_failing_with(&mut system, Arc::new(AtomicBool::new(true)), Later);
+    let other = system.executor("other").build().unwrap();
+    let computes = Computes(ended);
+    other.process("computes").spawn(computes).unwrap();
+    assert_eq!(run_panics(&mut system), Degree::Emergency);
+    println!("returned");
+    drop(system);
+    MAY_END.store(true, Ordering::SeqCst);
+    assert!(
+        !has_ended.recv().unwrap(),
+        "it was dropped while its body ran"
+    );
+    println!("alive");
+}
+
+#[test]
+fn an_executor_that_does_not_end_is_left_behind_in_a_panic() {
+    let _watch = watchdog();
+    for part in ["computing", "computing on virtual time"] {
+        let ended = common::Program::start(part).end();
+        let lines = ["brakes", "returned", "alive"];
+        assert_eq!(ended.said(&lines), lines, "{ended:?}");
+        assert!(
+            ended.errors.contains("did not end within") && ended.errors.contains("left to itself"),
+            "{ended:?}"
+        );
+    }
+}
+
 /// What the child program runs; nothing when this program runs it as a test.
 #[test]
 fn part() {
-    if common::part().is_none() {
+    let Some(part) = common::part() else { return };
+    if part.starts_with("computing") {
+        panics_beside_one_that_computes(part.ends_with("virtual time"));
         return;
     }
     struct Fails(Option<std::sync::mpsc::Sender<()>>);

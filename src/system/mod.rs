@@ -3,6 +3,7 @@
 mod builder;
 mod clock;
 mod compose;
+mod crowd;
 pub mod deadlock;
 mod launch;
 mod neighbours;

@@ -1,8 +1,9 @@
 //! The run: from the release of the bodies to the report.
 
+use super::crowd::Crowd;
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
-use super::plan::{NamedThread, Phase, Plan, Running};
+use super::plan::{Phase, Plan, Running};
 use super::quiet::Lookout;
 use super::register::{Funeral, Register};
 use super::stolen::Stolen;
@@ -11,21 +12,20 @@ use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
 use crate::parameters::FileWatch;
 use crate::record::RecordError;
-use crate::report::{End, Report, ThreadReport};
+use crate::report::{End, Report};
 use crate::safety::Cause;
 use crate::tell::tell;
 use crate::time::{ManagerThread, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
+use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::HeldBack;
-use luna_platform::thread::{HandlerStack, Mode, Obtained, Policy};
+use luna_platform::thread::{HandlerStack, Mode};
 use luna_platform::{current, reclaim};
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
-
-/// How long the end of a system waits for threads that do not end.
-const GRACE: Duration = Duration::from_secs(2);
 
 /// How long the thread that runs the system leaves ends that are in no hurry alone after it has looked after some: at first, and if there are always more.
 const SHORTEST_REST: Duration = Duration::from_millis(1);
@@ -43,11 +43,14 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let _held_back = HeldBack::here();
     let mut launched = launch(plan)?;
     // Dropped before what was launched: the machine first, should this thread panic.
-    let mut unwinding = Unwinding {
+    let mut crowd = Crowd {
         plan,
+        simulation: launched.simulation.take(),
+        executors: std::mem::take(&mut launched.executors).into(),
+        threads: VecDeque::new(),
         is_over: false,
     };
-    announce_shortfalls(plan, &launched);
+    announce_shortfalls(plan, &launched.shortfalls, &crowd.executors);
 
     let running = launched.running.clone();
     let Common {
@@ -64,26 +67,24 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // What an emergency has brought to safety before the start is not set in motion.
     if !emergency.has_begun() {
         launched.emergency.arm();
-        for (_, executor) in &launched.executors {
+        for (_, executor) in &crowd.executors {
             executor.release();
         }
         for (_, thread) in &plan.members().threads {
             thread.release();
         }
     }
-    if let Some(simulation) = &launched.simulation {
+    if let Some(simulation) = &crowd.simulation {
         // All at once, in their order.
         simulation.release();
     }
 
     let mut stolen = Stolen::begin();
-    let (threads, deadlock) = watch(plan, &launched, &mut stolen);
+    let deadlock = watch(&mut crowd, &launched, &mut stolen);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
     let Launched {
         clock: clock_kind,
-        simulation,
-        executors,
         emergency: guard,
         parent,
         guardian,
@@ -109,17 +110,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         running: &running,
         tells: false,
     };
-    if let Some(simulation) = &simulation {
-        simulation.request_stop();
-    }
-    let threads = end_threads(&end, executors, threads);
-    if let Some(simulation) = simulation {
-        if threads.iter().any(|thread| thread.abandoned) {
-            simulation.abandon();
-        } else {
-            drop(simulation);
-        }
-    }
+    let threads = crowd.end(|deadline, done| wait_until(&end, deadline, done));
     end.bury();
     // Who was left behind may have ended since.
     plan.members().started.note_last_ends(living, emergency);
@@ -245,64 +236,21 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     members.report = Some(report.clone());
     drop(members);
-    unwinding.is_over = true;
+    crowd.is_over = true;
     match error {
         Some(error) => Err(error),
         None => Ok(report),
     }
 }
 
-/// The run has not come to its end: the thread that runs the system panics.
-struct Unwinding<'a> {
-    plan: &'a Plan,
-    is_over: bool,
-}
-
-impl Drop for Unwinding<'_> {
-    fn drop(&mut self) {
-        if self.is_over {
-            return;
-        }
-        // Nothing if it has ended already.
-        self.plan.emergency().trigger(Cause::Panic);
-        let threads = {
-            let mut members = self.plan.members();
-            members.phase = Phase::Ended;
-            members.running = None;
-            std::mem::take(&mut members.threads)
-        };
-        for (_, thread) in &threads {
-            thread.request_stop();
-        }
-        // While their processes are there: dropped before, a body would use what is gone.
-        let deadline = Instant::now() + GRACE;
-        let mut all_ended = true;
-        for (_, thread) in threads {
-            while !thread.has_stopped() && Instant::now() < deadline {
-                std::thread::sleep(SHORTEST_REST);
-            }
-            if thread.has_stopped() {
-                drop(thread);
-            } else {
-                all_ended = false;
-                thread.abandon();
-            }
-        }
-        if !all_ended {
-            // Whose they are nobody looks up any more.
-            for left_behind in self.plan.members().started.left_behind() {
-                std::mem::forget(left_behind.take_resident());
-                std::mem::forget(left_behind.take_verdict());
-            }
-        }
-    }
-}
-
 /// Says once what is done without.
-fn announce_shortfalls(plan: &Plan, launched: &Launched) {
+fn announce_shortfalls(
+    plan: &Plan,
+    of_system: &[Shortfall],
+    executors: &VecDeque<(String, Executor)>,
+) {
     let members = plan.members();
-    let of_executors = launched
-        .executors
+    let of_executors = executors
         .iter()
         .map(|(name, executor)| (name.as_str(), executor.obtained()));
     let of_threads = members
@@ -315,8 +263,7 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
             .flat_map(|got| &got.shortfalls)
             .map(move |one| (name, one))
     });
-    let all: Vec<_> = launched
-        .shortfalls
+    let all: Vec<_> = of_system
         .iter()
         .map(|one| ("system", one))
         .chain(of_all)
@@ -346,12 +293,9 @@ fn announce_shortfalls(plan: &Plan, launched: &Launched) {
 }
 
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
-/// the OS threads, and the deadlock that was found, if one was.
-fn watch(
-    plan: &Plan,
-    launched: &Launched,
-    stolen: &mut Stolen,
-) -> (Vec<NamedThread>, Option<Deadlock>) {
+/// the OS threads to the crowd, and the deadlock that was found, if one was.
+fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Option<Deadlock> {
+    let plan = crowd.plan;
     let running = &launched.running;
     let Common {
         scope,
@@ -387,13 +331,13 @@ fn watch(
             if running.is_over() {
                 members.phase = Phase::Ended;
                 members.running = None;
-                let threads = std::mem::take(&mut members.threads);
+                crowd.threads = std::mem::take(&mut members.threads).into();
                 let overrun = members.started.overrun();
                 drop(members);
                 if let Some(error) = overrun {
                     tell!("luna: emergency: {error}");
                 }
-                return (threads, lookout.into_found());
+                return lookout.into_found();
             }
         }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
@@ -512,52 +456,8 @@ impl Burial<'_> {
     }
 }
 
-/// Asks all threads to end, waits for them a bounded time, and leaves behind who does not.
-/// Processes that have ended do not wait for those that have not: they are buried meanwhile.
-fn end_threads(
-    burial: &Burial<'_>,
-    executors: Vec<(String, Executor)>,
-    threads: Vec<NamedThread>,
-) -> Vec<ThreadReport> {
-    for (_, executor) in &executors {
-        executor.request_stop();
-    }
-    for (_, thread) in &threads {
-        thread.request_stop();
-    }
-    let deadline = Instant::now() + GRACE;
-    let mut reports = Vec::new();
-    for (name, executor) in executors {
-        let ended = wait_until(burial, deadline, || executor.has_stopped());
-        let time = executor.processor_time();
-        reports.push(thread_report(name, executor.obtained(), time, !ended));
-        if ended {
-            executor.stop();
-        } else {
-            executor.abandon();
-        }
-    }
-    for (name, thread) in threads {
-        let ended = wait_until(burial, deadline, || thread.has_stopped());
-        let time = thread.processor_time();
-        reports.push(thread_report(name, thread.obtained(), time, !ended));
-        if ended {
-            drop(thread);
-        } else {
-            thread.abandon();
-        }
-    }
-    for report in reports.iter().filter(|report| report.abandoned) {
-        tell!(
-            "luna: `{}` did not end within {GRACE:?} and is left to itself",
-            report.name
-        );
-    }
-    reports
-}
-
 /// Waits for a thread's end, and buries who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
-fn wait_until(burial: &Burial<'_>, deadline: Instant, mut done: impl FnMut() -> bool) -> bool {
+fn wait_until(burial: &Burial<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
         burial.bury();
@@ -568,24 +468,6 @@ fn wait_until(burial: &Burial<'_>, deadline: Instant, mut done: impl FnMut() -> 
         pause = (pause * 2).min(Duration::from_millis(5));
     }
     true
-}
-
-fn thread_report(
-    name: String,
-    obtained: Option<&Obtained>,
-    processor_time: Option<Duration>,
-    abandoned: bool,
-) -> ThreadReport {
-    ThreadReport {
-        name,
-        policy: obtained.map_or(Policy::Other, |got| got.policy),
-        core: obtained.and_then(|got| got.core),
-        shortfalls: obtained
-            .map(|got| got.shortfalls.clone())
-            .unwrap_or_default(),
-        abandoned,
-        processor_time,
-    }
 }
 
 /// The livelock that a virtual clock has come to, if it has, at `now`.

@@ -1,0 +1,132 @@
+//! The threads of a system that runs, and their end: in a bounded time, however it comes.
+
+use super::plan::{NamedThread, Phase, Plan};
+use crate::report::ThreadReport;
+use crate::safety::Cause;
+use crate::tell::tell;
+use luna_executors::{Executor, Simulation};
+use luna_platform::clock::Instant;
+use luna_platform::thread::{Obtained, Policy};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// How long the end of a system waits for threads that do not end.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// How often a panic's end looks whether a thread has ended.
+const LOOKS_EVERY: Duration = Duration::from_millis(1);
+
+/// The threads that run processes. Dropped before the run is over, the thread that runs the system panics.
+pub(super) struct Crowd<'a> {
+    pub(super) plan: &'a Plan,
+    /// What runs the executors, if their time is virtual.
+    pub(super) simulation: Option<Simulation>,
+    pub(super) executors: VecDeque<(String, Executor)>,
+    /// The plan has them as long as processes may start.
+    pub(super) threads: VecDeque<NamedThread>,
+    /// The run has come to its end.
+    pub(super) is_over: bool,
+}
+
+impl Crowd<'_> {
+    /// Asks all threads to end, waits for them a bounded time, by `wait`, and leaves behind who does not.
+    pub(super) fn end(
+        &mut self,
+        wait: impl Fn(Instant, &dyn Fn() -> bool) -> bool,
+    ) -> Vec<ThreadReport> {
+        if let Some(simulation) = &self.simulation {
+            simulation.request_stop();
+        }
+        for (_, executor) in &self.executors {
+            executor.request_stop();
+        }
+        for (_, thread) in &self.threads {
+            thread.request_stop();
+        }
+        let deadline = Instant::now() + GRACE;
+        let mut reports = Vec::new();
+        // Each stays here until it has ended: should `wait` panic, it is still known.
+        while let Some((name, executor)) = self.executors.front() {
+            let ended = wait(deadline, &|| executor.has_stopped());
+            let time = executor.processor_time();
+            reports.push(thread_report(name, executor.obtained(), time, !ended));
+            if let Some((_, executor)) = self.executors.pop_front() {
+                match ended {
+                    true => executor.stop(),
+                    false => executor.abandon(),
+                }
+            }
+        }
+        while let Some((name, thread)) = self.threads.front() {
+            let ended = wait(deadline, &|| thread.has_stopped());
+            let time = thread.processor_time();
+            reports.push(thread_report(name, thread.obtained(), time, !ended));
+            if let Some((_, thread)) = self.threads.pop_front() {
+                match ended {
+                    true => drop(thread),
+                    false => thread.abandon(),
+                }
+            }
+        }
+        for report in reports.iter().filter(|report| report.abandoned) {
+            tell!(
+                "luna: `{}` did not end within {GRACE:?} and is left to itself",
+                report.name
+            );
+        }
+        if let Some(simulation) = self.simulation.take()
+            && reports.iter().any(|report| report.abandoned)
+        {
+            simulation.abandon();
+        }
+        reports
+    }
+}
+
+impl Drop for Crowd<'_> {
+    fn drop(&mut self) {
+        if self.is_over {
+            return;
+        }
+        // Nothing if it has ended already.
+        self.plan.emergency().trigger(Cause::Panic);
+        {
+            let mut members = self.plan.members();
+            members.phase = Phase::Ended;
+            members.running = None;
+            self.threads.extend(std::mem::take(&mut members.threads));
+        }
+        // While their processes are there: dropped before, a body would use what is gone.
+        let reports = self.end(|deadline, done| {
+            while !done() && Instant::now() < deadline {
+                std::thread::sleep(LOOKS_EVERY);
+            }
+            done()
+        });
+        if reports.iter().any(|report| report.abandoned) {
+            // Whose they are nobody looks up any more.
+            for left_behind in self.plan.members().started.left_behind() {
+                std::mem::forget(left_behind.take_resident());
+                std::mem::forget(left_behind.take_verdict());
+            }
+        }
+    }
+}
+
+fn thread_report(
+    name: &str,
+    obtained: Option<&Obtained>,
+    processor_time: Option<Duration>,
+    abandoned: bool,
+) -> ThreadReport {
+    ThreadReport {
+        name: name.to_owned(),
+        policy: obtained.map_or(Policy::Other, |got| got.policy),
+        core: obtained.and_then(|got| got.core),
+        shortfalls: obtained
+            .map(|got| got.shortfalls.clone())
+            .unwrap_or_default(),
+        abandoned,
+        processor_time,
+    }
+}
