@@ -124,14 +124,14 @@ impl Memory {
 /// let hog = ProcessSpec::new("hog").level(20);
 /// let hog_id = hog.id();
 /// let late = executor.spawn(ProcessSpec::new("late"), move || async move {
-///     let slot = Instant::now() + Duration::from_millis(1);
+///     let slot = Instant::now() + Duration::from_millis(50);
 ///     Sleep::until(slot).await;
 ///     let culprit = interference(slot, Instant::now(), |_| true).map(|turn| turn.process);
 ///     assert_eq!(culprit, Some(hog_id));
 /// });
 /// executor.spawn(hog, || async {
-///     Sleep::until(Instant::now() + Duration::from_micros(500)).await;
-///     let end = Instant::now() + Duration::from_millis(3);
+///     Sleep::until(Instant::now() + Duration::from_millis(10)).await;
+///     let end = Instant::now() + Duration::from_millis(60);
 ///     while Instant::now() < end {}
 /// });
 /// executor.release();

@@ -218,8 +218,8 @@ impl Periodic {
     ///     let mut act = luna::periodic("act", period)?.phase(period / 2)?;
     ///     let (sensed, acted) = (sense.next().await, act.next().await);
     ///     // Half a period apart, up to whole periods.
-    ///     let apart = (acted.deadline - sensed.deadline).as_nanos();
-    ///     assert_eq!(apart % period.as_nanos(), (period / 2).as_nanos());
+    ///     let apart = acted.deadline.as_nanos().abs_diff(sensed.deadline.as_nanos());
+    ///     assert_eq!(u128::from(apart) % period.as_nanos(), (period / 2).as_nanos());
     ///     Ok(())
     /// })?;
     /// # Ok::<(), luna::Error>(())

@@ -9,6 +9,7 @@
 //! use std::time::Duration;
 //!
 //! let mut system = System::new("jiwy");
+//! system.virtual_clock(); // without it, in real time
 //! let executors = Executors {
 //!     control: system.executor("control").build()?,
 //!     mechanism: system.executor("mechanism").build()?,

@@ -27,6 +27,7 @@ use std::time::Duration;
 ///
 /// let ms = Duration::from_millis(1);
 /// let mut system = System::new("two channels");
+/// system.virtual_clock(); // a busy machine makes no channel late here
 /// let main = system.executor("main").build()?;
 /// let ((a, from_a), (b, from_b)) = (luna::channel(), luna::channel());
 /// let (safe, torques) = luna::channel();
