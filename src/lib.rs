@@ -57,8 +57,8 @@ pub use csp::process::{IntoProcess, Process, run};
 pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
 #[cfg(feature = "logger")]
 pub use logging::{
-    FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, WriterSink,
-    install_facades,
+    FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, TcpSink, Tee,
+    UdpSink, WriterSink, install_facades,
 };
 pub use logging::{Level, RegisterError, Sample, Signal, SignalBuilder, message};
 pub use luna_channels::lock_sync as sync;

@@ -2,14 +2,15 @@
 
 pub use luna_logger::{
     FileSink, Level, Logging, LoggingReport, MessagesReport, RegisterError, Sample, Signal,
-    SignalBuilder, SignalReport, Sink, StartError, WriterSink, install as install_facades, message,
+    SignalBuilder, SignalReport, Sink, StartError, TcpSink, Tee, UdpSink, WriterSink,
+    install as install_facades, message,
 };
 
 use crate::error::{Error, SetupError};
 use luna_logger::{Entered, Hub, Recorder, TimeBase};
 use std::sync::Arc;
 
-/// The variable of the environment that names a file to record to.
+/// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or `udp://HOST:PORT`.
 const VARIABLE: &str = "LUNA_LOG";
 
 impl From<RegisterError> for Error {
@@ -51,7 +52,7 @@ impl Log {
         let by_variable = || {
             std::env::var_os(VARIABLE)
                 .filter(|path| !path.is_empty())
-                .map(Logging::to_file)
+                .map(Logging::to_place)
         };
         asked
             .or_else(by_variable)
