@@ -59,8 +59,8 @@ pub use error::{Error, Errors, OtherError, Result, SetupError, Several};
 pub use logging::EventsReport;
 #[cfg(feature = "logger")]
 pub use logging::{
-    FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, WriterSink,
-    install_facades,
+    FileSink, Logging, LoggingReport, MessagesReport, SignalReport, Sink, StartError, TcpSink, Tee,
+    UdpSink, WriterSink, install_facades,
 };
 pub use logging::{Level, RegisterError, Sample, Signal, SignalBuilder, message};
 pub use luna_channels::lock_sync as sync;

@@ -331,7 +331,7 @@ fn the_examples_signal_is_in_its_recording() {
     kill(Pid::from_raw(child.id() as i32), Number::SIGTERM).unwrap();
     let output = child.wait_with_output().unwrap();
     let report = String::from_utf8(output.stdout).unwrap();
-    assert!(report.contains("samples of 1 signals"), "{report}");
+    assert!(report.contains("samples of 1 signal"), "{report}");
     let content = content(&std::fs::read(&file).unwrap());
     std::fs::remove_file(file).unwrap();
     assert_eq!(content.signals, ["drive/output"]);

@@ -41,6 +41,8 @@ pub(crate) enum Command {
     Doctor(Doctor),
     /// Makes CSV, an MCAP file or a Perfetto trace of a recording
     Convert(Convert),
+    /// Receives what other programs record (LUNA_LOG=tcp://HOST:PORT), also of other computers, and writes a file for each
+    Record(Record),
 }
 
 /// Beside the measured one: as many as a system sets room aside for, with some to spare.
@@ -173,6 +175,46 @@ pub(crate) struct Convert {
     /// CSV: a signal that was not sampled at a row's time holds its last value, instead of an empty cell
     #[arg(long)]
     pub(crate) hold: bool,
+}
+
+/// The options of `luna record`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Record {
+    /// Where to listen: HOST:PORT. Who can reach it is asked for no name, so 0.0.0.0 is for a network of friends
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7411")]
+    pub(crate) listen: String,
+    /// Take UDP datagrams (LUNA_LOG=udp://HOST:PORT) instead of TCP
+    #[arg(long)]
+    pub(crate) udp: bool,
+    /// The folder for the files, which are named by system and start; with --once, the file [default: this folder]
+    #[arg(long, short, value_name = "PATH")]
+    pub(crate) output: Option<PathBuf>,
+    /// Show messages of LEVEL and what matters more: error, warn, info, debug, trace, or none
+    #[arg(long, value_name = "LEVEL", default_value = "info", value_parser = level)]
+    pub(crate) messages: Messages,
+    /// End when the first recording has ended, and take no other
+    #[arg(long)]
+    pub(crate) once: bool,
+    /// The most MiB of each file; a sender is refused then
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 40), allow_negative_numbers = true)]
+    pub(crate) limit: Option<u64>,
+}
+
+/// Which messages are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Messages(pub(crate) Option<luna::Level>);
+
+fn level(text: &str) -> Result<Messages, String> {
+    use luna::Level;
+    Ok(Messages(match text {
+        "none" => None,
+        "error" => Some(Level::Error),
+        "warn" => Some(Level::Warn),
+        "info" => Some(Level::Info),
+        "debug" => Some(Level::Debug),
+        "trace" => Some(Level::Trace),
+        _ => return Err("it must be error, warn, info, debug, trace or none".into()),
+    }))
 }
 
 /// What a recording can be made to.
@@ -380,6 +422,29 @@ mod tests {
     }
 
     #[test]
+    fn record_takes_its_options() {
+        let Ok(Command::Record(record)) = parse("luna record") else {
+            panic!("no record");
+        };
+        assert_eq!(record.listen, "127.0.0.1:7411");
+        assert_eq!(record.messages, Messages(Some(luna::Level::Info)));
+        assert!(!record.udp && !record.once && record.output.is_none() && record.limit.is_none());
+        let line = "luna record --listen 0.0.0.0:1 --udp -o a --messages none --once --limit 5";
+        let Ok(Command::Record(record)) = parse(line) else {
+            panic!("no record");
+        };
+        assert_eq!(
+            (record.listen.as_str(), record.limit),
+            ("0.0.0.0:1", Some(5))
+        );
+        assert_eq!(
+            (record.messages, record.output),
+            (Messages(None), Some("a".into()))
+        );
+        assert!(record.udp && record.once);
+    }
+
+    #[test]
     fn bad_values_are_named() {
         for (line, option) in [
             ("luna demo --rate 0", "--rate"),
@@ -407,6 +472,8 @@ mod tests {
             ("luna jitter --guard -1", "--guard"),
             ("luna jitter --others 251", "--others"),
             ("luna jitter --burn 0", "--burn"),
+            ("luna record --messages loud", "--messages"),
+            ("luna record --limit 0", "--limit"),
             ("luna jitter --burn 1001", "--burn"),
             (
                 "luna jitter --policy deadline:200000/1000000/1000000",

@@ -59,6 +59,13 @@ pub(crate) enum Failure {
         /// Why.
         error: String,
     },
+    /// Nobody can be listened to there.
+    Listen {
+        /// As given.
+        address: String,
+        /// Why.
+        error: std::io::Error,
+    },
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -75,6 +82,7 @@ impl Failure {
             | Self::Root { .. }
             | Self::Log { .. }
             | Self::Converted { .. }
+            | Self::Listen { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. }
@@ -101,6 +109,7 @@ impl fmt::Display for Failure {
             Self::Log { path, error } | Self::Converted { path, error } => {
                 write!(f, "{}: {error}", path.display())
             }
+            Self::Listen { address, error } => write!(f, "--listen {address}: {error}"),
             Self::Root { path } => write!(f, "--root {}: there is no such folder", path.display()),
             Self::Core { core, online } => write!(
                 f,

@@ -14,6 +14,7 @@ mod jitter;
 mod joystick;
 mod output;
 mod place;
+mod record;
 mod report;
 mod text;
 
@@ -32,6 +33,7 @@ fn main() -> ExitCode {
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR).map(of_a_run),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::Record(arguments) => record::run(&arguments),
     };
     match outcome {
         Ok(code) => code,

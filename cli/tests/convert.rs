@@ -478,6 +478,31 @@ fn a_truncated_recording_is_converted_as_far_as_it_goes() {
 }
 
 #[test]
+fn what_lies_behind_damage_is_converted() {
+    let (folder, file) = recording("damaged");
+    let mut whole = bytes();
+    let block = whole[16..].to_vec();
+    let mut damaged = block.clone();
+    damaged[40] ^= 1;
+    whole.extend_from_slice(&damaged);
+    whole.extend_from_slice(&block);
+    fs::write(&file, &whole).unwrap();
+    for to in ["csv", "perfetto"] {
+        let output = luna(&["convert", path(&file), "--to", to]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(text(&output.stdout).contains("12 samples of 3 signals, 4 messages"));
+        let said = text(&output.stderr);
+        let skipped = format!("bytes skipped {}", block.len());
+        assert!(
+            said.contains("checksum is wrong") && said.contains(&skipped),
+            "{said}"
+        );
+    }
+    let csv = fs::read_to_string(folder.join("run.csv")).unwrap();
+    assert!(csv.lines().count() > 6, "{csv}");
+}
+
+#[test]
 fn what_is_no_recording_is_refused_and_nothing_is_written() {
     let (folder, file) = recording("refused");
     let other = folder.join("other.luna");

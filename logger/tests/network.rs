@@ -352,24 +352,34 @@ fn wrong_peers_are_told_as_such() {
         (answer(1, 9), "format version 9.0"),
         (answer(1, 1), "damaged"),
     ] {
-        let (address, has_answered) = peer(move |mut stream| {
-            read_hello(&mut stream);
-            let _ = stream.write_all(&bytes);
-            let _ = stream.shutdown(Shutdown::Write);
-            // Until the other has read it, and closed.
-            let _ = stream.read(&mut [0]);
-        });
-        let recording = Logging::to_tcp(address).end_within(Duration::ZERO);
-        let mut run = Run::start(recording);
-        run.record(10);
-        // With the second connection the first is over.
-        has_answered.recv().unwrap();
-        has_answered.recv().unwrap();
-        let report = run.finish();
-        assert_eq!(report.signals[0].recorded, 0);
-        let error = report.error.unwrap();
+        let error = loop {
+            let error = error_of_a_peer_that_says(bytes.clone());
+            // A peer that the machine has left no time is another matter.
+            if !error.contains("in time") {
+                break error;
+            }
+        };
         assert!(error.contains(says), "{error}");
     }
+}
+
+fn error_of_a_peer_that_says(bytes: Vec<u8>) -> String {
+    let (address, has_answered) = peer(move |mut stream| {
+        read_hello(&mut stream);
+        let _ = stream.write_all(&bytes);
+        let _ = stream.shutdown(Shutdown::Write);
+        // Until the other has read it, and closed.
+        let _ = stream.read(&mut [0]);
+    });
+    let recording = Logging::to_tcp(address).end_within(Duration::ZERO);
+    let mut run = Run::start(recording);
+    run.record(10);
+    // With the second connection the first is over.
+    has_answered.recv().unwrap();
+    has_answered.recv().unwrap();
+    let report = run.finish();
+    assert_eq!(report.signals[0].recorded, 0);
+    report.error.unwrap()
 }
 
 /// A hello of this version.

@@ -2,7 +2,8 @@
 
 pub use luna_logger::{
     FileSink, Level, Logging, LoggingReport, MessagesReport, RegisterError, Sample, Signal,
-    SignalBuilder, SignalReport, Sink, StartError, WriterSink, install as install_facades, message,
+    SignalBuilder, SignalReport, Sink, StartError, TcpSink, Tee, UdpSink, WriterSink,
+    install as install_facades, message,
 };
 
 use crate::error::{Error, SetupError};
@@ -12,7 +13,7 @@ use std::sync::Arc;
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
 
-/// The variable of the environment that names a file to record to.
+/// The variable of the environment that names where to record to: a file, `tcp://HOST:PORT` or `udp://HOST:PORT`.
 const VARIABLE: &str = "LUNA_LOG";
 
 /// The variable that says for how many events there is room in each ring of such a recording.
@@ -63,7 +64,7 @@ impl Log {
         let by_variable = || {
             std::env::var_os(VARIABLE)
                 .filter(|path| !path.is_empty())
-                .map(|path| with_events(Logging::to_file(path)))
+                .map(|path| with_events(Logging::to_place(path)))
         };
         let session = asked
             .or_else(by_variable)

@@ -365,7 +365,8 @@ impl System {
     ///
     /// An ordinary thread writes the file. The processes write to rings of their threads, which is wait-free; a ring that is full drops what is new, and counts it.
     ///
-    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to that file.
+    /// Where the program does not ask for it, the environment may: `LUNA_LOG=run.luna` records to that file, `LUNA_LOG=tcp://HOST:PORT` (or `udp://`) to `luna record` on another
+    /// computer.
     ///
     /// ```
     /// use luna::prelude::*;

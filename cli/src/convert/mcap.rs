@@ -231,6 +231,7 @@ impl Mcap {
             },
             Losing::Messages(thread) => format!("messages of {}", self.thread(thread)),
             Losing::Events(thread) => format!("events of {}", self.thread(thread)),
+            Losing::Blocks => "blocks on the way".to_owned(),
         };
         if self.losses.is_none() {
             let properties = json!({ "of": { "type": "string" }, "lost": { "type": "integer" } });

@@ -69,17 +69,38 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
             converted.lost
         );
     }
-    Ok(match converted.damage {
-        None => ExitCode::SUCCESS,
-        Some(error) => {
-            eprintln!(
-                "luna: {}: {error}; what comes before is converted",
-                input.display()
-            );
-            // A recording that only ends early is what a killed program leaves.
-            ExitCode::from(u8::from(!error.is_truncated()))
-        }
-    })
+    if converted.lost_blocks > 0 {
+        println!(
+            "{} blocks were lost on the way to who received it",
+            converted.lost_blocks
+        );
+    }
+    Ok(say_damage(input, &converted))
+}
+
+/// Says what is damaged, and what became of it.
+fn say_damage(input: &Path, converted: &Converted) -> ExitCode {
+    let input = input.display();
+    let Damage {
+        found,
+        count,
+        skipped,
+        missing,
+    } = &converted.damage;
+    for error in found {
+        eprintln!("luna: {input}: {error}");
+    }
+    let Some(last) = found.last() else {
+        return ExitCode::SUCCESS;
+    };
+    // A recording that only ends early is what a killed program leaves.
+    if *count == 1 && last.is_truncated() {
+        return ExitCode::SUCCESS;
+    }
+    eprintln!(
+        "luna: {input}: it is damaged: bytes skipped {skipped}, blocks missing {missing}; all others are converted"
+    );
+    ExitCode::FAILURE
 }
 
 /// What was converted.
@@ -91,7 +112,20 @@ struct Converted {
     events: u64,
     lost: u64,
     lost_events: u64,
-    damage: Option<luna_logger::format::ReadError>,
+    lost_blocks: u64,
+    damage: Damage,
+}
+
+/// What is wrong with a recording.
+#[derive(Debug, Default)]
+struct Damage {
+    /// The first ones.
+    found: Vec<luna_logger::format::ReadError>,
+    count: u64,
+    /// Bytes.
+    skipped: u64,
+    /// Blocks, by their numbers.
+    missing: u64,
 }
 
 /// A new file to write.

@@ -8,6 +8,9 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+/// How many errors are said in full.
+const MOST_SAID: usize = 5;
+
 /// A recording that can be opened.
 fn open(path: &Path) -> Result<Reader<BufReader<File>>, Failure> {
     let failed = |error: ReadError| Failure::Log {
@@ -40,8 +43,17 @@ pub(super) fn each(
             Ok(Some(record)) => record,
             Ok(None) => break,
             Err(error) => {
-                converted.damage = Some(error);
-                break;
+                let damage = &mut converted.damage;
+                damage.count += 1;
+                if damage.found.len() < MOST_SAID {
+                    damage.found.push(error);
+                }
+                // What comes behind is as good as what came before.
+                match reader.resume() {
+                    Ok(Some(skipped)) => damage.skipped += skipped,
+                    Ok(None) | Err(_) => break,
+                }
+                continue;
             }
         };
         match &record {
@@ -59,8 +71,10 @@ pub(super) fn each(
         take(&record)?;
     }
     converted.signals = signals.len();
+    converted.damage.missing = reader.missing_blocks();
     for (of, lost) in lost {
         match of {
+            Losing::Blocks => converted.lost_blocks += lost,
             Losing::Events(_) => converted.lost_events += lost,
             _ => converted.lost += lost,
         }

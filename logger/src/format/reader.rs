@@ -198,7 +198,11 @@ impl<R: Read> Reader<R> {
                     let skipped = self.block_offset - BLOCK_START as u64 - begin;
                     return Ok(Some(skipped));
                 }
-                Ok(false) => return Ok(None),
+                Ok(false) => {
+                    // Something may be added.
+                    self.is_over = false;
+                    return Ok(None);
+                }
                 Err(error) if matches!(error.kind(), ReadErrorKind::Io(_)) => return Err(error),
                 Err(_) => self.skip(),
             }

@@ -1,7 +1,7 @@
 //! How much is in a block, without looking into its records.
 
 use super::decode::Body;
-use super::{BLOCK_START, kind};
+use super::{BLOCK_START, MOST_SIGNALS, kind};
 use std::collections::BTreeMap;
 
 /// How many samples, messages and events are in blocks: what is lost with them.
@@ -35,7 +35,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Adds what is in a block. Of one that is no block, as much as can be read. O(records).
+    /// Adds what is in a block. Of one that is no block, as much as can be read. O(records). Numbers that no recording has are left out, so its memory is bounded.
     pub fn add(&mut self, block: &[u8]) {
         self.blocks += 1;
         self.bytes += block.len() as u64;
@@ -57,12 +57,19 @@ impl Tally {
         let (record, rest) = body.rest().split_at_checked(length)?;
         let number = || u32::try_from(Body::new(record).number().ok()?).ok();
         match kind {
-            kind::SAMPLE => *self.samples.entry(number()?).or_default() += 1,
+            kind::SAMPLE => count(&mut self.samples, number()?),
             kind::MESSAGE => self.messages += 1,
-            kind::EVENT => *self.events.entry(number()?).or_default() += 1,
+            kind::EVENT => count(&mut self.events, number()?),
             kind::END => self.has_end = true,
             _ => {}
         }
         Some(rest)
+    }
+}
+
+/// One more of `number`, among as many as a recording has.
+fn count(of: &mut BTreeMap<u32, u64>, number: u32) {
+    if (number as usize) < MOST_SIGNALS {
+        *of.entry(number).or_default() += 1;
     }
 }

@@ -26,12 +26,11 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
     while !office.is_over() {
         threads.retain(|thread| !thread.is_finished());
         let Ok((stream, address)) = listener.accept() else {
-            // Nobody, or one who has gone again.
+            // One who has gone again; or there are no files left, which passes.
             std::thread::sleep(LOOK);
             continue;
         };
-        // What is accepted may be non-blocking as the listener is.
-        if stream.set_nonblocking(false).is_err() || stream.set_nodelay(true).is_err() {
+        if office.is_over() || stream.set_nodelay(true).is_err() {
             continue;
         }
         if threads.len() >= MOST {

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 use std::fmt;
 use std::io;
-use std::net::{SocketAddr, TcpListener, ToSocketAddrs, UdpSocket};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -113,7 +113,6 @@ impl Receiver {
     /// The system's own: the address is taken, or not this machine's.
     pub fn tcp(address: impl ToSocketAddrs) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
-        listener.set_nonblocking(true)?;
         Ok(Self {
             address: listener.local_addr()?,
             way: Way::Tcp(listener),
@@ -152,6 +151,7 @@ impl Receiver {
             visits: AtomicU64::new(0),
         });
         let inside = office.clone();
+        let is_tcp = matches!(self.way, Way::Tcp(_));
         let thread = spawn(
             Attributes::framework("luna-receiver", Policy::Other),
             move |_| Ok::<_, Infallible>(()),
@@ -162,6 +162,7 @@ impl Receiver {
         );
         Ok(Receiving {
             address: self.address,
+            is_tcp,
             thread: Some(thread.map_err(|error| io::Error::other(error.to_string()))?),
             office,
         })
@@ -172,6 +173,7 @@ impl Receiver {
 #[must_use = "it stops when this is dropped"]
 pub struct Receiving {
     address: SocketAddr,
+    is_tcp: bool,
     thread: Option<Thread<()>>,
     office: Arc<Office>,
 }
@@ -187,9 +189,29 @@ impl Receiving {
         self.end();
     }
 
+    /// Has the thread look whether it is over. False if it cannot be reached: then it is left alone.
+    fn wake(&self) -> bool {
+        if !self.is_tcp {
+            return true;
+        }
+        let mut address = self.address;
+        if address.ip().is_unspecified() {
+            address.set_ip(match address {
+                SocketAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
+                SocketAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
+            });
+        }
+        TcpStream::connect_timeout(&address, Duration::from_secs(5)).is_ok()
+    }
+
     fn end(&mut self) {
+        if self.thread.is_none() {
+            return;
+        }
         self.office.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
+        if self.wake()
+            && let Some(thread) = self.thread.take()
+        {
             let _ = thread.join();
         }
         for known in std::mem::take(&mut *self.office.known()).into_values() {

@@ -56,7 +56,7 @@ struct Shared {
 #[derive(Debug, Default)]
 struct State {
     /// Blocks that were not acknowledged, first to last.
-    blocks: VecDeque<Vec<u8>>,
+    blocks: VecDeque<Arc<Vec<u8>>>,
     bytes: usize,
     /// The number of the first of them.
     first: u32,
@@ -170,7 +170,7 @@ impl Sink for TcpSink {
         let mut block = block.to_vec();
         seal(&mut block, state.next());
         state.bytes += block.len();
-        state.blocks.push_back(block);
+        state.blocks.push_back(Arc::new(block));
         drop(state);
         self.shared.changes.notify_all();
         Ok(())
@@ -375,8 +375,8 @@ impl Link {
     /// Sends what there is, and waits for more.
     fn send(&self, stream: &mut TcpStream) -> Result<(), Over> {
         loop {
-            // A copy: nothing waits for the network with the lock.
-            let ahead: Vec<Vec<u8>> = {
+            // Nothing waits for the network with the lock.
+            let ahead: Vec<Arc<Vec<u8>>> = {
                 let mut state = self.shared.state();
                 loop {
                     if state.is_left_alone || state.is_ending && state.blocks.is_empty() {

@@ -15,8 +15,11 @@ use std::time::{Duration, Instant};
 /// How long a sink that cannot take a block yet is left alone.
 const AGAIN: Duration = Duration::from_millis(10);
 
-/// How much longer than its limit a sink may take to say what became of what it had taken.
-const GRACE: Duration = Duration::from_secs(2);
+/// How much longer than its limit a sink may take to say what became of what it had taken, and how long it has in any case for what it was asked.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// What a block is told that nobody waits for any more.
+pub(super) const LATE: &str = "it had not been taken when the time limit at the end had passed";
 
 /// The recorder's end.
 pub(super) struct Handoff {
@@ -81,13 +84,14 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until `is_so`, or the limit; says whether it came to be so.
+    /// Waits until `is_so`, or the limit and a while more; says whether it came to be so.
     fn wait_until(&self, is_so: impl Fn(&State) -> bool) -> bool {
+        let begin = Instant::now();
         let mut state = self.state();
         while !is_so(&state) {
             let left = match state.limit {
                 None => Duration::from_secs(3600),
-                Some(limit) => (limit + GRACE).saturating_duration_since(Instant::now()),
+                Some(limit) => (limit.max(begin) + GRACE).saturating_duration_since(Instant::now()),
             };
             if left.is_zero() {
                 state.is_left_alone = true;
@@ -147,16 +151,17 @@ impl Handoff {
     }
 
     fn ask_for(&mut self, job: Job) -> io::Result<()> {
-        let late = || {
-            io::Error::new(
-                io::ErrorKind::TimedOut,
-                "it had not been taken when the time limit at the end had passed",
-            )
-        };
-        if self.thread.is_none() {
-            return Err(late());
+        let late = || io::Error::new(io::ErrorKind::TimedOut, LATE);
+        {
+            let mut state = self.shared.state();
+            let is_late = state
+                .limit
+                .is_some_and(|limit| Instant::now() > limit + GRACE);
+            if self.thread.is_none() || is_late && job != Job::End {
+                return Err(late());
+            }
+            state.job = job;
         }
-        self.shared.state().job = job;
         self.shared.changes.notify_all();
         self.shared
             .wait_until(|state| state.outcome.is_some() || state.is_gone);

@@ -210,7 +210,7 @@ impl Logging {
     }
 
     /// Waits at most so long for the sink when the recording ends, at most a day; 10 s if not stated, and 2 s for a recorder on another computer. What it has not taken until then is lost, and counted as
-    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer at all is waited for two seconds more; then its thread is
+    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer at all is waited for five seconds more; then its thread is
     /// left alone with it.
     pub fn end_within(mut self, limit: Duration) -> Self {
         self.end_within = limit;

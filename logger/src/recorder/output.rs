@@ -4,7 +4,7 @@
 use super::events::Events;
 #[cfg(feature = "events")]
 use super::report::EventsReport;
-use super::handoff::Handoff;
+use super::handoff::{Handoff, LATE};
 use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
@@ -337,7 +337,7 @@ impl Output {
             // What it declared is to be declared again.
             self.encoder.discard();
             self.told = Told::default();
-            self.error.get_or_insert_with(|| error.to_string());
+            self.fail(&error);
         } else {
             self.encoder.next();
             self.bytes += length;
@@ -362,6 +362,13 @@ impl Output {
         self.events.end_block(has_failed);
         self.heed();
         !has_failed
+    }
+
+    /// Keeps the first error, but one that says more than that it is late.
+    fn fail(&mut self, error: &io::Error) {
+        if self.error.as_deref().is_none_or(|first| first == LATE) {
+            self.error = Some(error.to_string());
+        }
     }
 
     /// Asks what the sink has to say, also if there was no block for it.
@@ -399,7 +406,7 @@ impl Output {
             self.end_block();
         }
         if let Err(error) = self.sink.end() {
-            self.error.get_or_insert_with(|| error.to_string());
+            self.fail(&error);
         }
         self.heed();
         self.messages.lost += lost_messages;

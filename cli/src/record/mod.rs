@@ -1,0 +1,158 @@
+//! `luna record`: receives what other programs record, a file for each, and shows their messages.
+//!
+//! `file` is where a sender's blocks go, `messages` what is shown of them, `name` how the files are called.
+
+mod file;
+mod messages;
+mod name;
+mod signals;
+
+use crate::args::{Messages, Record};
+use crate::failure::Failure;
+use file::File;
+use luna_logger::{Departure, FileSink, Handler, Peer, PeerError, Receiver, Sink};
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::io::{self, Write};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Receives as the command line asks.
+pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
+    let failed = |error| Failure::Listen {
+        address: arguments.listen.clone(),
+        error,
+    };
+    let (end, ends) = channel();
+    // Before any thread is made: all of them leave the signals to the one that waits for them.
+    signals::tell(end.clone());
+    let receiver = match arguments.udp {
+        true => Receiver::udp(&*arguments.listen),
+        false => Receiver::tcp(&*arguments.listen),
+    }
+    .map_err(failed)?;
+    let desk = Desk {
+        output: arguments.output.clone().unwrap_or_default(),
+        once: arguments.once,
+        show: arguments.messages,
+        limit: arguments.limit.map_or(u64::MAX, |mib| mib << 20),
+        end,
+        files: Mutex::default(),
+    };
+    let receiving = receiver.start(Arc::new(desk)).map_err(failed)?;
+    let way = if arguments.udp { "udp" } else { "tcp" };
+    say(format_args!(
+        "listening on {way}://{}; Ctrl-C ends it",
+        receiving.address()
+    ));
+    // One end is always held by the thread that waits for signals.
+    let _ = ends.recv();
+    receiving.stop();
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A line on standard output. Nobody may read there any more: that is no reason to record no more.
+fn say(line: impl Display) {
+    let _ = writeln!(io::stdout().lock(), "{line}");
+}
+
+struct Desk {
+    output: PathBuf,
+    once: bool,
+    show: Messages,
+    limit: u64,
+    end: Sender<()>,
+    /// The names of those that are known.
+    files: Mutex<HashMap<(SocketAddr, u32), PathBuf>>,
+}
+
+/// As many names as a receiver knows senders.
+const MOST_FILES: usize = 1024;
+
+impl Desk {
+    fn path(&self, peer: &Peer) -> PathBuf {
+        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        files
+            .get(&(peer.address, peer.part))
+            .cloned()
+            .unwrap_or_default()
+    }
+
+    fn create(&self, peer: &Peer) -> io::Result<(PathBuf, FileSink)> {
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.once && !files.is_empty() {
+            return Err(io::Error::other("--once: another recording was taken"));
+        }
+        let path = match self.once && !self.output.as_os_str().is_empty() {
+            true => self.output.clone(),
+            false => name::new_file(&self.output, peer)?,
+        };
+        let sink = FileSink::create(&path)?;
+        if files.len() >= MOST_FILES {
+            files.clear();
+        }
+        files.insert((peer.address, peer.part), path.clone());
+        Ok((path, sink))
+    }
+}
+
+impl Handler for Desk {
+    fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>> {
+        match self.create(peer) {
+            Ok((path, sink)) => {
+                say(format_args!("{} has come: {}", who(peer), path.display()));
+                Ok(Box::new(File::new(sink, peer, self.show, self.limit)))
+            }
+            Err(error) => {
+                say(format_args!("{} is refused: {error}", who(peer)));
+                Err(error)
+            }
+        }
+    }
+
+    fn is_back(&self, peer: &Peer) {
+        say(format_args!("{} is back", who(peer)));
+    }
+
+    fn has_gone(&self, peer: &Peer, departure: &Departure) {
+        let Departure {
+            has_ended,
+            received,
+            missing,
+            error,
+            ..
+        } = departure;
+        let samples: u64 = received.samples.values().sum();
+        let how = match (has_ended, error) {
+            (true, _) => "has ended".to_owned(),
+            (false, None) => "has gone without an end".to_owned(),
+            (false, Some(error)) => format!("has gone without an end ({error})"),
+        };
+        let path = self.path(peer);
+        say(format_args!(
+            "{} {how}: {samples} samples and {} messages are in {}; {missing} blocks are missing",
+            who(peer),
+            received.messages,
+            path.display()
+        ));
+        if self.once && *has_ended {
+            let _ = self.end.send(());
+        }
+    }
+
+    fn was_refused(&self, address: SocketAddr, error: &PeerError) {
+        say(format_args!("{address} is refused: {error}"));
+    }
+}
+
+/// A sender, as it is called on the screen.
+fn who(peer: &Peer) -> String {
+    let system = name::plain(&peer.system);
+    match peer.process {
+        0 => format!("{system} ({})", peer.address),
+        process => format!("{system} ({}, process {process})", peer.address),
+    }
+}

@@ -1,0 +1,31 @@
+//! Ctrl-C ends it, with whole files.
+
+use std::sync::mpsc::Sender;
+
+/// Has `end` told when the program is asked to end. To be called before threads are made.
+#[cfg(unix)]
+pub(super) fn tell(end: Sender<()>) {
+    use nix::sys::signal::{SigSet, Signal};
+    let mut signals = SigSet::empty();
+    for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
+        signals.add(signal);
+    }
+    // Without it a signal ends the program at once, and a file may end in the middle of a block.
+    if signals.thread_block().is_err() {
+        std::mem::forget(end);
+        return;
+    }
+    std::thread::spawn(move || {
+        let _ = signals.wait();
+        let _ = end.send(());
+        // Who asks twice has a disk that stands.
+        let _ = signals.wait();
+        std::process::exit(1);
+    });
+}
+
+/// Not known on this system: the program ends at once, and a file may end in the middle of a block.
+#[cfg(not(unix))]
+pub(super) fn tell(end: Sender<()>) {
+    std::mem::forget(end);
+}
