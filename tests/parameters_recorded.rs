@@ -34,7 +34,7 @@ struct Reads {
     by_loop: bool,
     gain: Option<Parameter<f64>>,
     list: Option<Parameter<[u32; 3]>>,
-    seen: Arc<Mutex<Vec<(f64, [u32; 3])>>>,
+    seen: Arc<Mutex<Seen>>,
     done: Arc<AtomicU64>,
 }
 
@@ -78,11 +78,15 @@ impl Process for Reads {
     }
 }
 
-type Seen = [Arc<Mutex<Vec<(f64, [u32; 3])>>>; 2];
+/// The values that a process has read, in their order.
+type Seen = Vec<(f64, [u32; 3])>;
 
-fn system() -> luna::Result<(System, Seen, Arc<AtomicU64>)> {
+/// What both processes have read.
+type BothSeen = [Arc<Mutex<Seen>>; 2];
+
+fn system() -> luna::Result<(System, BothSeen, Arc<AtomicU64>)> {
     let mut system = System::new("recorded");
-    let seen = Seen::default();
+    let seen = BothSeen::default();
     let done = Arc::new(AtomicU64::new(0));
     for ((name, by_loop), seen) in [("left", true), ("right", false)].into_iter().zip(&seen) {
         let executor = system.executor(name).build()?;

@@ -422,7 +422,7 @@ impl Store {
         for given in given {
             match state.check(&given) {
                 Ok((number, words)) => drop(new.insert(number, (words, Some(given.source)))),
-                Err(refusal) => refused.push(refusal),
+                Err(refusal) => refused.push(*refusal),
             }
         }
         if !refused.is_empty() {
@@ -523,16 +523,16 @@ impl Store {
 
 impl State {
     /// The number of the parameter, and the words of its new value.
-    fn check(&self, given: &Given) -> Result<(usize, Box<[u64]>), Refusal> {
+    fn check(&self, given: &Given) -> Result<(usize, Box<[u64]>), Box<Refusal>> {
         let Some(&number) = self.numbers.get(&*given.name) else {
             let names = self.entries.iter().map(|entry| &*entry.declared.name);
             let nearest = nearest(&given.name, names).map(str::to_owned);
-            return Err(given.refused("", Reason::Unknown { nearest }));
+            return Err(given.refused("", Reason::Unknown { nearest }).into());
         };
         let declared = &self.entries[number].declared;
         match declared.form.pack(&given.value) {
             Ok(words) => Ok((number, words)),
-            Err(reason) => Err(given.refused(&declared.unit, reason)),
+            Err(reason) => Err(given.refused(&declared.unit, reason).into()),
         }
     }
 
