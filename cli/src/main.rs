@@ -15,6 +15,7 @@ mod joystick;
 mod output;
 mod place;
 mod report;
+mod scope;
 mod text;
 
 use args::{Arguments, Command};
@@ -32,6 +33,7 @@ fn main() -> ExitCode {
         Command::Jitter(arguments) => jitter::run(&arguments, &ALLOCATOR).map(of_a_run),
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::Scope(arguments) => scope::run(&arguments),
     };
     match outcome {
         Ok(code) => code,
