@@ -2,6 +2,7 @@
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use luna::Policy;
+use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,6 +13,9 @@ const RATES: RangeInclusive<u32> = 100..=4000;
 const MAX_SECONDS: f64 = 86_400.0;
 /// A period is at most a minute, in µs.
 const MAX_INTERVAL: u64 = 60_000_000;
+
+/// Where the scope listens: this machine alone can reach it.
+const SCOPE: &str = "127.0.0.1:8620";
 
 /// LUNA: hard real-time processes and channels. Without a command: the demo.
 #[derive(Debug, Parser)]
@@ -43,6 +47,8 @@ pub(crate) enum Command {
     Convert(Convert),
     /// Receives what other programs record (LUNA_LOG=tcp://HOST:PORT), also of other computers, and writes a file for each
     Record(Record),
+    /// Shows a recording in the browser, as it was while it was made
+    Scope(Scope),
 }
 
 /// Beside the measured one: as many as a system sets room aside for, with some to spare.
@@ -83,6 +89,9 @@ pub(crate) struct Demo {
     /// The card between the processes and the machine: mesa-sim, a simulated Mesa 7I92 in this program, or mesa:HOST[:PORT], a real one [default: none, the machine is simulated by processes]
     #[arg(long, value_name = "CARD", value_parser = crate::card::parse, conflicts_with = "on_virtual_clock")]
     pub(crate) card: Option<crate::card::Choice>,
+    /// Serve the live scope while it runs, for a browser on this machine; ADDR is host:port
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE, conflicts_with = "replay")]
+    pub(crate) scope: Option<SocketAddr>,
 }
 
 impl Demo {
@@ -215,6 +224,28 @@ fn level(text: &str) -> Result<Messages, String> {
         "trace" => Some(Level::Trace),
         _ => return Err("it must be error, warn, info, debug, trace or none".into()),
     }))
+}
+
+/// The options of `luna scope`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Scope {
+    /// The recording, as `System::log_to` or LUNA_LOG has made it; - reads it from the standard input
+    pub(crate) file: PathBuf,
+    /// Where to listen; there is no encryption, so that what is no loopback is for a network that one trusts
+    #[arg(long, value_name = "ADDR", default_value = SCOPE)]
+    pub(crate) listen: SocketAddr,
+    /// Answer under this name too, beside localhost and the address that was reached
+    #[arg(long, value_name = "NAME")]
+    pub(crate) host: Vec<String>,
+    /// At most so many viewers
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..))]
+    pub(crate) viewers: u8,
+    /// Play it so many times as fast as it was recorded, or max for all at once
+    #[arg(long, value_name = "X", default_value = "1")]
+    pub(crate) speed: luna_scope::Speed,
+    /// End with the recording, instead of showing its end until Ctrl-C
+    #[arg(long)]
+    pub(crate) once: bool,
 }
 
 /// What a recording can be made to.

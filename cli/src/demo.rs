@@ -13,6 +13,7 @@ use luna_jiwy::joystick::Recording;
 use luna_jiwy::network::LOOP;
 use luna_jiwy::{AXES, Executors, Findings, Settings, Start, network};
 use luna_plants::MotorState;
+use luna_scope::Scope;
 use std::io::Write;
 
 const CONTROL: &str = "control";
@@ -48,6 +49,7 @@ pub(crate) fn run(arguments: &args::Demo, allocator: &Counting) -> Result<bool, 
     }
     replay::record(&mut system, arguments);
     set_parameters(&mut system, arguments).map_err(Failure::Luna)?;
+    let _scope = watch(&mut system, arguments)?;
     let executors = executors(&mut system, &arguments.place).map_err(Failure::Luna)?;
     if let Some(path) = &arguments.joystick
         && crate::joystick::is_device(path)
@@ -112,6 +114,19 @@ fn set_parameters(system: &mut System, arguments: &args::Demo) -> luna::Result<(
         system.set_parameter_text(assignment)?;
     }
     Ok(())
+}
+
+/// Shows the run in the browser, if that is asked for.
+fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, Failure> {
+    let Some(address) = arguments.scope else {
+        return Ok(None);
+    };
+    let scope = crate::scope::of_demo(address)?;
+    let sink = scope
+        .sink()
+        .map_err(|error| Failure::Scope { address, error })?;
+    system.log(luna::Logging::to_sink(sink));
+    Ok(Some(scope))
 }
 
 /// The control executor as asked for; the hardware below it, where the system likes; the operator with no promise at all.

@@ -5,6 +5,7 @@ use luna::record::RecordError;
 use luna_jiwy::joystick;
 use luna_platform::facts::parse::write_core_list;
 use std::fmt;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 /// What went wrong.
@@ -66,6 +67,13 @@ pub(crate) enum Failure {
         /// Why.
         error: std::io::Error,
     },
+    /// The scope cannot be served.
+    Scope {
+        /// Where.
+        address: SocketAddr,
+        /// Why.
+        error: std::io::Error,
+    },
     /// The system could not be set up, or ended with an error.
     Luna(luna::Error),
     /// Standard output is closed.
@@ -83,6 +91,7 @@ impl Failure {
             | Self::Log { .. }
             | Self::Converted { .. }
             | Self::Listen { .. }
+            | Self::Scope { .. }
             | Self::Core { .. } => 2,
             Self::Luna(luna::Error::Setup(
                 SetupError::NoSuchCore { .. }
@@ -116,6 +125,7 @@ impl fmt::Display for Failure {
                 "--core {core}: the machine has the cores {}",
                 write_core_list(online)
             ),
+            Self::Scope { address, error } => write!(f, "scope {address}: {error}"),
             Self::Card(error) => write!(f, "card: {error}"),
             Self::Luna(error) => error.fmt(f),
             Self::Output(error) => write!(f, "standard output: {error}"),

@@ -16,6 +16,7 @@ mod output;
 mod place;
 mod record;
 mod report;
+mod scope;
 mod text;
 
 use args::{Arguments, Command};
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Doctor(arguments) => doctor::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Record(arguments) => record::run(&arguments),
+        Command::Scope(arguments) => scope::run(&arguments),
     };
     match outcome {
         Ok(code) => code,

@@ -10,6 +10,7 @@ use support::feeder::Feeder;
 use support::machine::Machine;
 
 const LAPTOP: (u32, u32) = (1366, 820);
+const TABLET: (u32, u32) = (820, 1180);
 
 fn main() {
     let folder = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| ".".to_owned()));
@@ -22,10 +23,12 @@ fn main() {
     browser.wait("scope.clock.now > 10.5");
     browser.screenshot(&folder.join("light.png"));
 
-    browser.look(LAPTOP, "dark");
+    browser.look(TABLET, "dark");
     browser.run("scope.show('loops')");
     browser.frames(10);
-    browser.screenshot(&folder.join("loops.png"));
+    browser.screenshot(&folder.join("tablet.png"));
+
+    browser.look(LAPTOP, "dark");
     browser.run("scope.show('composition')");
     browser.frames(90);
     browser.screenshot(&folder.join("dark.png"));

@@ -74,7 +74,7 @@ export class Connection {
     const word = typeof data === "string" ? JSON.parse(data) : null;
     if (word && !["begin", "missed"].includes(word.type)) return this.hear(word);
     // While the page is paused, memory stays as it is: else what is looked at would be overwritten.
-    if (!this.clock.live && !(word?.type === "begin" && this.model.version <= 1)) return this.keep(word ?? data);
+    if (!this.clock.live) return this.keep(word ?? data);
     this.apply(word ?? data);
     if (!word) this.clock.settle(performance.now());
   }

@@ -1,9 +1,18 @@
 // Drawing: canvases in device pixels, and a painter that fills columns of an image, which is many times as fast as strokes where there are many lines.
 
-export const colours = () => {
-  const style = getComputedStyle(document.documentElement);
-  return new Proxy({}, { get: (_, name) => style.getPropertyValue(`--${name}`).trim() });
-};
+const NAMES = ["grid", "line", "text", "muted", "faint", "surface", "accent", "on-accent", "on-alarm", "running", "ready", "waiting", "done", "failed", "arrow"];
+let palette = null;
+
+// The page's colours, as its style sheet has them now.
+export function colours() {
+  const { theme } = document.documentElement.dataset;
+  if (palette?.theme !== theme) {
+    const style = getComputedStyle(document.documentElement);
+    palette = Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    palette.theme = theme;
+  }
+  return palette;
+}
 
 // A palette that can be told apart with any colour vision where neighbours differ in lightness too.
 const LIGHT = ["#2b62d9", "#c25a00", "#00816a", "#a63a94", "#7a6100", "#0b87a8", "#b8322a", "#5f4fc9"];

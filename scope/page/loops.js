@@ -4,7 +4,7 @@ import { $, make, put, spanParts, span, instant, count } from "./text.js";
 import { colours, fit } from "./draw.js";
 
 const PARTS = 16, FINE = 32; // of the scope's histograms: a sixteenth of an octave
-export const CAUSES = ["not known", "the loop itself", "a more urgent process", "the kernel or another program", "the hypervisor"];
+export const CAUSES = ["not known", "the loop itself", "another process of its executor", "the kernel, for another thread", "the hypervisor"];
 
 // The bounds of a part of a histogram, in nanoseconds.
 export function bounds(at) {

@@ -26,6 +26,12 @@ export class Timeline {
     this.end = null;
     this.version = -1;
     this.arrows = true;
+    this.skips = false;
+    this.knots = null; // of time that is left out: [instant, instant as it is drawn], rising
+    $("#lanes-idle").onclick = () => {
+      this.skips = !this.skips;
+      $("#lanes-idle").setAttribute("aria-pressed", this.skips);
+    };
     $("#lanes-in").onclick = () => this.zoom(0.5);
     $("#lanes-out").onclick = () => this.zoom(2);
     $("#lanes-late").onclick = () => this.lastLate();
@@ -53,8 +59,9 @@ export class Timeline {
   }
 
   key(key) {
-    if (key !== "l") return false;
-    this.lastLate();
+    if (key === "l") this.lastLate();
+    else if (key === "i") $("#lanes-idle").click();
+    else return false;
     return true;
   }
 
@@ -73,8 +80,73 @@ export class Timeline {
 
   get gutter() { return this.canvas.clientWidth < 700 ? 110 : 190; }
   get wide() { return Math.max(1, this.canvas.clientWidth - this.gutter - RIGHT); }
-  x(time) { return this.gutter + ((time - this.to) / this.span + 1) * this.wide; }
-  time(x) { return this.to - this.span + ((x - this.gutter) / this.wide) * this.span; }
+  x(time) { return this.gutter + ((this.bent(time, 0, 1) - this.to) / this.span + 1) * this.wide; }
+  time(x) { return this.bent(this.to - this.span + ((x - this.gutter) / this.wide) * this.span, 1, 0); }
+
+  // An instant as it is drawn, or the other way round: straight between knots.
+  bent(value, from, to) {
+    const { knots } = this;
+    if (knots === null) return value;
+    let low = 0, high = knots.length - 1;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (knots[middle][from] <= value) low = middle; else high = middle;
+    }
+    const [one, other] = [knots[low], knots[high]];
+    return one[to] + ((value - one[from]) / (other[from] - one[from])) * (other[to] - one[to]);
+  }
+
+  // Idle spans become short, and the rest fills the window (figure H.4).
+  bend(from, to) {
+    this.knots = null;
+    if (!this.skips) return;
+    const { events } = this.model, running = new Map(), gaps = [];
+    const least = this.span / 40;
+    let idle = null;
+    const first = events.find(from), last = events.find(to);
+    for (const [number, { state, thread }] of events.statesAt(first)) if (state === 2) running.set(thread, number);
+    if (running.size === 0) idle = from;
+    for (let index = first; index < last; index++) {
+      const slot = index & events.mask, state = stateOf(events.code[slot], events.a[slot]);
+      if (state === 0) continue;
+      const thread = events.thread[slot], subject = events.subject[slot], time = events.time[slot];
+      if (state === 2) {
+        if (idle !== null && time - idle > least) gaps.push([idle + least / 8, time - least / 8]);
+        idle = null;
+        running.set(thread, subject);
+      } else if (running.get(thread) === subject) {
+        running.delete(thread);
+        if (running.size === 0) idle = time;
+      }
+    }
+    if (idle !== null && to - idle > least) gaps.push([idle + least / 8, to]);
+    const left = gaps.reduce((sum, [begin, end]) => sum + end - begin, 0);
+    const busy = to - from - left;
+    if (gaps.length === 0 || gaps.length > 200 || busy <= 0) return;
+    const short = (0.25 * this.span) / gaps.length < this.span / 30 ? (0.25 * this.span) / gaps.length : this.span / 30;
+    const stretch = (this.span - short * gaps.length) / busy;
+    const knots = [[from, from]];
+    let drawn = from, at = from;
+    for (const [begin, end] of gaps) {
+      drawn += (begin - at) * stretch;
+      knots.push([begin, drawn]);
+      drawn += short;
+      knots.push([end, drawn]);
+      at = end;
+    }
+    if (at < to) knots.push([to, to]);
+    this.knots = knots.filter(([time], n) => n === 0 || time > knots[n - 1][0]);
+    this.gaps = gaps;
+  }
+
+  drawGaps(context, palette, height) {
+    if (this.knots === null) return;
+    context.fillStyle = palette.grid;
+    for (const [begin, end] of this.gaps) {
+      const left = this.x(begin), right = this.x(end);
+      context.fillRect(left, AXIS, right - left, height - AXIS);
+    }
+  }
 
   pan(pixels) {
     if (this.clock.live) this.clock.pause();
@@ -121,9 +193,10 @@ export class Timeline {
     if (this.canvas.style.height !== `${high}px`) this.canvas.style.height = `${high}px`;
     const surface = fit(this.canvas, this.canvas.clientWidth, high);
     // What stands still is drawn once.
-    const still = [to, this.span, clock.now, clock.live, this.version, this.arrows, high, surface.width, this.box.scrollTop, document.documentElement.dataset.theme, model.events.end].join();
+    const still = [to, this.span, clock.now, clock.live, this.version, this.arrows, this.skips, high, surface.width, this.box.scrollTop, document.documentElement.dataset.theme, model.events.end].join();
     if (this.still !== still || surface.changed) {
       this.still = still;
+      this.bend(to - this.span, to);
       this.draw(surface, to - this.span, to);
     }
     this.hover();
@@ -138,6 +211,7 @@ export class Timeline {
     context.textBaseline = "middle";
     const { gutter } = this, right = width - RIGHT, scroll = this.box.scrollTop;
     const y = (lane) => AXIS + lane * LANE - scroll;
+    this.drawGaps(context, palette, height);
     this.grid(context, palette, from, to, width, height);
     context.save();
     context.beginPath();
@@ -146,7 +220,6 @@ export class Timeline {
 
     // Bars by state: [x, y, width, height, ...]; what is narrower than a pixel is summed up for each pixel.
     const bars = { running: [], faint: [], ready: [], waiting: [], failed: [] };
-    const perSecond = this.wide / this.span;
     const names = [], pending = this.lanes.map(() => ({ pixel: -1, running: 0, ready: 0 }));
     const flush = (lane) => {
       const one = pending[lane];
@@ -159,7 +232,7 @@ export class Timeline {
     const bar = (lane, state, begin, end, name) => {
       const top = y(lane);
       if (top < AXIS - LANE || top > height) return;
-      const left = Math.max(gutter, gutter + (begin - from) * perSecond), stop = Math.min(right, gutter + (end - from) * perSecond);
+      const left = Math.max(gutter, this.x(begin)), stop = Math.min(right, this.x(end));
       if (stop < left || state === 0 || state === 4) return;
       if (state === 3) { if (stop - left >= 1) { flush(lane); bars.waiting.push(left, Math.floor(top + LANE / 2), stop - left, 1); } return; }
       if (stop - left < 1) {
@@ -238,8 +311,11 @@ export class Timeline {
     context.fillStyle = palette.line;
     context.fillRect(0, AXIS - 1, width, 1);
     const { grid, muted } = palette;
+    let told = -Infinity;
     for (let n = Math.ceil(from / every); n * every <= to; n++) {
       const x = this.x(n * every);
+      if (x - told < 84 && this.knots !== null) continue;
+      told = x;
       context.fillStyle = grid;
       context.fillRect(Math.round(x), AXIS, 1, height - AXIS);
       context.fillStyle = muted;

@@ -134,6 +134,7 @@ fn cursors_show_values_and_differences() {
     let Some((mut browser, _feeder, _scope)) = live("cursors") else {
         return;
     };
+    browser.run("scope.views.signals.span = 0.5");
     browser.click("#cursors");
     browser.wait("document.querySelectorAll('#cursor-table tbody tr').length === 7");
     browser.wait("document.querySelector('#cursor-table td.n').textContent.endsWith(' s')");
@@ -197,7 +198,7 @@ fn a_late_cycle_leads_to_the_timeline() {
     let row = browser.run(
         "[...document.querySelector('#loops tbody tr').cells].map((cell) => cell.textContent)",
     );
-    assert_eq!(row[3], "a more urgent process");
+    assert_eq!(row[3], "another process of its executor");
     let p50 = browser.run("document.querySelector('#loops .figures dd').textContent");
     assert!(p50.as_str().unwrap().ends_with(" µs"), "{p50}");
     browser.click("#loops tbody tr button");
@@ -267,7 +268,7 @@ fn an_emergency_is_seen_on_every_view_and_text_stays_text() {
     browser.open(&scope.url(), LAPTOP, "light");
     browser.wait("!document.querySelector('#emergency').hidden && document.querySelector('#emergency').textContent.startsWith('Emergency, said by joystick')");
     browser.click("#tab-messages");
-    browser.wait("document.querySelectorAll('#messages tbody tr').length === 5");
+    browser.wait("document.querySelectorAll('#messages tbody tr').length === 4");
     assert_eq!(
         browser.run("document.querySelectorAll('#messages img').length"),
         0

@@ -49,7 +49,7 @@ use crate::parts::pid::Gains;
 use crate::parts::sanity::{Interventions, Sanity};
 use crate::parts::set_point::SetPoint;
 use crate::parts::tracking::Tracking;
-use crate::processes::control::{Controller, Track, calibrate, lead, pass_on, scale_output};
+use crate::processes::control::{Controller, ScaleOutput, Track, calibrate, lead, pass_on};
 use crate::processes::operator::Joystick;
 use crate::processes::readers::{read_joystick, read_position, scale_joystick, scale_position};
 use crate::processes::safety::{keep_safe, watch_encoder, watch_motion};
@@ -297,6 +297,8 @@ impl AxisModel<'_> {
         self.add(
             "tracking",
             Track {
+                axis: axis.name,
+                error: None,
                 tracking: Tracking::default(),
                 errors,
                 findings: Arc::clone(&findings),
@@ -304,7 +306,13 @@ impl AxisModel<'_> {
         )?;
         self.add(
             "output scaling",
-            scale_output(axis.plant.supply, voltages, duty),
+            ScaleOutput {
+                axis: axis.name,
+                supply: axis.plant.supply,
+                voltages,
+                duties: duty,
+                seen: None,
+            },
         )?;
 
         // The safety layer.

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
 /// Only a browser that hangs takes so long: what is waited for is waited for in the page.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_secs(600);
 
 pub struct Browser {
     child: Child,

@@ -194,14 +194,25 @@ impl Process for Controller {
 
 /// Sums up how far the axis was from its set-point.
 pub(crate) struct Track {
+    pub(crate) axis: &'static str,
+    pub(crate) error: Option<Signal<f64>>,
     pub(crate) tracking: Tracking,
     pub(crate) errors: Receiver<f64>,
     pub(crate) findings: Arc<Findings>,
 }
 
 impl Process for Track {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        let signal = Signal::with_unit(&format!("{}/error", self.axis), "deg");
+        self.error = Some(signal.description("set-point less angle").register()?);
+        Ok(())
+    }
+
     async fn run(&mut self) -> luna::Result<()> {
         while let Ok(error) = self.errors.recv().await {
+            if let Some(signal) = &self.error {
+                signal.record(error.to_degrees());
+            }
             self.tracking.add(error);
         }
         Ok(())
@@ -212,17 +223,48 @@ impl Process for Track {
     }
 }
 
-/// From volts to the part of the supply that the bridge lets through.
-pub(crate) async fn scale_output(
-    supply: f64,
-    voltages: Receiver<Command>,
-    duties: Sender<Command>,
-) -> luna::Result<()> {
-    while let Ok(mut command) = voltages.recv().await {
-        command.duty /= supply;
-        duties.send(command).await?;
+/// From volts to the part of the supply that the bridge lets through. What goes by is what a recording, or the scope, shows of the axis.
+pub(crate) struct ScaleOutput {
+    pub(crate) axis: &'static str,
+    pub(crate) supply: f64,
+    pub(crate) voltages: Receiver<Command>,
+    pub(crate) duties: Sender<Command>,
+    pub(crate) seen: Option<Seen>,
+}
+
+/// The signals of an axis.
+pub(crate) struct Seen {
+    angle: Signal<f64>,
+    voltage: Signal<f64>,
+}
+
+impl Process for ScaleOutput {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        let name = |what: &str| format!("{}/{what}", self.axis);
+        self.seen = Some(Seen {
+            angle: Signal::with_unit(&name("angle"), "deg")
+                .description("as measured")
+                .register()?,
+            voltage: Signal::with_unit(&name("voltage"), "V")
+                .description("what the controller asks for")
+                .register()?,
+        });
+        Ok(())
     }
-    Ok(())
+
+    async fn run(&mut self) -> luna::Result<()> {
+        while let Ok(mut command) = self.voltages.recv().await {
+            if let Some(seen) = &self.seen {
+                if let Some(angle) = command.angle {
+                    seen.angle.record(angle.to_degrees());
+                }
+                seen.voltage.record(command.duty);
+            }
+            command.duty /= self.supply;
+            self.duties.send(command).await?;
+        }
+        Ok(())
+    }
 }
 
 /// A process that only passes on: the writer of one sub-model, or the reader of the next, as a model's editor generates them.

@@ -1,0 +1,51 @@
+//! `luna scope`: a recording in the browser, and the scope of `luna demo --scope`.
+
+use crate::args;
+use crate::failure::Failure;
+use luna_scope::{Scope, Settings};
+use std::fs::File;
+use std::io::{BufReader, Read, Write};
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Plays the recording.
+pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
+    let failed = |error: String| Failure::Log {
+        path: arguments.file.clone(),
+        error,
+    };
+    let input: Box<dyn Read> = if arguments.file == Path::new("-") {
+        Box::new(std::io::stdin().lock())
+    } else {
+        let file = File::open(&arguments.file).map_err(|error| failed(error.to_string()))?;
+        Box::new(BufReader::with_capacity(1 << 16, file))
+    };
+    let settings = Settings::default()
+        .address(arguments.listen)
+        .viewers(arguments.viewers.into());
+    let settings = arguments.host.iter().fold(settings, Settings::host);
+    let scope = open(settings)?;
+    let played = scope.replay(input, arguments.speed);
+    if let Err(error) = &played {
+        eprintln!("luna: {}", failed(error.to_string()));
+    }
+    while !arguments.once {
+        // Until a signal ends the program.
+        std::thread::park();
+    }
+    Ok(ExitCode::from(u8::from(played.is_err())))
+}
+
+/// The scope of a run of the demo.
+pub(crate) fn of_demo(address: SocketAddr) -> Result<Scope, Failure> {
+    open(Settings::default().address(address))
+}
+
+/// A scope, whose address is said on standard error, since standard output is for results.
+fn open(settings: Settings) -> Result<Scope, Failure> {
+    let address = settings.listens_on();
+    let scope = Scope::open(settings).map_err(|error| Failure::Scope { address, error })?;
+    let _ = writeln!(std::io::stderr(), "scope: {}", scope.url());
+    Ok(scope)
+}

@@ -1,0 +1,136 @@
+//! `luna demo --scope` and `luna scope`: what they serve.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+
+const ANYWHERE: &str = "127.0.0.1:0";
+
+fn luna(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
+    command.args(arguments);
+    command
+}
+
+/// Starts it; gives where its scope listens.
+fn served(arguments: &[&str]) -> (Child, String) {
+    let mut child = luna(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(child.stderr.take().expect("a pipe")).lines();
+    let address = lines.find_map(|line| {
+        let line = line.expect("text");
+        let address = line.strip_prefix("scope: http://")?.strip_suffix('/')?;
+        Some(address.to_owned())
+    });
+    // What it says later is to find a reader.
+    std::thread::spawn(move || lines.for_each(drop));
+    (child, address.expect("it says where"))
+}
+
+/// Looks at the scope until `wanted` has come.
+fn look_for(address: &str, wanted: &[u8]) {
+    let mut viewer = TcpStream::connect(address).expect("it listens");
+    write!(
+        viewer,
+        "GET /live HTTP/1.1\r\nHost: {address}\r\nOrigin: http://{address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    )
+    .expect("it reads");
+    let (mut all, mut some) = (Vec::new(), [0; 4096]);
+    while !all.windows(wanted.len()).any(|part| part == wanted) {
+        let got = viewer.read(&mut some).expect("it answers");
+        assert!(got > 0, "{}", String::from_utf8_lossy(&all));
+        all.extend_from_slice(&some[..got]);
+    }
+}
+
+fn end(mut child: Child) {
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
+}
+
+#[test]
+fn the_demo_shows_its_signals_while_it_runs() {
+    let (child, address) = served(&[
+        "demo",
+        "--scope",
+        ANYWHERE,
+        "--seconds",
+        "600",
+        "--calibrated",
+        "--policy",
+        "other",
+    ]);
+    let mut browser = TcpStream::connect(&address).expect("it listens");
+    write!(browser, "GET / HTTP/1.1\r\nHost: {address}\r\n\r\n").expect("it reads");
+    let mut page = String::new();
+    browser.read_to_string(&mut page).expect("it answers");
+    assert!(page.contains("<title>LUNA scope</title>"), "{page}");
+    look_for(&address, b"pan/voltage");
+    end(child);
+}
+
+fn recording(name: &str) -> PathBuf {
+    use luna_logger::format::{Record, SignalInfo, Type, Values, Writer};
+    let mut writer = Writer::new(Vec::new()).expect("memory");
+    let signal = SignalInfo {
+        number: 0,
+        element_type: Type::F64,
+        elements: 1,
+        name: "arm/angle",
+        unit: "rad",
+        description: "",
+    };
+    let bytes = 0.5f64.to_le_bytes();
+    let values = Values::from_bytes(Type::F64, &bytes);
+    writer.put(&Record::Signal(signal)).expect("memory");
+    for time in 0..10 {
+        let signal = 0;
+        let sample = Record::Sample {
+            signal,
+            time,
+            values,
+        };
+        writer.put(&sample).expect("memory");
+    }
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, writer.finish().expect("memory")).expect("a file");
+    path
+}
+
+#[test]
+fn a_recording_is_shown_until_the_program_is_ended() {
+    let path = recording("shown.luna");
+    let path = path.to_str().expect("a path");
+    let (child, address) = served(&["scope", path, "--listen", ANYWHERE, "--speed", "max"]);
+    look_for(&address, b"arm/angle");
+    end(child);
+}
+
+#[test]
+fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
+    let path = recording("once.luna");
+    let once = |path: &str| {
+        let output = luna(&["scope", path, "--listen", ANYWHERE, "--once"]).output();
+        let output = output.expect("the program starts");
+        let said = String::from_utf8(output.stderr).expect("text");
+        (output.status.code(), said)
+    };
+    let (code, said) = once(path.to_str().expect("a path"));
+    assert_eq!(code, Some(0), "{said}");
+
+    let bytes = std::fs::read(&path).expect("a file");
+    std::fs::write(&path, &bytes[..bytes.len() - 1]).expect("a file");
+    let (code, said) = once(path.to_str().expect("a path"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("in the middle of a block"), "{said}");
+
+    let (code, said) = once("/no/such/recording.luna");
+    assert_eq!(code, Some(2), "{said}");
+    let (code, said) = once(env!("CARGO_BIN_EXE_luna"));
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("no recording of LUNA"), "{said}");
+}

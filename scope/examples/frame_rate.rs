@@ -1,0 +1,50 @@
+//! Measures how many frames a second the page draws with 32 curves of 1 kHz, in a headless Chromium: `cargo run --release -p luna-scope --example frame_rate`.
+//!
+//! The times between frames are those that `requestAnimationFrame` tells, for ten seconds after five of warming up; what a frame's own script takes is told beside them.
+//! A headless Chromium draws without a graphics card, by the processor alone, at most 60 times a second.
+
+#[path = "../tests/support/mod.rs"]
+mod support;
+
+use luna_scope::{Scope, Settings};
+use support::browser::{Browser, program};
+use support::feeder::Feeder;
+use support::machine::Machine;
+
+fn main() {
+    let program = program().expect("chromium is needed (Debian: chromium)");
+    let settings = Settings::default().address(([127, 0, 0, 1], 0).into());
+    let scope = Scope::open(settings).unwrap();
+    let feeder = Feeder::start(&scope, Machine::new());
+    let mut browser = Browser::start(&program, "frame-rate");
+    browser.open(&scope.url(), (1366, 768), "light");
+    browser.wait("scope.views.signals.rows.size === 32");
+    for (layout, click) in [
+        ("stacked", "[data-layout=stack]"),
+        ("overlaid", "[data-layout=overlay]"),
+    ] {
+        browser.click(click);
+        browser.run("(() => { const s = scope.views.signals; if (s.chosen.size < 32) document.querySelector('#signals-all').click(); })()");
+        browser.wait("scope.views.signals.chosen.size === 32");
+        browser.run("new Promise((done) => setTimeout(done, 5000))");
+        let measured = browser.run(
+            "new Promise((done) => {
+                const times = [], work = [], view = scope.views.signals, frame = view.frame.bind(view), before = scope.model.samples;
+                view.frame = (now) => { const begun = performance.now(); frame(now); work.push(performance.now() - begun); };
+                const next = (now) => {
+                    times.push(now);
+                    if (now - times[0] < 10000) return requestAnimationFrame(next);
+                    delete view.frame;
+                    const gaps = times.slice(1).map((time, n) => time - times[n]).sort((a, b) => a - b);
+                    work.sort((a, b) => a - b);
+                    const at = (list, share) => list[Math.min(list.length - 1, Math.floor(list.length * share))].toFixed(1);
+                    const seconds = (times.at(-1) - times[0]) / 1000;
+                    done(`${((times.length - 1) / seconds).toFixed(1)} frames/s, ms from one to the next: p50 ${at(gaps, 0.5)}, p99 ${at(gaps, 0.99)}, greatest ${at(gaps, 1)}; ms of script in each: p50 ${at(work, 0.5)}, p99 ${at(work, 0.99)}; ${Math.round((scope.model.samples - before) / seconds)} samples/s`);
+                };
+                requestAnimationFrame(next);
+            })",
+        );
+        println!("{layout}: {}", measured.as_str().unwrap_or_default());
+    }
+    println!("blocks refused: {}", feeder.end());
+}
