@@ -270,6 +270,55 @@ fn ticks_timers_and_ends() {
 }
 
 #[test]
+fn receives_that_the_safe_state_ends() {
+    check("receives_that_the_safe_state_ends", |system, outputs| {
+        let (sender, receiver) = luna::channel();
+        let safety = system.safety();
+        let executors = ["writes", "enters", "reads"].map(|name| system.executor(name).build());
+        let [writes, enters, reads] = executors;
+        writes?.process("writes").spawn(async move {
+            for value in 0..ROUNDS {
+                work();
+                sender.send(value).await?;
+            }
+            Ok(())
+        })?;
+        enters?.process("enters").spawn(async move {
+            for _ in 0..ROUNDS {
+                work();
+                safety.enter_safe_state(Error::Timeout);
+                work();
+                safety.reset(Error::Timeout).unwrap();
+                luna::yield_now().await;
+            }
+            Ok(())
+        })?;
+        let outputs = outputs.clone();
+        reads?.process("reads").spawn(async move {
+            let safety = luna::safety().unwrap();
+            let mut entered = std::pin::pin!(safety.safe_state_entered());
+            loop {
+                let received = match receiver.recv_unless(entered.as_mut()).await {
+                    Err(luna::RecvTimeoutError::Timeout) => {
+                        give(&outputs, "reads", ROUNDS);
+                        receiver.recv().await.map_err(Into::into)
+                    }
+                    received => received,
+                };
+                match received {
+                    Ok(value) => give(&outputs, "reads", value),
+                    Err(error) => {
+                        assert_eq!(error, luna::RecvTimeoutError::Closed);
+                        return Ok(());
+                    }
+                }
+            }
+        })?;
+        Ok(())
+    });
+}
+
+#[test]
 fn buffers_that_are_drained_at_once() {
     check("drained", |system, outputs| {
         let (small, drained) = luna::buffered::<u64>(Buffer::fifo(2));

@@ -32,6 +32,40 @@ fn blocking_forms_give_up_at_their_time_and_not_before() {
 }
 
 #[test]
+fn a_receive_is_given_up_for_something_else_and_takes_what_was_there_before() {
+    let (sender, receiver) = channel();
+    let (stop, stopped) = channel::<()>();
+    let at_once = || std::future::ready(());
+    // Both are there: the value comes first.
+    let mut send = Box::pin(sender.send(1));
+    pending(&mut send);
+    assert_eq!(ready(&mut Box::pin(receiver.recv_unless(at_once()))), Ok(1));
+    assert_eq!(ready(&mut send), Ok(()));
+    // None is: it is given up, and leaves no offer.
+    assert_eq!(
+        ready(&mut Box::pin(receiver.recv_unless(at_once()))),
+        Err(RecvTimeoutError::Timeout)
+    );
+    assert!(sender.try_send(2).is_err());
+    // What ends it may come while it waits, and live longer than one receive.
+    let mut over = Box::pin(async {
+        let _ = stopped.recv().await;
+    });
+    {
+        let mut receive = Box::pin(receiver.recv_unless(over.as_mut()));
+        pending(&mut receive);
+        assert!(sender.try_send(3).is_ok());
+        assert_eq!(ready(&mut receive), Ok(3));
+    }
+    let mut receive = Box::pin(receiver.recv_unless(over.as_mut()));
+    pending(&mut receive);
+    drop(stop);
+    assert_eq!(ready(&mut receive), Err(RecvTimeoutError::Timeout));
+    drop(receive);
+    assert!(sender.try_send(4).is_err());
+}
+
+#[test]
 fn async_forms_give_up_at_their_time_and_not_before() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();

@@ -1,4 +1,7 @@
 //! The file of a link: reads and writes that wait as processes do.
+//!
+//! Nearly the same as the `wire` of `luna-links`, which has a limit of time for writes in addition, and no recording. They are two on purpose: this is the lowest crate that knows files that
+//! are waited for, channel ends and their errors, so one for both would be a type of `luna`'s public interface that no program has a use for, with both their differences as options.
 
 use super::error::{LinkError, OsError};
 use crate::record::{self, Untaped};

@@ -207,7 +207,7 @@ impl<T> Receiver<T> {
     /// let (sender, receiver) = luna_channels::channel::<u32>();
     /// let (keeps, over) = luna_channels::channel::<()>();
     /// drop(keeps);
-    /// let stop = async { drop(over.recv().await) };
+    /// let stop = async { assert!(over.recv().await.is_err()) };
     /// assert!(receiver.recv_unless(stop).await.unwrap_err().is_timeout());
     /// # drop(sender);
     /// # }).unwrap();

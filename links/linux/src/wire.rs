@@ -1,4 +1,6 @@
 //! A file in non-blocking mode, that is read and written as processes wait.
+//!
+//! Nearly the same as the `device` of `luna::external`, where it is said why they are two. What is found wrong with one is to be looked for in the other.
 
 use crate::end::Stop;
 use luna::external::{LinkError, OsError};
