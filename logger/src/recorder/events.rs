@@ -6,7 +6,7 @@
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
 use luna_platform::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
@@ -253,12 +253,25 @@ impl Events {
             }
         }
         if has_failed {
-            self.told.clear();
-            self.are_codes_told = false;
+            self.declare_anew();
         }
         for key in self.ended.drain(..) {
             self.known.remove(&key);
             self.told.remove(&key);
+        }
+    }
+
+    /// What was told is told again.
+    pub(super) fn declare_anew(&mut self) {
+        self.told.clear();
+        self.are_codes_told = false;
+    }
+
+    /// These were in blocks that the sink has taken, and could not keep.
+    pub(super) fn take_back(&mut self, lost: &BTreeMap<u32, u64>) {
+        for (&thread, &events) in lost {
+            self.recorded = self.recorded.saturating_sub(events);
+            *self.refused.entry(thread).or_default() += events;
         }
     }
 

@@ -277,6 +277,8 @@ impl Output {
     pub(super) fn tell_time(&mut self) {
         if std::mem::take(&mut self.is_asked_to_declare) {
             self.told = Told::default();
+            #[cfg(feature = "events")]
+            self.events.declare_anew();
         }
         if !self.declare() {
             return;
@@ -390,6 +392,8 @@ impl Output {
             }
             self.messages.recorded = self.messages.recorded.saturating_sub(lost.messages);
             self.messages.lost += lost.messages;
+            #[cfg(feature = "events")]
+            self.events.take_back(&lost.events);
             self.bytes = self.bytes.saturating_sub(lost.bytes);
         }
     }

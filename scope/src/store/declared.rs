@@ -87,6 +87,7 @@ impl Declared {
                     Losing::Signal(number) => (1, number),
                     Losing::Messages(number) => (2, number),
                     Losing::Events(number) => (3, number),
+                    Losing::Blocks => (4, 0),
                 };
                 keep(&mut self.losses, key, (of, lost))
             }

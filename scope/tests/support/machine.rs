@@ -467,5 +467,6 @@ fn name_of(put: &mut Put<'_>, subject: Subject, number: u32, parent: u32, name: 
         number,
         parent,
         name,
+        runs_on: None,
     });
 }
