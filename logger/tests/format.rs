@@ -52,7 +52,7 @@ fn record(kind: u8, small: u32, large: u64, bytes: &[u8; 24]) -> Record<'_> {
             number: small,
             parent: 0,
             name,
-            runs_on: (small % 2 == 0).then_some(RunsOn {
+            runs_on: small.is_multiple_of(2).then_some(RunsOn {
                 executor: small,
                 level: small as u8,
             }),
