@@ -418,6 +418,7 @@ impl System {
     /// assert_eq!(system.run()?.logging.unwrap().messages.recorded, 1);
     /// # Ok::<(), luna::Error>(())
     /// ```
+    ///
     /// With the feature `events`, `recording.events()` records CSP events too: `docs/logger.md` has what they are.
     ///
     #[cfg_attr(feature = "events", doc = "```")]

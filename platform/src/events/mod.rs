@@ -1,12 +1,12 @@
 //! What the processes of a thread do, event by event, for who records it: the contract between the operations and a logger.
 //!
-//! A thread that is recorded has a ring, made before it runs processes ([`attach`]). Whoever does something worth an event [tells](tell) it, with the
+//! A thread that is recorded has a ring, made before it runs processes (`attach`). Whoever does something worth an event [tells](tell) it, with the
 //! event's code, its subject and two numbers; a time stamp is added. What an event means is said in the logger's documentation.
 //!
 //! Without the feature `events` all of this is nothing: no code, no memory. With it, a thread that is not recorded executes one branch an event, which is always the
 //! same; in a turn of a process, none.
 //!
-//! The other half are names: who makes a process, a channel or a loop [names](name) it, if anybody [listens](listen). Not for the real-time path, as making one is not.
+//! The other half are names: who makes a process, a channel or a loop [names](name) it, if anybody listens (`listen`). Not for the real-time path, as making one is not.
 
 pub mod code;
 #[cfg(any(all(feature = "events", not(loom)), all(test, loom)))]
