@@ -2,9 +2,9 @@
 
 #[cfg(feature = "events")]
 use super::events::Events;
+use super::handoff::{Handoff, LATE};
 #[cfg(feature = "events")]
 use super::report::EventsReport;
-use super::handoff::{Handoff, LATE};
 use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
