@@ -72,42 +72,46 @@ export class Series {
     let lowest = Infinity, highest = -Infinity;
     let index = Math.max(this.begin, this.find(from) - 1);
     const stop = Math.min(this.end, this.find(to) + 1);
-    let lastX = NaN, lastY = NaN;
+    let lastX = NaN, lastY = NaN, lastColumn = -1;
     while (index < stop) {
-      const at = index & mask;
-      // A whole block within one column.
-      if ((index & (BLOCK - 1)) === 0 && index + BLOCK <= stop && lastY === lastY) {
-        const first = (times[at] - from) * perSecond, last = (times[(index + BLOCK - 1) & mask] - from) * perSecond;
-        const column = Math.floor(first);
-        if (column >= 0 && column < width && column === Math.floor(last) && Math.floor(lastX) === column) {
-          const low = this.least[element][at >> 6], high = this.most[element][at >> 6];
-          if (low < least[column]) least[column] = low;
-          if (high > most[column]) most[column] = high;
-          index += BLOCK;
-          lastX = last;
-          lastY = values[(index - 1) & mask];
-          continue;
-        }
-      }
-      const x = (times[at] - from) * perSecond, y = values[at];
+      const y = values[index & mask], x = (times[index & mask] - from) * perSecond, column = Math.floor(x);
       index++;
       if (y !== y) { lastY = NaN; continue; }
-      const column = Math.floor(x);
-      if (lastY === lastY && column !== Math.floor(lastX)) {
+      if (lastY === lastY && column !== lastColumn) {
         const slope = (y - lastY) / (x - lastX);
-        const begin = Math.max(0, Math.floor(lastX)), end = Math.min(width - 1, column);
+        const begin = Math.max(0, lastColumn), end = Math.min(width - 1, column);
         for (let c = begin; c <= end; c++) {
           const left = lastY + (Math.max(c, lastX) - lastX) * slope, right = lastY + (Math.min(c + 1, x) - lastX) * slope;
           const low = left < right ? left : right, high = left < right ? right : left;
           if (low < least[c]) least[c] = low;
           if (high > most[c]) most[c] = high;
         }
-      } else if (column >= 0 && column < width) {
-        if (y < least[column]) least[column] = y;
-        if (y > most[column]) most[column] = y;
       }
-      lastX = x;
-      lastY = y;
+      // All others of this column.
+      const boundary = from + (column + 1) / perSecond;
+      let low = y, high = y, last = y;
+      while (index < stop && last === last) {
+        const at = index & mask;
+        if ((index & (BLOCK - 1)) === 0 && index + BLOCK <= stop && times[(index + BLOCK - 1) & mask] < boundary) {
+          if (this.least[element][at >> 6] < low) low = this.least[element][at >> 6];
+          if (this.most[element][at >> 6] > high) high = this.most[element][at >> 6];
+          index += BLOCK;
+          last = values[(index - 1) & mask];
+          continue;
+        }
+        if (!(times[at] < boundary)) break;
+        last = values[at];
+        if (last < low) low = last;
+        else if (last > high) high = last;
+        index++;
+      }
+      if (column >= 0 && column < width) {
+        if (low < least[column]) least[column] = low;
+        if (high > most[column]) most[column] = high;
+      }
+      lastX = (times[(index - 1) & mask] - from) * perSecond;
+      lastY = last;
+      lastColumn = column;
     }
     for (let c = 0; c < width; c++) {
       if (least[c] < lowest) lowest = least[c];
@@ -128,5 +132,34 @@ export class Series {
       if (instant > after) return instant;
     }
     return null;
+  }
+}
+
+// The columns of a curve from one frame to the next: what was computed is moved along, and only what is new is computed.
+export class Columns {
+  constructor() { this.least = this.most = null; }
+
+  // From column number `start` on, counted from the beginning of time; gives [least, greatest] of all.
+  update(series, element, start, perSecond, width) {
+    const isSame = this.series === series && this.perSecond === perSecond && this.least?.length === width;
+    const by = start - this.start;
+    let first = 0;
+    if (isSame && by >= 0 && by < width) {
+      if (by > 0) { this.least.copyWithin(0, by); this.most.copyWithin(0, by); }
+      // The last one that had samples may have got more, and a line to it.
+      const stale = Math.floor(this.until * perSecond) - start - 1;
+      first = Math.max(0, Math.min(width - by, stale));
+    } else if (this.least?.length !== width) {
+      this.least = new Float64Array(width);
+      this.most = new Float64Array(width);
+    }
+    Object.assign(this, { series, perSecond, start, until: series.lastTime ?? -Infinity });
+    if (first < width) series.columns(element, (start + first) / perSecond, (start + width) / perSecond, width - first, this.least.subarray(first), this.most.subarray(first));
+    let low = Infinity, high = -Infinity;
+    for (let c = 0; c < width; c++) {
+      if (this.least[c] < low) low = this.least[c];
+      if (this.most[c] > high) high = this.most[c];
+    }
+    return [low, high];
   }
 }

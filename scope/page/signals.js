@@ -3,6 +3,7 @@
 import { $, make, put, number, span, instant, step } from "./text.js";
 import { colours, colourOf, fit, Painter } from "./draw.js";
 import { gestures } from "./gestures.js";
+import { Columns } from "./series.js";
 import { Cursors } from "./cursors.js";
 import { exportCsv, exportPng } from "./export.js";
 
@@ -246,12 +247,16 @@ export class Signals {
     const note = this.rows.size === 0 ? "No signals yet. A process records them with Signal::record." : curves.length === 0 ? "Choose signals in the list." : "";
     put(this.empty, note);
     this.empty.hidden = note === "";
-    const [from, to] = this.window();
     put($("#span"), span(this.span));
     const under = fit(this.under), traces = fit(this.traces), over = fit(this.over);
     if (under.width < LEFT + RIGHT + 20) return;
+    // By whole columns, so that those of the frame before can be used again.
+    const columns = Math.max(1, Math.round((traces.width - LEFT - RIGHT) * traces.ratio)), perSecond = columns / this.span;
+    const start = Math.floor(this.window()[0] * perSecond + 1e-6);
+    const from = start / perSecond, to = from + this.span;
+    this.to = to;
     const palette = colours();
-    this.scales(curves, from, to, traces);
+    this.scales(curves, start, perSecond, columns, traces);
     this.drawUnder(under, palette, curves, from, to);
     this.drawTraces(traces, curves);
     this.drawOver(over, palette, curves);
@@ -259,16 +264,15 @@ export class Signals {
   }
 
   // Columns of all curves, and the lanes that they are in: each with its own scale, or one for all.
-  scales(curves, from, to, { ratio, width, height }) {
-    const columns = Math.max(1, Math.round((width - LEFT - RIGHT) * ratio));
+  scales(curves, start, perSecond, columns, { height }) {
     const bottom = height - BOTTOM;
     const lanes = this.layout === "stack" ? Math.max(1, curves.length) : 1;
     const high = (bottom - TOP) / lanes;
     this.lanes = [];
     curves.forEach((curve, n) => {
       const row = this.rows.get(curve.key);
-      if (row.least?.length !== columns) { row.least = new Float64Array(columns); row.most = new Float64Array(columns); }
-      const [low, most] = curve.signal.series.columns(curve.element, from, to, columns, row.least, row.most);
+      row.columns ??= new Columns();
+      const [low, most] = row.columns.update(curve.signal.series, curve.element, start, perSecond, columns);
       let lane = this.lanes[this.layout === "stack" ? n : 0];
       if (!lane) {
         const top = TOP + this.lanes.length * high;
@@ -322,7 +326,7 @@ export class Signals {
     this.lanes.forEach((lane, n) => {
       const { scale } = lane, high = lane.bottom - lane.top;
       if (n > 0) { context.fillStyle = line; context.fillRect(LEFT, Math.round(lane.top), width - LEFT - RIGHT, 1); }
-      const lines = Math.floor((scale.bottom - scale.top) / 24);
+      const lines = Math.floor((scale.bottom - scale.top) / 20);
       const y = (value) => scale.bottom - ((value - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
       context.textAlign = "right";
       if (lines >= 1 && scale.high > scale.low) {
@@ -348,7 +352,7 @@ export class Signals {
     for (const lane of this.lanes) {
       const { scale } = lane;
       for (const { row, colour } of lane.curves) {
-        painter.curve(row.least, row.most, row.least.length, Math.round(LEFT * ratio), scale.low, scale.high, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
+        painter.curve(row.columns.least, row.columns.most, row.columns.least.length, Math.round(LEFT * ratio), scale.low, scale.high, scale.top * ratio, scale.bottom * ratio, Painter.colour(colour), thick * ratio);
       }
     }
     painter.show(context);

@@ -7,6 +7,7 @@ mod support;
 use luna_scope::{Parameter, Parameters, Scope, Settings, Speed};
 use serde_json::Value;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use support::browser::{Browser, program};
 use support::feeder::Feeder;
 use support::machine::{Machine, PERIOD};
@@ -30,8 +31,11 @@ fn browser(name: &str) -> Option<Browser> {
     Some(Browser::start(&found?, name))
 }
 
+/// A browser that gets no time on a busy machine is no stalled one.
 fn settings() -> Settings {
-    Settings::default().address(([127, 0, 0, 1], 0).into())
+    Settings::default()
+        .address(([127, 0, 0, 1], 0).into())
+        .patience(Duration::from_secs(3600))
 }
 
 /// A scope with a machine that runs by the clock, and a browser that looks at it.

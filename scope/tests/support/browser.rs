@@ -51,6 +51,9 @@ impl Browser {
                 "--no-first-run",
                 "--disable-extensions",
                 "--disable-background-networking",
+                "--disable-background-timer-throttling",
+                "--disable-backgrounding-occluded-windows",
+                "--disable-renderer-backgrounding",
                 "--remote-debugging-port=0",
                 "--hide-scrollbars",
                 "--mute-audio",
@@ -182,7 +185,7 @@ impl Browser {
     /// Waits until a condition holds in the page.
     pub fn wait(&mut self, condition: &str) {
         let held = self.run(&format!(
-            "new Promise((done) => {{ let n = 0; const look = () => {{ let is = false; try {{ is = ({condition}); }} catch {{}} if (is) done(true); else if (++n > 3000) done(false); else setTimeout(look, 30); }}; look(); }})"
+            "new Promise((done) => {{ const begun = Date.now(); const look = () => {{ let is = false, why = ''; try {{ is = ({condition}); }} catch (error) {{ why = String(error); }} if (is) done(true); else if (Date.now() - begun > 240000) done(why || 'false'); else setTimeout(look, 30); }}; look(); }})"
         ));
         assert_eq!(
             held, true,
