@@ -28,7 +28,7 @@ impl Log {
 }
 
 /// Long enough for a loaded machine, and a test that waits for it waits no longer than a person would.
-const SHORT: Duration = Duration::from_millis(100);
+const SHORT: Duration = Duration::from_millis(40);
 const LONG: Duration = Duration::from_secs(60);
 
 fn outcomes(safety: &SafetyReport) -> Vec<FunctionOutcome> {
@@ -468,7 +468,7 @@ fn the_report_says_how_it_went() {
     let text = report.to_string();
     for part in [
         "safety: emergency: now, by process `raiser`",
-        "function `brakes` was left behind, its limit being 100ms",
+        "function `brakes` was left behind, its limit being 40ms",
         "function `lamp` ran, from",
     ] {
         assert!(text.contains(part), "`{part}` is not in: {text}");

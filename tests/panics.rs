@@ -329,5 +329,10 @@ fn functions_run_on_a_thread_above_all_others() {
     if !has_real_time() {
         return skip("its priority: no privilege");
     }
-    assert_eq!(policy, Policy::fifo(99));
+    // On a single core they take turns, so that one that hangs keeps nobody from going on.
+    let expected = match luna_platform::thread::available_cores().len() {
+        1 => Policy::round_robin(99),
+        _ => Policy::fifo(99),
+    };
+    assert_eq!(policy, expected);
 }

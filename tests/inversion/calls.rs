@@ -6,6 +6,7 @@ use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
 use crate::{HIGH, LOW, ROUNDS, one_core};
 use luna::prelude::*;
 use luna::{Client, ProcessBuilder, Receiver, Sender, after, call_channel, channel};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -102,18 +103,29 @@ fn a_server_that_waits() {
     for place in PLACES {
         let mut stage = Stage::new(core);
         let (client, server) = call_channel::<(), i64>();
+        let calls = Arc::new(AtomicU32::new(0));
+        let called = calls.clone();
         stage.high(None, async move || {
+            called.fetch_add(1, Ordering::SeqCst);
             assert_eq!(client.call(()).await?, as_scheduled(HIGH));
             Ok(())
         });
         stage
             .process(place, "server", LOW)
             .spawn(async move {
+                let (mut accepted, mut back) = (0, 0);
                 while let Ok(call) = server.accept().await {
+                    accepted += 1;
                     burn(WORK);
                     let _ = call.reply(scheduled_priority(thread_id()));
-                    assert_eq!(scheduled_priority(thread_id()), as_scheduled(LOW));
+                    let level = scheduled_priority(thread_id());
+                    // On a busy machine the next call may have come by now, and lend again.
+                    if calls.load(Ordering::SeqCst) == accepted {
+                        assert_eq!(level, as_scheduled(LOW));
+                        back += 1;
+                    }
                 }
+                assert!(back > 0, "the next call always came before");
                 Ok(())
             })
             .unwrap();
@@ -163,9 +175,12 @@ fn other_client(stage: &mut Stage, client: Client<bool, ()>) {
         .unwrap();
 }
 
-/// Lets the high one go, which then runs at once.
-fn let_go(go: &Sender<()>) {
-    go.try_send(()).unwrap();
+/// Lets the high one go, which then runs at once; on a machine that was held up, when it is ready for the round.
+async fn let_go(go: &Sender<()>) {
+    while let Err(error) = go.try_send(()) {
+        assert!(error.is_full(), "{error}");
+        after(BURST).await;
+    }
 }
 
 #[test]
@@ -187,7 +202,7 @@ fn a_server_that_is_busy_with_anothers_call() {
                 after(BURST * 2).await;
                 while let Ok(call) = server.accept().await {
                     if !*call {
-                        let_go(&go);
+                        let_go(&go).await;
                         assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
                         burn(WORK);
                     }
@@ -231,7 +246,7 @@ fn a_server_that_is_between_two_calls() {
                 server.accept().await?.reply(()).unwrap();
                 for _ in 0..ROUNDS {
                     after(BURST * 3).await;
-                    let_go(&go);
+                    let_go(&go).await;
                     assert_eq!(scheduled_priority(thread_id()), as_scheduled(HIGH));
                     burn(WORK);
                     server.accept().await?.reply(()).unwrap();
