@@ -222,7 +222,7 @@ impl<R: Read> Reader<R> {
         let at = next
             .windows(BLOCK_MAGIC.len())
             .position(|bytes| bytes == BLOCK_MAGIC)
-            .map_or(next.len().saturating_sub(3), |at| at)
+            .unwrap_or(next.len().saturating_sub(3))
             + 1;
         self.ahead.drain(..at);
         self.offset += at as u64;

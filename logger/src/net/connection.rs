@@ -110,7 +110,7 @@ impl Stream<'_> {
     fn blocks(&self, visit: u64, known: &Mutex<Known>) -> io::Result<()> {
         let next: Answer = Ok(lock(known).next);
         self.write(&answer_bytes(next))?;
-        let mut block = Vec::new();
+        let mut block = vec![0; BLOCK_START];
         loop {
             block.resize(BLOCK_START, 0);
             if !self.read(&mut block, SILENT)? {
