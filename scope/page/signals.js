@@ -326,7 +326,7 @@ export class Signals {
     this.lanes.forEach((lane, n) => {
       const { scale } = lane, high = lane.bottom - lane.top;
       if (n > 0) { context.fillStyle = line; context.fillRect(LEFT, Math.round(lane.top), width - LEFT - RIGHT, 1); }
-      const lines = Math.floor((scale.bottom - scale.top) / 20);
+      const lines = Math.floor((scale.bottom - scale.top) / 16);
       const y = (value) => scale.bottom - ((value - scale.low) / (scale.high - scale.low)) * (scale.bottom - scale.top);
       context.textAlign = "right";
       if (lines >= 1 && scale.high > scale.low) {

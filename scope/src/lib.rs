@@ -11,7 +11,7 @@
 //!
 //! - Memory is bounded: the last blocks (16 MiB, unless [`Settings::memory`] says otherwise), what was declared, and a histogram for each loop. Who comes late gets these.
 //! - A viewer that reads too slowly misses blocks, and is told how many; one that does not read at all is dropped.
-//! - More than a browser can draw is reduced: of the samples of one signal within a millisecond the least and the greatest stay.
+//! - More than a browser can draw is reduced: of the samples of one signal within 0.2 ms the first, the least and the greatest stay.
 //! - A viewer can only look. Parameters can be set by who has the token, if there is one.
 //!
 //! ```

@@ -94,7 +94,7 @@ pub(crate) struct Budget {
 }
 
 /// The shortest span, and the longest.
-const SHORTEST: u64 = 1_000_000;
+const SHORTEST: u64 = 200_000;
 const LONGEST: u64 = 1_000_000_000;
 /// So many bytes of samples in a second are too many: spans then double.
 const MOST_SAMPLE_BYTES: u64 = 6 << 20;
