@@ -11,6 +11,7 @@ pub use shared::Shared;
 
 use std::cell::Cell;
 use std::marker::PhantomData;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicPtr, Ordering};
 
@@ -150,7 +151,8 @@ pub unsafe fn retire(head: NonNull<Retired>) {
     }
 }
 
-/// Frees what was put off, but for what other threads keep to themselves. Not for the real-time path: O(number of allocations put off).
+/// Frees what was put off, but for what other threads keep to themselves. A panic in the drop of what one holds, which the panic hook tells, keeps nobody: the others are
+/// freed all the same. Not for the real-time path: O(number of allocations put off).
 pub fn collect() {
     let own = OWN.with(|own| {
         own.count.set(0);
@@ -174,9 +176,26 @@ unsafe fn free_all(first: *mut Retired) {
         // SAFETY: the contract; `retire` promised that each can be freed here.
         unsafe {
             next = head.as_ref().next.load(Ordering::Relaxed);
-            let free = head.as_ref().free;
-            free(head);
+            free_one(head);
         }
+    }
+}
+
+/// # Safety
+///
+/// As for [`retire`].
+unsafe fn free_one(head: NonNull<Retired>) {
+    // SAFETY: the contract.
+    let free = || unsafe {
+        let free = head.as_ref().free;
+        free(head);
+    };
+    if cfg!(any(loom, shuttle)) {
+        // A model says by a panic what it has found.
+        free();
+    } else if let Err(payload) = catch_unwind(AssertUnwindSafe(free)) {
+        // Its drop is the user's code too.
+        std::mem::forget(payload);
     }
 }
 
@@ -196,7 +215,17 @@ mod tests {
         drop(unsafe { Box::from_raw(head.cast::<Counted>().as_ptr()) });
     }
 
+    unsafe fn free_and_panic(head: NonNull<Retired>) {
+        // SAFETY: as above.
+        unsafe { free(head) };
+        panic!("on purpose");
+    }
+
     fn retired(token: &Arc<()>) -> NonNull<Retired> {
+        retired_with(token, free)
+    }
+
+    fn retired_with(token: &Arc<()>, free: unsafe fn(NonNull<Retired>)) -> NonNull<Retired> {
         let counted = Box::new(Counted {
             head: Retired::new(free),
             token: token.clone(),
@@ -216,6 +245,20 @@ mod tests {
         // SAFETY: nobody else knows the allocation.
         unsafe { retire(retired(&token)) };
         // Another test's `collect` frees this one's too only once it is on the list, so two references are the most.
+        crate::current::set_on_path(false);
+        collect();
+        assert_eq!(Arc::strong_count(&token), 1);
+    }
+
+    #[test]
+    fn one_whose_drop_panics_keeps_nobody() {
+        let token = Arc::new(());
+        let _keeps = keep_own();
+        crate::current::set_on_path(true);
+        for free in [free, free_and_panic, free] {
+            // SAFETY: nobody else knows the allocation.
+            unsafe { retire(retired_with(&token, free)) };
+        }
         crate::current::set_on_path(false);
         collect();
         assert_eq!(Arc::strong_count(&token), 1);

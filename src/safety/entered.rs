@@ -1,7 +1,7 @@
 //! Waiting for the safe state.
 
 use super::emergency::Emergency;
-use super::state::Degree;
+use super::state::{Degree, Level};
 use luna_platform::current::{self, Ready, Wakeup};
 use luna_platform::lock::PiLock;
 use luna_platform::wait_list::{WaitList, WaitNode};
@@ -17,7 +17,44 @@ use std::task::{Context, Poll, RawWakerVTable};
 
 /// Those who wait for a system's safe state.
 #[derive(Debug)]
-pub(crate) struct Waiting(PiLock<WaitList>);
+pub(crate) struct Waiting(PiLock<Lists>);
+
+/// Who is listed while others are woken, since it was left again meanwhile or they have been told of it, waits for the next one: in another list than theirs, so that waking ends.
+#[derive(Debug)]
+struct Lists {
+    waiting: WaitList,
+    /// Those who waited when it was entered last, and are still to be woken.
+    called: WaitList,
+    /// How often those who waited were called.
+    round: u32,
+}
+
+impl Lists {
+    /// Calls those who wait; gives the number of this round. O(1) if those of the round before have been woken.
+    fn call(&mut self) -> u32 {
+        self.round = self.round.wrapping_add(1);
+        if self.called.is_empty() {
+            std::mem::swap(&mut self.waiting, &mut self.called);
+        }
+        while let Some(node) = self.waiting.first() {
+            // SAFETY: the first is listed here, and in no list then.
+            unsafe {
+                self.waiting.remove_first(node);
+                self.called.insert_again(node);
+            }
+        }
+        self.round
+    }
+
+    /// Where one is who was listed in this round.
+    fn of_round(&mut self, round: u32) -> &mut WaitList {
+        if round == self.round {
+            &mut self.waiting
+        } else {
+            &mut self.called
+        }
+    }
+}
 
 /// The node of one who waits.
 #[repr(C)]
@@ -26,27 +63,38 @@ struct Waiter {
     wait: WaitNode,
     /// Set and cleared under the lock. Once it is cleared nobody but the future touches this.
     is_listed: AtomicBool,
+    /// In which round it was listed. The lock guards it.
+    round: u32,
 }
 
 impl Waiting {
     pub(super) fn new() -> Self {
-        Self(PiLock::new(WaitList::new()))
+        Self(PiLock::new(Lists {
+            waiting: WaitList::new(),
+            called: WaitList::new(),
+            round: 0,
+        }))
     }
 
-    /// Wakes all who wait, the most urgent first: the degree says by now what they wait for. O(their number); a system call for each whose thread sleeps.
+    /// Wakes all who wait, the most urgent first, but nobody who begins to wait meanwhile: the degree says by now what they wait for. O(their number); a system call for each whose thread sleeps.
     pub(super) fn wake_all(&self) {
-        while let Some(ready) = self.take() {
+        let round = self.0.lock().call();
+        while let Some(ready) = self.take(round) {
             ready.wake();
         }
     }
 
-    fn take(&self) -> Option<Ready> {
-        let mut list = self.0.lock();
-        let node = list.first()?;
+    fn take(&self, round: u32) -> Option<Ready> {
+        let mut lists = self.0.lock();
+        if lists.round != round {
+            // Who has entered it since then wakes the rest.
+            return None;
+        }
+        let node = lists.called.first()?;
         let waiter = node.cast::<Waiter>().as_ptr();
         // SAFETY: what is listed is the first field of a live waiter, which the lock guards.
         unsafe {
-            list.remove(node);
+            lists.called.remove_first(node);
             let wakeup = (*waiter).wait.wakeup_mut().take();
             (*waiter).is_listed.store(false, Ordering::Release);
             Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
@@ -54,7 +102,7 @@ impl Waiting {
     }
 }
 
-/// What waits for the safe state: made by `safe_state_entered` of its handle.
+/// What waits for the safe state: made by `safe_state_entered` or `safe_state_edge` of its handle.
 ///
 /// # Invariants
 ///
@@ -63,6 +111,10 @@ impl Waiting {
 pub struct SafeStateEntered {
     emergency: Arc<Emergency>,
     waiter: UnsafeCell<Waiter>,
+    /// It tells of each safe state once.
+    is_edge: bool,
+    /// The one it has told of.
+    told: Option<Level>,
     /// With whose waker it was listed.
     listed_for: Option<(*const (), &'static RawWakerVTable)>,
     _pinned: PhantomPinned,
@@ -80,10 +132,33 @@ impl SafeStateEntered {
             waiter: UnsafeCell::new(Waiter {
                 wait: WaitNode::new(),
                 is_listed: AtomicBool::new(false),
+                round: 0,
             }),
+            is_edge: false,
+            told: None,
             listed_for: None,
             _pinned: PhantomPinned,
         }
+    }
+
+    pub(super) fn edge(emergency: Arc<Emergency>) -> Self {
+        let mut edge = Self::new(emergency);
+        edge.is_edge = true;
+        edge
+    }
+
+    /// The state that this is to tell of, if it is in one.
+    fn news(&self) -> Option<Level> {
+        let level = self.emergency.journal.level();
+        let is_news = !self.is_edge || self.told != Some(level);
+        (level.degree() >= Degree::SafeState && is_news).then_some(level)
+    }
+
+    /// Tells of it.
+    fn tell(self: Pin<&mut Self>, news: Level) -> Poll<()> {
+        // SAFETY: nothing is moved.
+        unsafe { self.get_unchecked_mut() }.told = Some(news);
+        Poll::Ready(())
     }
 
     fn node(&self) -> NonNull<WaitNode> {
@@ -101,8 +176,8 @@ impl Future for SafeStateEntered {
     type Output = ();
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        if self.emergency.degree() >= Degree::SafeState {
-            return Poll::Ready(());
+        if let Some(news) = self.news() {
+            return self.tell(news);
         }
         let waker = Some((cx.waker().data(), cx.waker().vtable()));
         if self.is_listed().load(Ordering::Acquire) && self.listed_for == waker {
@@ -110,23 +185,24 @@ impl Future for SafeStateEntered {
         }
         let wakeup = Wakeup::of(cx);
         let node = self.node();
-        let mut list = self.emergency.waiting.0.lock();
+        let mut lists = self.emergency.waiting.0.lock();
         // Whoever enters it says so before it takes the lock: one of the two sees the other.
-        if self.emergency.degree() >= Degree::SafeState {
-            drop(list);
-            return Poll::Ready(());
+        if let Some(news) = self.news() {
+            drop(lists);
+            return self.tell(news);
         }
         // SAFETY: the lock is held; the node is pinned, and leaves the list when this is dropped.
         let former = unsafe {
             if self.is_listed().load(Ordering::Relaxed) {
                 (*node.as_ptr()).wakeup_mut().replace(wakeup)
             } else {
-                list.insert(node, current::priority(), wakeup);
+                (*self.waiter.get()).round = lists.round;
+                lists.waiting.insert(node, current::priority(), wakeup);
                 self.is_listed().store(true, Ordering::Relaxed);
                 None
             }
         };
-        drop(list);
+        drop(lists);
         // Dropping a waker can run anything, so not under the lock.
         drop(former);
         // SAFETY: nothing is moved.
@@ -141,16 +217,16 @@ impl Drop for SafeStateEntered {
             return;
         }
         let node = self.node();
-        let mut list = self.emergency.waiting.0.lock();
-        // SAFETY: the lock is held; a node that says so is in the list.
+        let mut lists = self.emergency.waiting.0.lock();
+        // SAFETY: the lock is held; a node that says so is in the list of its round.
         let unused = unsafe {
             if !self.is_listed().load(Ordering::Relaxed) {
                 return;
             }
-            list.remove(node);
+            lists.of_round((*self.waiter.get()).round).remove(node);
             (*node.as_ptr()).wakeup_mut().take()
         };
-        drop(list);
+        drop(lists);
         drop(unused);
     }
 }
@@ -160,3 +236,6 @@ impl fmt::Debug for SafeStateEntered {
         f.debug_struct("SafeStateEntered").finish_non_exhaustive()
     }
 }
+
+#[cfg(test)]
+mod tests;

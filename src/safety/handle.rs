@@ -62,8 +62,10 @@ impl Safety {
         self.degree() >= Degree::SafeState
     }
 
-    /// Waits until the system is in a safe state, or worse: at once if it is. For a process that puts out something, and waits for its next value meanwhile
-    /// ([`Receiver::recv_unless`](crate::Receiver::recv_unless)): so neutral is put out at once, and not with the next value.
+    /// Waits until the system is in a safe state, or worse: at once if it is.
+    ///
+    /// It is ready as long as that lasts. In a loop that awaits it again and again, as by [`Receiver::recv_unless`](crate::Receiver::recv_unless), it never waits then, and no
+    /// other process of the executor runs: there take [`safe_state_edge`](Self::safe_state_edge).
     ///
     /// If the state is left before the process runs, it waits on. An emergency that begins wakes nobody: its functions bring the machine to safety, and the processes are cancelled.
     /// Cancel-safe. Real-time path: yes; O(1), or O(those who wait for it at lower priority) when it begins to wait, no allocation; polled again, it is two atomic loads.
@@ -89,6 +91,55 @@ impl Safety {
     /// ```
     pub fn safe_state_entered(&self) -> SafeStateEntered {
         SafeStateEntered::new(self.0.clone())
+    }
+
+    /// As [`safe_state_entered`](Self::safe_state_entered), but it tells of each safe state once: at once if the system is in one, and awaited again when the next one is entered.
+    ///
+    /// For a process that puts out something, and waits for its next value meanwhile ([`Receiver::recv_unless`](crate::Receiver::recv_unless)): so neutral is put out at
+    /// once, and not with the next value. Pin one for the whole body: another one tells of the same state again. Of a state that is left before the process runs it does not tell; an emergency
+    /// counts as a state of its own. Cancel-safe, cost and real-time path as there.
+    ///
+    /// ```
+    /// use luna::prelude::*;
+    /// use std::{pin::pin, time::Duration};
+    ///
+    /// let mut system = System::new("axis");
+    /// system.virtual_clock();
+    /// let safety = system.safety();
+    /// let main = system.executor("main").build()?;
+    /// let (put, values) = luna::channel::<f64>();
+    /// main.process("output").spawn(async move {
+    ///     let safety = luna::safety().expect("it is a process of a system");
+    ///     let mut entered = pin!(safety.safe_state_edge());
+    ///     let mut outputs = Vec::new();
+    ///     loop {
+    ///         let output = match values.recv_unless(entered.as_mut()).await {
+    ///             Ok(value) if !safety.is_safe_state() => value,
+    ///             Ok(_) => 0.0,
+    ///             Err(error) if error.is_timeout() => 0.0, // it has just been entered
+    ///             Err(_) => break, // its writers are gone
+    ///         };
+    ///         outputs.push(output);
+    ///     }
+    ///     assert_eq!(outputs, [0.5, 0.0, 0.0, 0.0]); // between two values neutral, once; and for each that comes
+    ///     Ok(())
+    /// })?;
+    /// main.process("controller").spawn(async move {
+    ///     for n in 0..3 {
+    ///         put.send(0.5).await?;
+    ///         luna::after(Duration::from_millis(10)).await;
+    ///         if n == 0 {
+    ///             safety.enter_safe_state(luna::Error::other("the motor is too hot"));
+    ///         }
+    ///         luna::after(Duration::from_millis(10)).await;
+    ///     }
+    ///     Ok(())
+    /// })?;
+    /// system.run()?;
+    /// # Ok::<(), luna::Error>(())
+    /// ```
+    pub fn safe_state_edge(&self) -> SafeStateEntered {
+        SafeStateEntered::edge(self.0.clone())
     }
 
     /// The state, with causes, processes' names and times. Not for the real-time path: it allocates, and takes the system's plain lock.

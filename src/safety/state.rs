@@ -6,7 +6,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
 use std::fmt;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 
 /// How many events of a system are kept.
@@ -27,7 +27,7 @@ pub enum Degree {
 }
 
 impl Degree {
-    fn of(number: u8) -> Self {
+    fn of(number: u32) -> Self {
         match number {
             0 => Degree::Normal,
             1 => Degree::Warning,
@@ -163,16 +163,46 @@ impl fmt::Display for ResetError {
 
 impl std::error::Error for ResetError {}
 
+/// The degree, in the lowest two bits, and above how often a safe state was entered until then: in one word, so that nobody takes two safe states for one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Level(u32);
+
+impl Level {
+    /// The bits of the degree.
+    const DEGREE: u32 = 3;
+
+    pub(super) fn degree(self) -> Degree {
+        Degree::of(self.0 & Self::DEGREE)
+    }
+
+    fn at(self, degree: Degree) -> Self {
+        Self(self.0 & !Self::DEGREE | degree as u32)
+    }
+
+    /// What it becomes by somebody who says so; nothing if it is that bad already.
+    fn worsened(self, degree: Degree) -> Option<Self> {
+        let entered = match degree {
+            Degree::SafeState => Self(self.0.wrapping_add(Self::DEGREE + 1)),
+            _ => self,
+        };
+        (degree > self.degree()).then(|| entered.at(degree))
+    }
+}
+
 /// What was said, and what is latched. Who looks takes the lock for a few moves and never allocates under it, so that who says something on the real-time path waits for
 /// no reader's memory.
 #[derive(Debug)]
 pub(crate) struct Journal {
-    degree: AtomicU8,
+    /// A [`Level`].
+    level: AtomicU32,
     /// The first events. Each place is written once, under the lock, and then read without it.
     kept: Box<[OnceLock<SafetyEvent>]>,
     book: PiLock<Book>,
     /// Who records that it changes.
     log: OnceLock<Log>,
+    /// What was told.
+    #[cfg(test)]
+    told: std::sync::Mutex<Vec<Degree>>,
 }
 
 #[derive(Debug)]
@@ -198,7 +228,7 @@ type Apart = [Arc<OnceLock<SafetyEvent>>; 3];
 impl Journal {
     pub(crate) fn new() -> Self {
         Self {
-            degree: AtomicU8::new(Degree::Normal as u8),
+            level: AtomicU32::new(Degree::Normal as u32),
             kept: (0..KEPT).map(|_| OnceLock::new()).collect(),
             book: PiLock::new(Book {
                 kept: 0,
@@ -207,6 +237,8 @@ impl Journal {
                 apart: Apart::default(),
             }),
             log: OnceLock::new(),
+            #[cfg(test)]
+            told: std::sync::Mutex::default(),
         }
     }
 
@@ -216,14 +248,22 @@ impl Journal {
         let _ = self.log.set(log);
     }
 
-    fn tell(&self, degree: Degree, process: Option<ProcessId>) {
+    /// Tells what it has become. The book is locked meanwhile, so that what is told last is what it is; to tell is wait-free, but for a lock that is held for a few moves on a thread that
+    /// is not recorded, and under which nobody takes another.
+    fn tell(&self, _: &Book, degree: Degree, process: Option<ProcessId>) {
+        #[cfg(test)]
+        self.told.lock().unwrap().push(degree);
         if let Some(log) = self.log.get() {
             log.tell_safety(process.map_or(0, ProcessId::get), degree as u8);
         }
     }
 
     pub(crate) fn degree(&self) -> Degree {
-        Degree::of(self.degree.load(Ordering::Acquire))
+        self.level().degree()
+    }
+
+    pub(super) fn level(&self) -> Level {
+        Level(self.level.load(Ordering::Acquire))
     }
 
     /// Notes that somebody said so. If it was not that bad before, `admit` is asked first, so that no reset comes in between; without its consent nothing is noted.
@@ -274,16 +314,22 @@ impl Journal {
             // It is the first since the last reset, so there is room.
             event = event.and_then(|event| book.apart[slot].set(event).err());
         }
-        drop(book);
-        if changes {
-            self.tell(degree, by);
+        // A crash has made it that bad before it is noted here.
+        if changes || latches.is_some() && degree >= self.degree() {
+            self.tell(&book, degree, by);
         }
+        drop(book);
         drop(event);
     }
 
     /// It is that bad at least. Without the lock.
     pub(super) fn worsen(&self, degree: Degree) {
-        self.degree.fetch_max(degree as u8, Ordering::AcqRel);
+        // It is if this fails.
+        let _ = self
+            .level
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |level| {
+                Level(level).worsened(degree).map(|level| level.0)
+            });
     }
 
     /// What made it an emergency.
@@ -313,9 +359,10 @@ impl Journal {
         }
         // Under the lock nobody makes it worse meanwhile, but a crash.
         let reset = self
-            .degree
-            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |degree| {
-                (Degree::of(degree) != Degree::Emergency).then_some(Degree::Normal as u8)
+            .level
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, |level| {
+                let level = Level(level);
+                (level.degree() != Degree::Emergency).then(|| level.at(Degree::Normal).0)
             });
         if reset.is_err() {
             return Err(ResetError::Emergency);
@@ -325,8 +372,8 @@ impl Journal {
         let by = event.process;
         let mut event = Some(event);
         self.keep(&mut book, &mut event);
+        self.tell(&book, Degree::Normal, by);
         drop(book);
-        self.tell(Degree::Normal, by);
         drop((before, event));
         Ok(())
     }

@@ -24,6 +24,8 @@ pub(super) struct Crowd<'a> {
     pub(super) executors: VecDeque<(String, Executor)>,
     /// The plan has them as long as processes may start.
     pub(super) threads: VecDeque<NamedThread>,
+    /// Somebody was left behind: its body lives on.
+    pub(super) has_left_behind: bool,
     /// The run has come to its end.
     pub(super) is_over: bool,
 }
@@ -51,9 +53,12 @@ impl Crowd<'_> {
             let time = executor.processor_time();
             reports.push(thread_report(name, executor.obtained(), time, !ended));
             if let Some((_, executor)) = self.executors.pop_front() {
-                match ended {
-                    true => executor.stop(),
-                    false => executor.abandon(),
+                if ended {
+                    executor.stop();
+                } else {
+                    // Said first: whatever panics from here on, what its bodies refer to stays.
+                    self.has_left_behind = true;
+                    executor.abandon();
                 }
             }
         }
@@ -62,9 +67,11 @@ impl Crowd<'_> {
             let time = thread.processor_time();
             reports.push(thread_report(name, thread.obtained(), time, !ended));
             if let Some((_, thread)) = self.threads.pop_front() {
-                match ended {
-                    true => drop(thread),
-                    false => thread.abandon(),
+                if ended {
+                    drop(thread);
+                } else {
+                    self.has_left_behind = true;
+                    thread.abandon();
                 }
             }
         }
@@ -75,7 +82,7 @@ impl Crowd<'_> {
             );
         }
         if let Some(simulation) = self.simulation.take()
-            && reports.iter().any(|report| report.abandoned)
+            && self.has_left_behind
         {
             simulation.abandon();
         }
@@ -97,14 +104,14 @@ impl Drop for Crowd<'_> {
             self.threads.extend(std::mem::take(&mut members.threads));
         }
         // While their processes are there: dropped before, a body would use what is gone.
-        let reports = self.end(|deadline, done| {
+        self.end(|deadline, done| {
             while !done() && Instant::now() < deadline {
                 std::thread::sleep(LOOKS_EVERY);
             }
             done()
         });
-        if reports.iter().any(|report| report.abandoned) {
-            // Whose they are nobody looks up any more.
+        if self.has_left_behind {
+            // Now, or by an end that came before the panic. Whose they are nobody looks up any more.
             for left_behind in self.plan.members().started.left_behind() {
                 std::mem::forget(left_behind.take_resident());
                 std::mem::forget(left_behind.take_verdict());
@@ -130,3 +137,6 @@ fn thread_report(
         processor_time,
     }
 }
+
+#[cfg(test)]
+mod tests;

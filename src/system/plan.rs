@@ -161,7 +161,7 @@ struct Seldom {
 }
 
 impl Member {
-    fn new(
+    pub(super) fn new(
         handle: ProcessHandle,
         verdict: Arc<Verdict>,
         on: On,

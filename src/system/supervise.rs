@@ -48,6 +48,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         simulation: launched.simulation.take(),
         executors: std::mem::take(&mut launched.executors).into(),
         threads: VecDeque::new(),
+        has_left_behind: false,
         is_over: false,
     };
     announce_shortfalls(plan, &launched.shortfalls, &crowd.executors);

@@ -229,7 +229,35 @@ impl<T> Sender<T> {
     pub fn send_deadline(&self, value: T, deadline: Instant) -> SendTimeout<'_, T> {
         SendTimeout {
             send: self.send(value),
-            sleep: Sleep::until(deadline),
+            stop: Sleep::until(deadline),
+        }
+    }
+
+    /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and gives the value back. Exact: it gives up only if nobody took the value. To send comes first if both
+    /// are possible. A recorded process gives up in a replay where it did, and `stop` is not asked.
+    ///
+    /// For what is to be withdrawn when something makes it wrong while nobody takes it: `stop` may be a `Pin<&mut F>` of something that lives longer, so a send costs
+    /// one poll of it, and only when it waits. Cancel-safe as `send`. Real-time path: yes, as far as `stop` is.
+    ///
+    /// # Errors
+    ///
+    /// [`SendTimeoutError::Timeout`](crate::SendTimeoutError::Timeout) if it was given up, else as for `send`; each with the value.
+    ///
+    /// ```
+    /// # luna_executors::block_on(async {
+    /// let (sender, _receiver) = luna_channels::channel();
+    /// let (keeps, over) = luna_channels::channel::<()>();
+    /// drop(keeps);
+    /// let stop = async { assert!(over.recv().await.is_err()) };
+    /// let error = sender.send_unless(5, stop).await.unwrap_err();
+    /// assert!(error.is_timeout());
+    /// assert_eq!(error.into_inner(), 5);
+    /// # }).unwrap();
+    /// ```
+    pub fn send_unless<S: Future<Output = ()>>(&self, value: T, stop: S) -> SendTimeout<'_, T, S> {
+        SendTimeout {
+            send: self.send(value),
+            stop,
         }
     }
 

@@ -1,4 +1,4 @@
-//! A send that gives up at a deadline.
+//! A send that gives up: at a deadline, or when something else happens.
 
 use super::operation::{Phase, SendOp};
 use crate::error::SendTimeoutError;
@@ -10,28 +10,29 @@ use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-/// A send under way that gives up at a deadline: see [`Sender::send_timeout`](crate::Sender::send_timeout).
+/// A send under way that gives up when `S` has ended, which is a deadline or anything else: see [`Sender::send_timeout`](crate::Sender::send_timeout) and
+/// [`Sender::send_unless`](crate::Sender::send_unless).
 #[derive(Debug)]
 #[must_use = "an operation does nothing unless awaited"]
-pub struct SendTimeout<'a, T> {
+pub struct SendTimeout<'a, T, S = Sleep> {
     pub(super) send: SendOp<'a, T>,
-    pub(super) sleep: Sleep,
+    pub(super) stop: S,
 }
 
-impl<T> Future for SendTimeout<'_, T> {
+impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
     type Output = Result<(), SendTimeoutError<T>>;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: both fields are pinned with the whole, and never moved.
-        let (mut send, sleep) = unsafe {
+        let (mut send, stop) = unsafe {
             let this = self.get_unchecked_mut();
             (
                 Pin::new_unchecked(&mut this.send),
-                Pin::new_unchecked(&mut this.sleep),
+                Pin::new_unchecked(&mut this.stop),
             )
         };
         if current::is_taped() {
-            return poll_taped(send, sleep, cx);
+            return poll_taped(send, stop, cx);
         }
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));
@@ -40,7 +41,7 @@ impl<T> Future for SendTimeout<'_, T> {
         if send.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match sleep.poll(cx) {
+        match stop.poll(cx) {
             Poll::Ready(()) => Poll::Ready(send.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -49,9 +50,9 @@ impl<T> Future for SendTimeout<'_, T> {
 
 /// As a process' tape says: see the receive's.
 #[cold]
-fn poll_taped<T>(
+fn poll_taped<T, S: Future<Output = ()>>(
     mut send: Pin<&mut SendOp<'_, T>>,
-    sleep: Pin<&mut Sleep>,
+    stop: Pin<&mut S>,
     cx: &mut Context<'_>,
 ) -> Poll<Result<(), SendTimeoutError<T>>> {
     if send.is_new() && std::task::ready!(taped::enter_timed(cx)).is_err() {
@@ -61,7 +62,10 @@ fn poll_taped<T>(
     if polled.is_ready() {
         return polled.map_err(SendTimeoutError::from);
     }
-    if !send.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+    if !send.is_listed()
+        || taped::is_replayed()
+        || current::without_tape(|| stop.poll(cx)).is_pending()
+    {
         return Poll::Pending;
     }
     let outcome = send.as_mut().give_up();

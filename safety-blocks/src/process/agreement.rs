@@ -16,7 +16,7 @@ use std::time::Duration;
 /// When one has come, the other is waited for `skew`; then it is missing in this round, and its value begins the next. When neither has come for `silence`, both are missing,
 /// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends; also when its readers are gone.
 ///
-/// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for the second value of a round (in a recorded system, with the next round), and while it is in one. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
+/// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for the second value of a round (in a recorded system, with the next round), and while it is in one; a value that nobody has taken by then is withdrawn, and neutral put out in its place. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
 /// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation, but one for the first alarm,
 /// for a safe state, and for an emergency.
 ///
@@ -110,9 +110,9 @@ impl AgreementProcess {
         // Neutral, for the safe state, until it is taken or something else is put out.
         let mut offers = false;
         loop {
-            let entered = entered.as_mut().as_pin_mut();
-            let entered = entered.filter(|_| self.alarms.awaits_safe_state());
-            let [a, b] = match self.round(end, entered, offers).await? {
+            let awaited = entered.as_mut().as_pin_mut();
+            let awaited = awaited.filter(|_| self.alarms.awaits_safe_state());
+            let [a, b] = match self.round(end, awaited, offers).await? {
                 Round::Over => break,
                 Round::Values(values) => values,
                 Round::SafeState => {
@@ -142,11 +142,12 @@ impl AgreementProcess {
                 self.alarms.raise(alarm);
             }
             self.alarms.go_on()?;
-            let value = match self.alarms.is_safe_state() {
-                true => self.reactor.neutral(),
-                false => value,
-            };
-            if !put_out(&self.output, value).await? {
+            let neutral = self.reactor.neutral();
+            let is_neutral = self.alarms.is_safe_state();
+            let value = if is_neutral { neutral } else { value };
+            let entered = entered.as_mut().as_pin_mut().filter(|_| !is_neutral);
+            let (output, alarms) = (&self.output, &mut self.alarms);
+            if !put_out(output, value, entered, alarms, || neutral).await? {
                 break;
             }
             end = luna::now() + self.silence;

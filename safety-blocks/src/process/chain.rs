@@ -69,7 +69,7 @@ const MOST_AT_ONCE: usize = 16;
 /// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
 /// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
 /// emergency it puts out nothing. When the system enters a [safe state](crate::Reaction::SafeState), whoever brought it there, it offers neutral at once, also while it waits for a value, until it is taken or the next value comes, and then puts it out for each value that
-/// comes. When its readers are gone it ends.
+/// comes. A value that nobody has taken by then is withdrawn, and neutral put out in its place. When its readers are gone it ends.
 ///
 /// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
 /// for a safe state, and for an emergency.
@@ -252,12 +252,18 @@ impl<T: Signal> ChainProcess<T> {
             let (chain, alarms) = (&mut self.chain, &mut self.alarms);
             let mut value = chain.step(&sample, |alarm| alarms.raise(alarm));
             alarms.go_on()?;
-            if !self.is_of_sensor && alarms.is_safe_state() {
+            let is_neutral = !self.is_of_sensor && alarms.is_safe_state();
+            if is_neutral {
                 value = chain.put_out_neutral();
             }
-            let signal = signal.with_value(value);
-            self.last = Some(signal);
-            if !put_out(&self.output, signal).await? {
+            let last = self.last.insert(signal.with_value(value));
+            let (signal, entered) = (*last, entered.as_mut().as_pin_mut());
+            let entered = entered.filter(|_| !self.is_of_sensor && !is_neutral);
+            let neutral = || {
+                *last = signal.with_value(chain.put_out_neutral());
+                *last
+            };
+            if !put_out(&self.output, signal, entered, alarms, neutral).await? {
                 break;
             }
         }

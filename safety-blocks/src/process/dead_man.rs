@@ -16,7 +16,7 @@ use std::pin::pin;
 /// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
 /// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends; also when its readers are gone.
 ///
-/// When the system enters a safe state it offers neutral at once (in a recorded system, with the next value), and while it is in one. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
+/// When the system enters a safe state it offers neutral at once (in a recorded system, with the next value), and while it is in one; a value that nobody has taken by then is withdrawn, and neutral put out in its place. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
 /// for a safe state, and for an emergency.
 ///
 /// ```
@@ -129,9 +129,9 @@ impl DeadManProcess {
                 };
                 Ok(event)
             };
-            let entered = entered.as_mut().as_pin_mut();
-            let entered = entered.filter(|_| self.alarms.awaits_safe_state());
-            let Some(event) = unless(event, entered).await.transpose()? else {
+            let awaited = entered.as_mut().as_pin_mut();
+            let awaited = awaited.filter(|_| self.alarms.awaits_safe_state());
+            let Some(event) = unless(event, awaited).await.transpose()? else {
                 self.alarms.note_safe_state();
                 offers = true;
                 continue;
@@ -182,11 +182,11 @@ impl DeadManProcess {
                 self.alarms.raise(alarm);
             }
             self.alarms.go_on()?;
-            let value = match self.alarms.is_safe_state() {
-                true => self.reactor.neutral(),
-                false => value,
-            };
-            if !put_out(&self.output, value).await? {
+            let is_neutral = self.alarms.is_safe_state();
+            let value = if is_neutral { neutral } else { value };
+            let entered = entered.as_mut().as_pin_mut().filter(|_| !is_neutral);
+            let (output, alarms) = (&self.output, &mut self.alarms);
+            if !put_out(output, value, entered, alarms, || neutral).await? {
                 return Ok(());
             }
         }

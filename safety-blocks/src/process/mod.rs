@@ -9,7 +9,8 @@ pub use agreement::AgreementProcess;
 pub use chain::{ChainProcess, Signal};
 pub use dead_man::DeadManProcess;
 
-use luna::{Instant, SafeStateEntered, SendError, Sender};
+use alarms::Alarms;
+use luna::{Instant, SafeStateEntered, SendError, SendTimeoutError, Sender};
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
 use std::task::Poll;
@@ -51,9 +52,27 @@ async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Outp
     .await
 }
 
-/// Puts `value` out; whether somebody took it: who is gone needs no protection.
-async fn put_out<T: Send>(output: &Sender<T>, value: T) -> luna::Result<bool> {
-    taken(output.send(value).await)
+/// Puts `value` out; whether somebody took it: who is gone needs no protection. If the safe state is entered before somebody does, `value` is withdrawn, and what `neutral` makes is put out in its place: one for one.
+/// As long as `value` is taken at once it costs what a send does, and one poll of `entered` each time it waits.
+async fn put_out<T: Send>(
+    output: &Sender<T>,
+    value: T,
+    entered: Entered<'_>,
+    alarms: &mut Alarms,
+    neutral: impl FnOnce() -> T,
+) -> luna::Result<bool> {
+    let Some(entered) = entered else {
+        return taken(output.send(value).await);
+    };
+    match output.send_unless(value, entered).await {
+        Ok(()) => Ok(true),
+        Err(SendTimeoutError::Timeout(_)) => {
+            alarms.note_safe_state();
+            taken(output.send(neutral()).await)
+        }
+        Err(error) if error.is_closed() => Ok(false),
+        Err(error) => Err(error.into()),
+    }
 }
 
 fn taken<T>(sent: Result<(), SendError<T>>) -> luna::Result<bool> {

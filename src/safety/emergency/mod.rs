@@ -22,6 +22,7 @@ use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
 use luna_platform::signals;
 use std::cell::RefCell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
@@ -251,7 +252,12 @@ impl Emergency {
     pub(crate) fn conclude(self: &Arc<Self>) -> SafetyReport {
         let (functions, at_emergency) = self.at_emergency.conclude();
         let (safe_state_functions, at_safe_state) = self.at_safe_state.conclude();
-        drop((at_emergency, at_safe_state));
+        for function in at_emergency.into_iter().chain(at_safe_state) {
+            // What it holds is the user's: a panic in its drop, which the panic hook tells, must not end the run half-way.
+            if let Err(payload) = catch_unwind(AssertUnwindSafe(|| drop(function))) {
+                std::mem::forget(payload);
+            }
+        }
         SafetyReport {
             state: super::Safety::new(self.clone()).state(),
             functions,

@@ -58,3 +58,45 @@ fn one_signal_is_noted_once_whoever_hears_of_it() {
     assert_eq!(journal.state().events.len(), 2);
     assert_eq!(journal.state().to_string(), "emergency: SIGTERM");
 }
+
+fn told(journal: &Journal) -> Vec<Degree> {
+    journal.told.lock().unwrap().clone()
+}
+
+#[test]
+fn a_crash_is_told_when_it_is_noted_and_what_changes_nothing_is_not() {
+    let emergency = Emergency::new(Weak::new());
+    let journal = &emergency.journal;
+    let note = |degree, cause| journal.note(degree, cause, Instant::now(), || true);
+    note(Degree::SafeState, Cause::Panic);
+    note(Degree::Warning, Cause::Panic);
+    note(Degree::SafeState, Cause::Panic);
+    assert_eq!(told(journal), [Degree::SafeState]);
+    emergency.begin_for_crash();
+    note(Degree::Emergency, Cause::Signal(11));
+    note(Degree::Emergency, Cause::Panic);
+    assert_eq!(told(journal), [Degree::SafeState, Degree::Emergency]);
+}
+
+#[test]
+fn what_is_told_last_is_what_it_is() {
+    let journal = Journal::new();
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                for _ in 0..1000 {
+                    journal.note(Degree::SafeState, Cause::Panic, Instant::now(), || true);
+                    journal.reset(Error::Timeout, || true).unwrap();
+                }
+            });
+        }
+        scope.spawn(|| {
+            for _ in 0..1000 {
+                let book = journal.book.lock();
+                let last = told(&journal).last().copied();
+                assert_eq!(last.unwrap_or_default(), journal.degree());
+                drop(book);
+            }
+        });
+    });
+}

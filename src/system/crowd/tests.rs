@@ -1,0 +1,64 @@
+use super::*;
+use crate::System;
+use crate::csp::process::{Phases, Verdict};
+use crate::system::plan::{Member, On};
+use luna_executors::ProcessSpec;
+use luna_platform::thread::Attributes;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+
+/// What a body refers to.
+struct Owner(Arc<AtomicBool>);
+
+impl Phases for Owner {
+    fn pre_run(&mut self) -> crate::Result<()> {
+        Ok(())
+    }
+
+    fn post_run(&mut self) {}
+}
+
+impl Drop for Owner {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+}
+
+#[test]
+fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
+    let system = System::new("left behind");
+    let plan = system.plan.clone();
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let (runs, is_running) = mpsc::channel();
+    let (release, released) = mpsc::channel::<()>();
+    let (ends, has_ended) = mpsc::channel();
+    let is_gone = Arc::new(AtomicBool::new(false));
+    let seen = is_gone.clone();
+    let handle = executor.spawn(ProcessSpec::new("stuck"), move || async move {
+        runs.send(()).unwrap();
+        released.recv().unwrap();
+        ends.send(seen.load(Ordering::SeqCst)).unwrap();
+    });
+    let (id, owner) = (handle.id(), Box::new(Owner(is_gone)));
+    let member = Member::new(handle, Verdict::new(), On::Executor(0), None, Some(owner));
+    plan.members().started.enter(id, member, plan.emergency());
+    executor.release();
+    is_running.recv().unwrap();
+    let mut crowd = Crowd {
+        plan: &plan,
+        simulation: None,
+        executors: [("main".to_owned(), executor)].into(),
+        threads: VecDeque::new(),
+        has_left_behind: false,
+        is_over: false,
+    };
+    let reports = crowd.end(|_, _| false);
+    assert!(reports[0].abandoned);
+    // As by a panic behind that end: nobody is there any more who could be left behind.
+    drop(crowd);
+    drop((system, plan));
+    release.send(()).unwrap();
+    let was_gone = has_ended.recv().unwrap();
+    assert!(!was_gone, "it was dropped while its body ran");
+}
