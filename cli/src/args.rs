@@ -207,6 +207,9 @@ pub(crate) struct Record {
     /// The most MiB of each file; a sender is refused then
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..=1 << 40), allow_negative_numbers = true)]
     pub(crate) limit: Option<u64>,
+    /// Show what comes in the browser, too: who began last. ADDR is host:port
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE)]
+    pub(crate) scope: Option<SocketAddr>,
 }
 
 /// Which messages are shown.

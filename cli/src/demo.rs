@@ -121,11 +121,11 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
     let Some(address) = arguments.scope else {
         return Ok(None);
     };
-    let scope = crate::scope::of_demo(address)?;
+    let scope = crate::scope::at(address)?;
     let sink = scope
         .sink()
         .map_err(|error| Failure::Scope { address, error })?;
-    system.log(luna::Logging::to_sink(sink));
+    system.log(luna::Logging::to_sink(sink).events());
     Ok(Some(scope))
 }
 

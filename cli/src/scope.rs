@@ -39,8 +39,8 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
 
-/// The scope of a run of the demo.
-pub(crate) fn of_demo(address: SocketAddr) -> Result<Scope, Failure> {
+/// The scope of a run of the demo, or of what is received.
+pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
     open(Settings::default().address(address))
 }
 

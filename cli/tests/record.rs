@@ -111,6 +111,39 @@ fn once_takes_one_recording_into_a_file() {
 }
 
 #[test]
+fn what_comes_is_shown_in_the_scope_too() {
+    let folder = folder("scope");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_luna"))
+        .args(["record", "--once", "-o", "run.luna", "--listen"])
+        .args(["127.0.0.1:0", "--scope", "127.0.0.1:0"])
+        .current_dir(&folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
+    let scope = said
+        .find_map(|line| Some(line.unwrap().strip_prefix("scope: http://")?.to_owned()))
+        .unwrap();
+    let scope = scope.trim_end_matches('/');
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap();
+    let address = first.strip_prefix("listening on ").unwrap();
+    let (address, _) = address.split_once(';').unwrap();
+
+    // It ends with the recording, which the viewer has seen by then.
+    let recorder = record(address, "arm", 100);
+    let stream = TcpStream::connect(scope).unwrap();
+    let (mut viewer, _) = tungstenite::client(format!("ws://{scope}/live"), stream).unwrap();
+    let name = b"numbers";
+    let has_name = |bytes: &[u8]| bytes.windows(name.len()).any(|part| part == name);
+    while !has_name(&viewer.read().unwrap().into_data()) {}
+    assert_eq!(recorder.finish().signals[0].recorded, 100);
+    assert!(child.wait().unwrap().success());
+    assert_eq!(read(&folder.join("run.luna")), (100, 2, true));
+}
+
+#[test]
 fn several_senders_have_a_file_each_and_ctrl_c_leaves_them_whole() {
     let folder = folder("several");
     let mut listening = Listening::start(&folder, &[]);

@@ -17,9 +17,11 @@ enum Piece {
 
 /// Takes a recording's blocks for the viewers of a [`Scope`](crate::Scope): a [`Sink`] for [`Logging::to_sink`](luna_logger::Logging::to_sink).
 ///
-/// It never waits. A block for which there is no room is refused, so that the recorder counts what is in it as lost, and repeats all declarations.
+/// It never waits, unless it is to be [patient](Self::patient). A block for which there is no room is refused, so that the recorder counts what is in it as lost, and repeats all
+/// declarations.
 pub struct ScopeSink {
     pieces: SyncSender<Piece>,
+    is_patient: bool,
 }
 
 impl ScopeSink {
@@ -29,11 +31,33 @@ impl ScopeSink {
         std::thread::Builder::new()
             .name("luna-scope-feed".to_owned())
             .spawn(move || feed(&waiting, &shared))?;
-        Ok(Self { pieces })
+        Ok(Self {
+            pieces,
+            is_patient: false,
+        })
+    }
+
+    /// Waits for room instead of refusing: for who receives recordings and cannot ask for anything again. Room comes as fast as the scope reads, whoever looks at it.
+    ///
+    /// ```
+    /// use luna_scope::{Scope, Settings};
+    ///
+    /// let scope = Scope::open(Settings::default().address(([127, 0, 0, 1], 0).into()))?;
+    /// let sink = scope.sink()?.patient();
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
+    pub fn patient(mut self) -> Self {
+        self.is_patient = true;
+        self
     }
 
     fn hand_on(&self, piece: Piece) -> io::Result<()> {
-        self.pieces.try_send(piece).map_err(|error| match error {
+        let handed_on = if self.is_patient {
+            self.pieces.send(piece).map_err(TrySendError::from)
+        } else {
+            self.pieces.try_send(piece)
+        };
+        handed_on.map_err(|error| match error {
             TrySendError::Full(_) => io::Error::other("the scope is too slow"),
             TrySendError::Disconnected(_) => io::Error::other("the scope is closed"),
         })

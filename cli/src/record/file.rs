@@ -1,8 +1,9 @@
-//! Where a sender's blocks go: its file, and its messages to the screen.
+//! Where a sender's blocks go: its file, the scope, and its messages to the screen.
 
 use super::messages::Shown;
 use crate::args::Messages;
 use luna_logger::{FileSink, Peer, Sink};
+use luna_scope::ScopeSink;
 use std::io;
 use std::time::Duration;
 
@@ -10,6 +11,7 @@ use std::time::Duration;
 pub(super) struct File {
     file: FileSink,
     shown: Option<Shown>,
+    scope: Option<ScopeSink>,
     /// How many bytes it may have still.
     left: u64,
 }
@@ -20,8 +22,15 @@ impl File {
         Self {
             file,
             shown: show.map(|most| Shown::new(peer, most)),
+            scope: None,
             left: limit,
         }
+    }
+
+    /// And to the scope.
+    pub(super) fn and(mut self, scope: ScopeSink) -> Self {
+        self.scope = Some(scope.patient());
+        self
     }
 
     fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
@@ -35,7 +44,12 @@ impl File {
 impl Sink for File {
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.take(head)?;
-        self.file.begin(head)
+        self.file.begin(head)?;
+        if let Some(scope) = &mut self.scope {
+            // Nobody can look at it any more: that is no reason to keep no file.
+            let _ = scope.begin(head);
+        }
+        Ok(())
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
@@ -43,6 +57,9 @@ impl Sink for File {
         self.file.block(block)?;
         if let Some(shown) = &mut self.shown {
             shown.block(block);
+        }
+        if let Some(scope) = &mut self.scope {
+            let _ = scope.block(block);
         }
         Ok(())
     }

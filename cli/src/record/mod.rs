@@ -11,6 +11,7 @@ use crate::args::{Messages, Record};
 use crate::failure::Failure;
 use file::File;
 use luna_logger::{Departure, FileSink, Handler, Peer, PeerError, Receiver, Sink};
+use luna_scope::Scope;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -29,6 +30,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
     let (end, ends) = channel();
     // Before any thread is made: all of them leave the signals to the one that waits for them.
     signals::tell(end.clone());
+    let scope = arguments.scope.map(crate::scope::at).transpose()?;
     let receiver = match arguments.udp {
         true => Receiver::udp(&*arguments.listen),
         false => Receiver::tcp(&*arguments.listen),
@@ -40,6 +42,7 @@ pub(crate) fn run(arguments: &Record) -> Result<ExitCode, Failure> {
         show: arguments.messages,
         limit: arguments.limit.map_or(u64::MAX, |mib| mib << 20),
         end,
+        scope,
         files: Mutex::default(),
     };
     let receiving = receiver.start(Arc::new(desk)).map_err(failed)?;
@@ -65,6 +68,8 @@ struct Desk {
     show: Messages,
     limit: u64,
     end: Sender<()>,
+    /// Who began last is shown there.
+    scope: Option<Scope>,
     /// The names of those that are known.
     files: Mutex<HashMap<(SocketAddr, u32), PathBuf>>,
 }
@@ -104,7 +109,11 @@ impl Handler for Desk {
         match self.create(peer) {
             Ok((path, sink)) => {
                 say(format_args!("{} has come: {}", who(peer), path.display()));
-                Ok(Box::new(File::new(sink, peer, self.show, self.limit)))
+                let file = File::new(sink, peer, self.show, self.limit);
+                Ok(match &self.scope {
+                    Some(scope) => Box::new(file.and(scope.sink()?)),
+                    None => Box::new(file),
+                })
             }
             Err(error) => {
                 say(format_args!("{} is refused: {error}", who(peer)));
