@@ -74,7 +74,8 @@ impl<T: Tunable> Parameter<T> {
 
     /// The value, of the set that the process has taken last.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one more for each element of an array. All elements are of one set.
+    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for each element. All elements are of one set. In another process, or on another thread, it looks again
+    /// if the process has taken a new set meanwhile: it never gives a value that the process has not taken.
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
