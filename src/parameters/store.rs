@@ -294,11 +294,11 @@ impl Store {
                     slots: ThreeSlots::new(),
                     cells: OnceLock::new(),
                 });
-                self.list(|readers| readers.push(reader.clone()));
                 state.groups.push(Group {
                     reader,
                     cells: Vec::new(),
                 });
+                self.list(&state.groups);
                 state.groups.len() - 1
             }
         };
@@ -326,13 +326,10 @@ impl Store {
         }
     }
 
-    /// Changes the list of readers. The lock is held for two moves of a pointer, since loops wait for it.
-    fn list(&self, change: impl FnOnce(&mut Vec<Arc<Reader>>)) {
-        // Who changes it has the store's lock.
-        let mut readers = self.readers.lock().clone();
-        change(&mut readers);
-        let former = std::mem::replace(&mut *self.readers.lock(), readers);
-        drop(former);
+    /// Lists the readers of these groups for loops that begin. The list is made and the former one freed outside of the lock, which loops wait for: under it two are exchanged.
+    fn list(&self, groups: &[Group]) {
+        let mut readers = groups.iter().map(|group| group.reader.clone()).collect();
+        std::mem::swap(&mut *self.readers.lock(), &mut readers);
     }
 
     /// Frees what ended processes have left.
@@ -344,19 +341,13 @@ impl Store {
             .into_iter()
             .partition(Group::is_used);
         state.groups = used;
-        self.list(|readers| {
-            readers.retain(|reader| {
-                !unused
-                    .iter()
-                    .any(|group| Arc::ptr_eq(&group.reader, reader))
-            });
-        });
+        self.list(&state.groups);
         // A loop may have begun in between.
-        for group in unused {
-            match Arc::strong_count(&group.reader) > 1 + group.cells.len() {
-                true => state.groups.push(group),
-                false => drop(group),
-            }
+        let has_loop = |group: &Group| Arc::strong_count(&group.reader) > 1 + group.cells.len();
+        let listed = state.groups.len();
+        state.groups.extend(unused.into_iter().filter(has_loop));
+        if state.groups.len() > listed {
+            self.list(&state.groups);
         }
     }
 
