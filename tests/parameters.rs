@@ -613,6 +613,65 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
     system.run().unwrap();
 }
 
+/// Two processes that take sets when they are told to. A set that does not concern one of them is taken by it, whatever comes after; and who has ended is not waited for.
+#[test]
+fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
+    let _watch = watchdog();
+    let mut system = System::new("taken");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    let mut turns = Vec::new();
+    for name in ["a", "b"] {
+        let (turn, turned) = luna::channel::<bool>();
+        turns.push(turn);
+        let declare = move || Ok(Parameter::with_default(name, 0).register()?);
+        let body = async move |own: &Parameter<i32>| {
+            while turned.recv().await? {
+                own.latch();
+            }
+            Ok(())
+        };
+        main.process(name).spawn(made(declare, body)).unwrap();
+    }
+    main.process("operator")
+        .spawn(async move {
+            // Which have taken the sets 1, 2, ..., so far.
+            let taken = || -> Vec<bool> { (1..=4).map(|set| parameters.is_taken(set)).collect() };
+            parameters.set([("a", 1)])?;
+            assert_eq!(taken(), [false; 4]);
+            turns[0].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, false, false, false]);
+            // `b` was not concerned by 1, and is offered 2: that does not undo 1.
+            parameters.set([("b", 1)])?;
+            assert_eq!(taken(), [true, false, false, false]);
+            parameters.set([("a", 2)])?;
+            turns[0].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, false, false, false]);
+            let has_taken: Vec<bool> = parameters.list().iter().map(|one| one.taken).collect();
+            assert_eq!(has_taken, [true, false]);
+            turns[1].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, true, true, false]);
+            // `b` ends without the fourth, on a thread that buries it.
+            parameters.set([("b", 2)])?;
+            turns[1].send(false).await?;
+            while !parameters.list()[1].processes.is_empty() {
+                luna::after(MS).await;
+            }
+            assert_eq!(taken(), [true; 4]);
+            assert_eq!(parameters.set([("b", 3)])?, 5);
+            assert!(parameters.is_taken(5));
+            turns[0].send(false).await?;
+            Ok(())
+        })
+        .unwrap();
+    drop(main);
+    system.run().unwrap();
+}
+
 #[test]
 fn the_file_again_makes_what_a_start_would() {
     let _watch = watchdog();

@@ -107,7 +107,8 @@ impl Parameters {
         self.0.reload()
     }
 
-    /// Whether every process that has parameters reads what the set of this number made of them, or a later one. False for a set that is yet to come.
+    /// Whether every process that has parameters reads what the set of this number made of them, or a later one. False for a set that is yet to come; once true it stays true. A process that has
+    /// ended, and whose handles and loops are gone, is not waited for.
     pub fn is_taken(&self, set: u64) -> bool {
         self.0.is_taken(set)
     }
@@ -145,7 +146,7 @@ pub struct Info {
     pub set: u64,
     /// The processes that read it, as long as they live.
     pub processes: Vec<String>,
-    /// Whether all of them have taken it: each does so when its cycle ends.
+    /// Whether all of them have taken it: each does so when its next cycle begins.
     pub taken: bool,
 }
 

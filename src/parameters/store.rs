@@ -80,9 +80,16 @@ struct Entry {
 struct Group {
     reader: Arc<Reader>,
     cells: Vec<Arc<Cells>>,
+    /// All sets up to this one were taken, or did not concern it, when it was last offered another.
+    taken: u64,
 }
 
 impl Group {
+    /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on offer.
+    fn has_taken(&self, set: u64) -> bool {
+        set <= self.taken || !self.reader.slots.is_fresh()
+    }
+
     /// Whether anybody has a handle of it, or a loop that takes it.
     fn is_used(&self) -> bool {
         // Its own, the list's, and one of each of its parameters.
@@ -294,9 +301,11 @@ impl Store {
                     slots: ThreeSlots::new(),
                     cells: OnceLock::new(),
                 });
+                let taken = state.sets;
                 state.groups.push(Group {
                     reader,
                     cells: Vec::new(),
+                    taken,
                 });
                 self.list(&state.groups);
                 state.groups.len() - 1
@@ -305,7 +314,7 @@ impl Store {
         let State {
             groups, entries, ..
         } = &mut *state;
-        let Group { reader, cells } = &mut groups[group];
+        let Group { reader, cells, .. } = &mut groups[group];
         // All that this process has declared is of one set. It does not run yet, and who sets waits for the lock.
         reader.slots.latch();
         let words = &entries[number].words;
@@ -321,7 +330,7 @@ impl Store {
             .groups
             .iter()
             .find(|group| group.reader.process == process);
-        if let Some(Group { reader, cells }) = group {
+        if let Some(Group { reader, cells, .. }) = group {
             let _ = reader.cells.set(cells.iter().map(Arc::downgrade).collect());
         }
     }
@@ -436,13 +445,19 @@ impl Store {
                 );
             }
         }
-        for Group { reader, cells } in &state.groups {
-            if cells.iter().any(|cells| former.contains_key(&cells.entry)) {
-                reader.slots.publish(set + 1, |slot| {
-                    for cells in cells {
-                        cells.fill(slot, &state.entries[cells.entry].words);
-                    }
-                });
+        // Nobody reads what a process that has ended leaves.
+        for group in state.groups.iter_mut().filter(|group| group.is_used()) {
+            let Group { reader, cells, .. } = &*group;
+            if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
+                continue;
+            }
+            let had_taken = reader.slots.publish(set + 1, |slot| {
+                for cells in cells {
+                    cells.fill(slot, &state.entries[cells.entry].words);
+                }
+            });
+            if had_taken {
+                group.taken = set - 1;
             }
         }
         state.tell(|entry| former.remove(state.numbers.get(&entry.declared.name)?));
@@ -487,7 +502,7 @@ impl Store {
                     processes: groups()
                         .map(|group| group.reader.name.to_string())
                         .collect(),
-                    taken: groups().all(|group| !group.reader.slots.is_fresh()),
+                    taken: groups().all(|group| group.has_taken(*set)),
                 }
             })
             .collect();
@@ -503,7 +518,8 @@ impl Store {
             && state
                 .groups
                 .iter()
-                .all(|Group { reader, .. }| !reader.slots.is_fresh() || reader.slots.number() > set)
+                .filter(|group| group.is_used())
+                .all(|group| group.has_taken(set))
     }
 
     /// The file that is read, if there is one.
