@@ -672,6 +672,68 @@ fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
     system.run().unwrap();
 }
 
+/// Whether a name is shared is for those to say who have it, not for one that has ended.
+#[test]
+fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
+    let _watch = watchdog();
+    let mut system = System::new("shared anew");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    let spawner = main.clone();
+    let operator = async move {
+        for (round, is_shared) in [false, true, false].into_iter().enumerate() {
+            let description = format!("of round {round}");
+            let start = |name: &str| {
+                let description = description.clone();
+                let declare = move || {
+                    let x = Parameter::with_default("x", 0).description(&description);
+                    let x = if is_shared { x.shared() } else { x };
+                    Ok(x.register()?)
+                };
+                // It stays until its sender is gone.
+                let (stay, stays) = luna::channel::<()>();
+                let body = async move |_: &Parameter<i32>| {
+                    let _ = stays.recv().await;
+                    Ok(())
+                };
+                let process = spawner.process(name).one_of_many();
+                let handle = process.start(made(declare, body))?;
+                Ok((handle, stay))
+            };
+            let (first, stay) = start("first")?;
+            let second = start("second");
+            let all = parameters.list();
+            assert_eq!((all.len(), &all[0].description), (1, &description));
+            assert_eq!(all[0].processes.len(), 1 + usize::from(is_shared));
+            drop(stay);
+            first.join().await;
+            match second {
+                Ok((second, stay)) if is_shared => {
+                    drop(stay);
+                    second.join().await;
+                }
+                Err(Error::Process { source, .. }) if !is_shared => assert!(
+                    matches!(
+                        &*source,
+                        Error::Setup(SetupError::Parameter(DeclareError::Duplicate { process, .. })) if process == "first"
+                    ),
+                    "{source}"
+                ),
+                other => panic!("round {round}: {other:?}"),
+            }
+            // They are dropped on another thread.
+            while !parameters.list()[0].processes.is_empty() {
+                luna::after(MS).await;
+            }
+        }
+        Ok(())
+    };
+    main.process("operator").spawn(operator).unwrap();
+    drop(main);
+    system.run().unwrap();
+}
+
 #[test]
 fn the_file_again_makes_what_a_start_would() {
     let _watch = watchdog();

@@ -159,7 +159,8 @@ impl<T: Tunable> ParameterBuilder<T> {
         self
     }
 
-    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value.
+    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value. Its
+    /// description, and whether it is [shared](Self::shared), are then as the new one says.
     ///
     /// Not for the real-time path: it allocates, and takes a lock. O(processes that have parameters).
     ///

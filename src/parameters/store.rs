@@ -587,9 +587,15 @@ impl State {
                     process: group.reader.name.to_string(),
                 });
             }
-            _ => {}
+            Some(_) => {}
+            // Who declares it when nobody has it says anew what it is.
+            None => {
+                let there = &mut self.entries[number].declared;
+                there.is_shared = declared.is_shared;
+                there.description.clone_from(&declared.description);
+            }
         }
-        if entry.set > 0 {
+        if self.entries[number].set > 0 {
             // Its first value would have to be recorded, and nobody is there yet who could.
             note_outside("a parameter that was set before its process was spawned");
         }
