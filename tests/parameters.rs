@@ -29,6 +29,13 @@ impl TempFile {
     fn write(&self, text: &str) {
         std::fs::write(&self.0, text).unwrap();
     }
+
+    /// As a file that is watched is to be written: it is never there by halves.
+    fn replace(&self, text: &str) {
+        let new = self.0.with_extension("new");
+        std::fs::write(&new, text).unwrap();
+        std::fs::rename(new, &self.0).unwrap();
+    }
 }
 
 impl Drop for TempFile {
@@ -793,7 +800,7 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         assert_eq!(all.count.get(), 4);
         let mut tick = luna::periodic("loop", MS)?;
         // Of another length too, since file times may be coarse.
-        file.write("count = 77 \n\n");
+        file.replace("count = 77 \n\n");
         while all.count.get() == 4 {
             tick.next().await;
         }
@@ -801,6 +808,34 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         Ok(())
     };
     main.process("all").spawn(made(All::declare, body)).unwrap();
+    system.run().unwrap();
+}
+
+/// What the start has read is older than what is there when the first process runs.
+#[test]
+fn a_file_that_changes_during_the_start_is_read_again() {
+    let _watch = watchdog();
+    let file = TempFile::new("slow", "count = 4\n");
+    let mut system = System::new("slow start");
+    system
+        .parameters_from(&file.0)
+        .reload_parameters_on_change();
+    let main = system.executor("main").build().unwrap();
+    let declare = move || {
+        let all = All::declare()?;
+        assert_eq!(all.count.get(), 4);
+        file.replace("count = 77 \n\n");
+        Ok(all)
+    };
+    let body = async |all: &All| {
+        let mut tick = luna::periodic("loop", MS)?;
+        while all.count.get() == 4 {
+            tick.next().await;
+        }
+        assert_eq!(all.count.get(), 77);
+        Ok(())
+    };
+    main.process("all").spawn(made(declare, body)).unwrap();
     system.run().unwrap();
 }
 

@@ -99,6 +99,7 @@ impl Parameters {
 
     /// Reads the file again: then all parameters have the values that a start would give them, as one set. What the environment and
     /// [`set_parameter`](crate::System::set_parameter) say comes over the file, what neither names has its default, and what [`set`](Self::set) made is gone.
+    /// Who changes the file writes another and renames it: of one that is written in place a part may be read.
     ///
     /// # Errors
     ///

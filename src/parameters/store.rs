@@ -7,6 +7,7 @@ use super::handle::Info;
 use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
+use super::watch::{self, Stamp};
 use crate::logging::{Level, Log, message};
 use luna_platform::clock::Clock;
 use luna_platform::current::{self, ProcessId};
@@ -36,6 +37,8 @@ struct State {
     /// As the program asks.
     file: Option<PathBuf>,
     given: Vec<Given>,
+    /// Of the file, before the start has read it.
+    stamp: Option<Stamp>,
     /// What the start found, until somebody declares it.
     wishes: BTreeMap<String, Given>,
     refused: Vec<Refusal>,
@@ -154,6 +157,7 @@ impl Store {
         recorded: Option<&[(String, String)]>,
     ) -> Result<Vec<(String, String)>, SetError> {
         let mut refused = Vec::new();
+        let mut stamp = None;
         let wishes = match recorded {
             Some(recorded) => {
                 let given = recorded.iter().map(|(name, value)| Given {
@@ -165,6 +169,7 @@ impl Store {
             }
             None => {
                 let (file, given) = self.sources();
+                stamp = file.as_deref().and_then(watch::stamp);
                 let file = file.as_deref().map(sources::read).transpose()?;
                 let environment = sources::values_of_environment()?;
                 merge([file.unwrap_or_default(), environment, given], &mut refused)
@@ -175,6 +180,7 @@ impl Store {
             .map(|(name, given)| (name.clone(), given.value.to_string()));
         let kept = kept.collect();
         let mut state = self.state();
+        state.stamp = stamp;
         state.wishes = wishes;
         state.refused = refused;
         state.is_replay = recorded.is_some();
@@ -372,10 +378,29 @@ impl Store {
     /// Reads the file again: the values are what a start would make them.
     pub(super) fn reload(&self) -> Result<u64, SetError> {
         note_outside("Parameters::reload");
+        let (file, given) = self.readable()?;
+        self.take_file(sources::read(&file)?, given)
+    }
+
+    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read; else whatever was read is nothing.
+    pub(super) fn reload_if(&self, is_whole: impl FnOnce() -> bool) -> Result<(), SetError> {
+        let (file, given) = self.readable()?;
+        let read = sources::read(&file);
+        if is_whole() {
+            self.take_file(read?, given)?;
+        }
+        Ok(())
+    }
+
+    /// The file that is to be read again, and what comes over it.
+    fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
         let (file, given) = self.sources();
         let file = file.ok_or(SetError::NoFile)?;
         self.is_running(&self.state())?;
-        let file = sources::read(&file)?;
+        Ok((file, given))
+    }
+
+    fn take_file(&self, file: Vec<Given>, given: Vec<Given>) -> Result<u64, SetError> {
         let environment = sources::values_of_environment()?;
         let mut refused = Vec::new();
         let wishes = merge([file, environment, given], &mut refused);
@@ -520,6 +545,11 @@ impl Store {
                 .iter()
                 .filter(|group| group.is_used())
                 .all(|group| group.has_taken(set))
+    }
+
+    /// Of the file, before the start has read it.
+    pub(super) fn stamp(&self) -> Option<Stamp> {
+        self.state().stamp
     }
 
     /// The file that is read, if there is one.
