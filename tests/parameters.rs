@@ -29,6 +29,13 @@ impl TempFile {
     fn write(&self, text: &str) {
         std::fs::write(&self.0, text).unwrap();
     }
+
+    /// As a file that is watched is to be written: it is never there by halves.
+    fn replace(&self, text: &str) {
+        let new = self.0.with_extension("new");
+        std::fs::write(&new, text).unwrap();
+        std::fs::rename(new, &self.0).unwrap();
+    }
 }
 
 impl Drop for TempFile {
@@ -613,6 +620,127 @@ fn a_process_that_comes_again_goes_on_with_its_parameters_and_one_that_is_gone_l
     system.run().unwrap();
 }
 
+/// Two processes that take sets when they are told to. A set that does not concern one of them is taken by it, whatever comes after; and who has ended is not waited for.
+#[test]
+fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
+    let _watch = watchdog();
+    let mut system = System::new("taken");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    let mut turns = Vec::new();
+    for name in ["a", "b"] {
+        let (turn, turned) = luna::channel::<bool>();
+        turns.push(turn);
+        let declare = move || Ok(Parameter::with_default(name, 0).register()?);
+        let body = async move |own: &Parameter<i32>| {
+            while turned.recv().await? {
+                own.latch();
+            }
+            Ok(())
+        };
+        main.process(name).spawn(made(declare, body)).unwrap();
+    }
+    main.process("operator")
+        .spawn(async move {
+            // Which have taken the sets 1, 2, ..., so far.
+            let taken = || -> Vec<bool> { (1..=4).map(|set| parameters.is_taken(set)).collect() };
+            parameters.set([("a", 1)])?;
+            assert_eq!(taken(), [false; 4]);
+            turns[0].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, false, false, false]);
+            // `b` was not concerned by 1, and is offered 2: that does not undo 1.
+            parameters.set([("b", 1)])?;
+            assert_eq!(taken(), [true, false, false, false]);
+            parameters.set([("a", 2)])?;
+            turns[0].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, false, false, false]);
+            let has_taken: Vec<bool> = parameters.list().iter().map(|one| one.taken).collect();
+            assert_eq!(has_taken, [true, false]);
+            turns[1].send(true).await?;
+            luna::after(MS).await; // it has done so before time goes on
+            assert_eq!(taken(), [true, true, true, false]);
+            // `b` ends without the fourth, on a thread that buries it.
+            parameters.set([("b", 2)])?;
+            turns[1].send(false).await?;
+            while !parameters.list()[1].processes.is_empty() {
+                luna::after(MS).await;
+            }
+            assert_eq!(taken(), [true; 4]);
+            assert_eq!(parameters.set([("b", 3)])?, 5);
+            assert!(parameters.is_taken(5));
+            turns[0].send(false).await?;
+            Ok(())
+        })
+        .unwrap();
+    drop(main);
+    system.run().unwrap();
+}
+
+/// Whether a name is shared is for those to say who have it, not for one that has ended.
+#[test]
+fn a_name_that_is_free_again_is_shared_if_the_next_say_so() {
+    let _watch = watchdog();
+    let mut system = System::new("shared anew");
+    system.virtual_clock();
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    let spawner = main.clone();
+    let operator = async move {
+        for (round, is_shared) in [false, true, false].into_iter().enumerate() {
+            let description = format!("of round {round}");
+            let start = |name: &str| {
+                let description = description.clone();
+                let declare = move || {
+                    let x = Parameter::with_default("x", 0).description(&description);
+                    let x = if is_shared { x.shared() } else { x };
+                    Ok(x.register()?)
+                };
+                // It stays until its sender is gone.
+                let (stay, stays) = luna::channel::<()>();
+                let body = async move |_: &Parameter<i32>| {
+                    let _ = stays.recv().await;
+                    Ok(())
+                };
+                let process = spawner.process(name).one_of_many();
+                let handle = process.start(made(declare, body))?;
+                Ok((handle, stay))
+            };
+            let (first, stay) = start("first")?;
+            let second = start("second");
+            let all = parameters.list();
+            assert_eq!((all.len(), &all[0].description), (1, &description));
+            assert_eq!(all[0].processes.len(), 1 + usize::from(is_shared));
+            drop(stay);
+            first.join().await;
+            match second {
+                Ok((second, stay)) if is_shared => {
+                    drop(stay);
+                    second.join().await;
+                }
+                Err(Error::Process { source, .. }) if !is_shared => assert!(
+                    matches!(
+                        &*source,
+                        Error::Setup(SetupError::Parameter(DeclareError::Duplicate { process, .. })) if process == "first"
+                    ),
+                    "{source}"
+                ),
+                other => panic!("round {round}: {other:?}"),
+            }
+            // They are dropped on another thread.
+            while !parameters.list()[0].processes.is_empty() {
+                luna::after(MS).await;
+            }
+        }
+        Ok(())
+    };
+    main.process("operator").spawn(operator).unwrap();
+    drop(main);
+    system.run().unwrap();
+}
+
 #[test]
 fn the_file_again_makes_what_a_start_would() {
     let _watch = watchdog();
@@ -672,7 +800,7 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         assert_eq!(all.count.get(), 4);
         let mut tick = luna::periodic("loop", MS)?;
         // Of another length too, since file times may be coarse.
-        file.write("count = 77 \n\n");
+        file.replace("count = 77 \n\n");
         while all.count.get() == 4 {
             tick.next().await;
         }
@@ -680,6 +808,34 @@ fn a_file_that_changes_is_read_again_if_that_is_asked_for() {
         Ok(())
     };
     main.process("all").spawn(made(All::declare, body)).unwrap();
+    system.run().unwrap();
+}
+
+/// What the start has read is older than what is there when the first process runs.
+#[test]
+fn a_file_that_changes_during_the_start_is_read_again() {
+    let _watch = watchdog();
+    let file = TempFile::new("slow", "count = 4\n");
+    let mut system = System::new("slow start");
+    system
+        .parameters_from(&file.0)
+        .reload_parameters_on_change();
+    let main = system.executor("main").build().unwrap();
+    let declare = move || {
+        let all = All::declare()?;
+        assert_eq!(all.count.get(), 4);
+        file.replace("count = 77 \n\n");
+        Ok(all)
+    };
+    let body = async |all: &All| {
+        let mut tick = luna::periodic("loop", MS)?;
+        while all.count.get() == 4 {
+            tick.next().await;
+        }
+        assert_eq!(all.count.get(), 77);
+        Ok(())
+    };
+    main.process("all").spawn(made(declare, body)).unwrap();
     system.run().unwrap();
 }
 

@@ -83,10 +83,11 @@ impl Cells {
         }
     }
 
-    /// Its only word.
+    /// Its only word. By [`ThreeSlots::read`] too: a handle may be in another process, where the slot may be written again while it is read.
     #[inline(always)]
     pub(super) fn word(&self) -> u64 {
-        self.words[self.reader.slots.front()].load(Ordering::Relaxed)
+        let load = |slot: usize| self.words[slot].load(Ordering::Acquire);
+        self.reader.slots.read(load)
     }
 
     /// Several words, all of one value.

@@ -99,6 +99,7 @@ impl Parameters {
 
     /// Reads the file again: then all parameters have the values that a start would give them, as one set. What the environment and
     /// [`set_parameter`](crate::System::set_parameter) say comes over the file, what neither names has its default, and what [`set`](Self::set) made is gone.
+    /// Who changes the file writes another and renames it: of one that is written in place a part may be read.
     ///
     /// # Errors
     ///
@@ -107,7 +108,8 @@ impl Parameters {
         self.0.reload()
     }
 
-    /// Whether every process that has parameters reads what the set of this number made of them, or a later one. False for a set that is yet to come.
+    /// Whether every process that has parameters reads what the set of this number made of them, or a later one. False for a set that is yet to come; once true it stays true. A process that has
+    /// ended, and whose handles and loops are gone, is not waited for.
     pub fn is_taken(&self, set: u64) -> bool {
         self.0.is_taken(set)
     }
@@ -145,7 +147,7 @@ pub struct Info {
     pub set: u64,
     /// The processes that read it, as long as they live.
     pub processes: Vec<String>,
-    /// Whether all of them have taken it: each does so when its cycle ends.
+    /// Whether all of them have taken it: each does so when its next cycle begins.
     pub taken: bool,
 }
 

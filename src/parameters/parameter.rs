@@ -74,7 +74,8 @@ impl<T: Tunable> Parameter<T> {
 
     /// The value, of the set that the process has taken last.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one more for each element of an array. All elements are of one set.
+    /// Real-time path: yes. Wait-free, O(elements), no allocation, no lock: two loads, and one for each element. All elements are of one set. In another process, or on another thread, it looks again
+    /// if the process has taken a new set meanwhile: it never gives a value that the process has not taken.
     #[inline]
     pub fn get(&self) -> T {
         if T::IS_ARRAY {
@@ -158,7 +159,8 @@ impl<T: Tunable> ParameterBuilder<T> {
         self
     }
 
-    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value.
+    /// Declares it, for the process whose `pre_run` runs. Its name is free again when all handles of it are gone, for one that is declared alike: it goes on with its value. Its
+    /// description, and whether it is [shared](Self::shared), are then as the new one says.
     ///
     /// Not for the real-time path: it allocates, and takes a lock. O(processes that have parameters).
     ///

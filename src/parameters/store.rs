@@ -7,6 +7,7 @@ use super::handle::Info;
 use super::nearest::nearest;
 use super::sources::{self, Given, merge};
 use super::value::Value;
+use super::watch::{self, Stamp};
 use crate::logging::{Level, Log, message};
 use luna_platform::clock::Clock;
 use luna_platform::current::{self, ProcessId};
@@ -36,6 +37,8 @@ struct State {
     /// As the program asks.
     file: Option<PathBuf>,
     given: Vec<Given>,
+    /// Of the file, before the start has read it.
+    stamp: Option<Stamp>,
     /// What the start found, until somebody declares it.
     wishes: BTreeMap<String, Given>,
     refused: Vec<Refusal>,
@@ -80,9 +83,16 @@ struct Entry {
 struct Group {
     reader: Arc<Reader>,
     cells: Vec<Arc<Cells>>,
+    /// All sets up to this one were taken, or did not concern it, when it was last offered another.
+    taken: u64,
 }
 
 impl Group {
+    /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on offer.
+    fn has_taken(&self, set: u64) -> bool {
+        set <= self.taken || !self.reader.slots.is_fresh()
+    }
+
     /// Whether anybody has a handle of it, or a loop that takes it.
     fn is_used(&self) -> bool {
         // Its own, the list's, and one of each of its parameters.
@@ -147,6 +157,7 @@ impl Store {
         recorded: Option<&[(String, String)]>,
     ) -> Result<Vec<(String, String)>, SetError> {
         let mut refused = Vec::new();
+        let mut stamp = None;
         let wishes = match recorded {
             Some(recorded) => {
                 let given = recorded.iter().map(|(name, value)| Given {
@@ -158,6 +169,7 @@ impl Store {
             }
             None => {
                 let (file, given) = self.sources();
+                stamp = file.as_deref().and_then(watch::stamp);
                 let file = file.as_deref().map(sources::read).transpose()?;
                 let environment = sources::values_of_environment()?;
                 merge([file.unwrap_or_default(), environment, given], &mut refused)
@@ -168,6 +180,7 @@ impl Store {
             .map(|(name, given)| (name.clone(), given.value.to_string()));
         let kept = kept.collect();
         let mut state = self.state();
+        state.stamp = stamp;
         state.wishes = wishes;
         state.refused = refused;
         state.is_replay = recorded.is_some();
@@ -294,18 +307,20 @@ impl Store {
                     slots: ThreeSlots::new(),
                     cells: OnceLock::new(),
                 });
-                self.list(|readers| readers.push(reader.clone()));
+                let taken = state.sets;
                 state.groups.push(Group {
                     reader,
                     cells: Vec::new(),
+                    taken,
                 });
+                self.list(&state.groups);
                 state.groups.len() - 1
             }
         };
         let State {
             groups, entries, ..
         } = &mut *state;
-        let Group { reader, cells } = &mut groups[group];
+        let Group { reader, cells, .. } = &mut groups[group];
         // All that this process has declared is of one set. It does not run yet, and who sets waits for the lock.
         reader.slots.latch();
         let words = &entries[number].words;
@@ -321,18 +336,15 @@ impl Store {
             .groups
             .iter()
             .find(|group| group.reader.process == process);
-        if let Some(Group { reader, cells }) = group {
+        if let Some(Group { reader, cells, .. }) = group {
             let _ = reader.cells.set(cells.iter().map(Arc::downgrade).collect());
         }
     }
 
-    /// Changes the list of readers. The lock is held for two moves of a pointer, since loops wait for it.
-    fn list(&self, change: impl FnOnce(&mut Vec<Arc<Reader>>)) {
-        // Who changes it has the store's lock.
-        let mut readers = self.readers.lock().clone();
-        change(&mut readers);
-        let former = std::mem::replace(&mut *self.readers.lock(), readers);
-        drop(former);
+    /// Lists the readers of these groups for loops that begin. The list is made and the former one freed outside of the lock, which loops wait for: under it two are exchanged.
+    fn list(&self, groups: &[Group]) {
+        let mut readers = groups.iter().map(|group| group.reader.clone()).collect();
+        std::mem::swap(&mut *self.readers.lock(), &mut readers);
     }
 
     /// Frees what ended processes have left.
@@ -344,19 +356,13 @@ impl Store {
             .into_iter()
             .partition(Group::is_used);
         state.groups = used;
-        self.list(|readers| {
-            readers.retain(|reader| {
-                !unused
-                    .iter()
-                    .any(|group| Arc::ptr_eq(&group.reader, reader))
-            });
-        });
+        self.list(&state.groups);
         // A loop may have begun in between.
-        for group in unused {
-            match Arc::strong_count(&group.reader) > 1 + group.cells.len() {
-                true => state.groups.push(group),
-                false => drop(group),
-            }
+        let has_loop = |group: &Group| Arc::strong_count(&group.reader) > 1 + group.cells.len();
+        let listed = state.groups.len();
+        state.groups.extend(unused.into_iter().filter(has_loop));
+        if state.groups.len() > listed {
+            self.list(&state.groups);
         }
     }
 
@@ -372,10 +378,29 @@ impl Store {
     /// Reads the file again: the values are what a start would make them.
     pub(super) fn reload(&self) -> Result<u64, SetError> {
         note_outside("Parameters::reload");
+        let (file, given) = self.readable()?;
+        self.take_file(sources::read(&file)?, given)
+    }
+
+    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read; else whatever was read is nothing.
+    pub(super) fn reload_if(&self, is_whole: impl FnOnce() -> bool) -> Result<(), SetError> {
+        let (file, given) = self.readable()?;
+        let read = sources::read(&file);
+        if is_whole() {
+            self.take_file(read?, given)?;
+        }
+        Ok(())
+    }
+
+    /// The file that is to be read again, and what comes over it.
+    fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
         let (file, given) = self.sources();
         let file = file.ok_or(SetError::NoFile)?;
         self.is_running(&self.state())?;
-        let file = sources::read(&file)?;
+        Ok((file, given))
+    }
+
+    fn take_file(&self, file: Vec<Given>, given: Vec<Given>) -> Result<u64, SetError> {
         let environment = sources::values_of_environment()?;
         let mut refused = Vec::new();
         let wishes = merge([file, environment, given], &mut refused);
@@ -445,13 +470,19 @@ impl Store {
                 );
             }
         }
-        for Group { reader, cells } in &state.groups {
-            if cells.iter().any(|cells| former.contains_key(&cells.entry)) {
-                reader.slots.publish(set + 1, |slot| {
-                    for cells in cells {
-                        cells.fill(slot, &state.entries[cells.entry].words);
-                    }
-                });
+        // Nobody reads what a process that has ended leaves.
+        for group in state.groups.iter_mut().filter(|group| group.is_used()) {
+            let Group { reader, cells, .. } = &*group;
+            if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
+                continue;
+            }
+            let had_taken = reader.slots.publish(set + 1, |slot| {
+                for cells in cells {
+                    cells.fill(slot, &state.entries[cells.entry].words);
+                }
+            });
+            if had_taken {
+                group.taken = set - 1;
             }
         }
         state.tell(|entry| former.remove(state.numbers.get(&entry.declared.name)?));
@@ -496,7 +527,7 @@ impl Store {
                     processes: groups()
                         .map(|group| group.reader.name.to_string())
                         .collect(),
-                    taken: groups().all(|group| !group.reader.slots.is_fresh()),
+                    taken: groups().all(|group| group.has_taken(*set)),
                 }
             })
             .collect();
@@ -512,7 +543,13 @@ impl Store {
             && state
                 .groups
                 .iter()
-                .all(|Group { reader, .. }| !reader.slots.is_fresh() || reader.slots.number() > set)
+                .filter(|group| group.is_used())
+                .all(|group| group.has_taken(set))
+    }
+
+    /// Of the file, before the start has read it.
+    pub(super) fn stamp(&self) -> Option<Stamp> {
+        self.state().stamp
     }
 
     /// The file that is read, if there is one.
@@ -580,9 +617,15 @@ impl State {
                     process: group.reader.name.to_string(),
                 });
             }
-            _ => {}
+            Some(_) => {}
+            // Who declares it when nobody has it says anew what it is.
+            None => {
+                let there = &mut self.entries[number].declared;
+                there.is_shared = declared.is_shared;
+                there.description.clone_from(&declared.description);
+            }
         }
-        if entry.set > 0 {
+        if self.entries[number].set > 0 {
             // Its first value would have to be recorded, and nobody is there yet who could.
             note_outside("a parameter that was set before its process was spawned");
         }

@@ -3,7 +3,7 @@
 use super::error::SetError;
 use super::store::Store;
 use luna_platform::clock::Instant;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 /// Looks now and then whether the file has changed.
@@ -11,21 +11,54 @@ pub(crate) struct FileWatch {
     file: PathBuf,
     every: Duration,
     next: Instant,
-    seen: Option<Stamp>,
+    changes: Changes,
 }
 
-/// What changes of a file that is written.
-type Stamp = (u64, SystemTime);
+/// What changes of a file that is written, or replaced by another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stamp {
+    length: u64,
+    modified: SystemTime,
+    /// Its number in the file system, where files have one.
+    file: u64,
+}
+
+/// When the file is to be read, by its stamps alone: a program that writes it may have written a part of it, or nothing yet.
+#[derive(Debug)]
+struct Changes {
+    /// Of what was read last.
+    read: Option<Stamp>,
+    /// At the last look; none if there was no file.
+    last: Option<Stamp>,
+}
+
+impl Changes {
+    /// Whether what a look has found is to be read: it is not what was read last, and has not changed since the look before. One without a byte was not written yet.
+    fn are_to_be_read(&mut self, found: Option<Stamp>) -> bool {
+        let has_settled = std::mem::replace(&mut self.last, found) == found;
+        has_settled && found.is_some_and(|found| found.length > 0) && found != self.read
+    }
+
+    /// It was read. Whether that counts: it has not changed meanwhile, else the next looks go on from `now`.
+    fn have_been_read(&mut self, now: Option<Stamp>) -> bool {
+        let is_whole = self.last == now;
+        if is_whole {
+            self.read = now;
+        }
+        self.last = now;
+        is_whole
+    }
+}
 
 impl FileWatch {
     /// None if there is no file.
     pub(crate) fn new(store: &Store, every: Duration) -> Option<Self> {
-        let file = store.file()?;
+        let read = store.stamp();
         Some(Self {
-            seen: stamp(&file),
-            file,
+            file: store.file()?,
             every,
             next: Instant::now() + every,
+            changes: Changes { read, last: read },
         })
     }
 
@@ -41,17 +74,99 @@ impl FileWatch {
             return Ok(());
         }
         self.next = now + self.every;
-        let stamp = stamp(&self.file);
-        // One that is gone may be about to be replaced.
-        if stamp.is_none() || stamp == self.seen {
+        let Self { file, changes, .. } = self;
+        if !changes.are_to_be_read(stamp(file)) {
             return Ok(());
         }
-        self.seen = stamp;
-        store.reload().map(drop)
+        store.reload_if(|| changes.have_been_read(stamp(file)))
     }
 }
 
-fn stamp(file: &PathBuf) -> Option<Stamp> {
+/// None if there is no such file, or nothing can be said of it.
+pub(super) fn stamp(file: &Path) -> Option<Stamp> {
     let about = std::fs::metadata(file).ok()?;
-    Some((about.len(), about.modified().ok()?))
+    #[cfg(unix)]
+    let number = std::os::unix::fs::MetadataExt::ino(&about);
+    #[cfg(not(unix))]
+    let number = 0;
+    Some(Stamp {
+        length: about.len(),
+        modified: about.modified().ok()?,
+        file: number,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(length: u64, second: u64) -> Option<Stamp> {
+        Some(Stamp {
+            length,
+            modified: SystemTime::UNIX_EPOCH + Duration::from_secs(second),
+            file: 7,
+        })
+    }
+
+    fn begun() -> Changes {
+        let read = of(10, 1);
+        Changes { read, last: read }
+    }
+
+    #[test]
+    fn what_was_read_is_not_read_again() {
+        let mut changes = begun();
+        assert!(!changes.are_to_be_read(of(10, 1)));
+        assert!(!changes.are_to_be_read(of(10, 1)));
+        // It was away for a while.
+        for found in [None, None, of(10, 1), of(10, 1)] {
+            assert!(!changes.are_to_be_read(found));
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_being_written_is_not_read() {
+        let mut changes = begun();
+        for found in [of(0, 2), of(0, 2), of(0, 2), of(4, 3), of(8, 3), of(12, 4)] {
+            assert!(!changes.are_to_be_read(found), "{found:?}");
+        }
+        assert!(changes.are_to_be_read(of(12, 4)));
+        assert!(changes.have_been_read(of(12, 4)));
+        assert!(!changes.are_to_be_read(of(12, 4)));
+    }
+
+    #[test]
+    fn what_changed_while_it_was_read_does_not_count() {
+        let mut changes = begun();
+        assert!(!changes.are_to_be_read(of(12, 2)));
+        assert!(changes.are_to_be_read(of(12, 2)));
+        assert!(!changes.have_been_read(of(0, 3)));
+        assert!(!changes.are_to_be_read(of(0, 3)));
+        assert!(!changes.are_to_be_read(of(12, 3)));
+        assert!(changes.are_to_be_read(of(12, 3)));
+        assert!(!changes.have_been_read(None));
+        // Back as it was: it was never read.
+        assert!(!changes.are_to_be_read(of(12, 3)));
+        assert!(changes.are_to_be_read(of(12, 3)));
+        assert!(changes.have_been_read(of(12, 3)));
+    }
+
+    #[test]
+    fn one_of_the_same_length_and_time_is_another_by_its_number() {
+        let mut changes = begun();
+        let other = of(10, 1).map(|stamp| Stamp { file: 8, ..stamp });
+        assert!(!changes.are_to_be_read(other));
+        assert!(changes.are_to_be_read(other));
+    }
+
+    #[test]
+    fn a_start_without_a_file_reads_one_that_comes() {
+        let mut changes = Changes {
+            read: None,
+            last: None,
+        };
+        assert!(!changes.are_to_be_read(None));
+        assert!(!changes.are_to_be_read(of(3, 1)));
+        assert!(changes.are_to_be_read(of(3, 1)));
+    }
 }

@@ -82,3 +82,23 @@ fn another_reader_sees_no_parts_of_two_values() {
         reads.join().unwrap();
     });
 }
+
+/// The slot that it looks at may be given away and written again at any moment.
+#[test]
+fn another_reader_never_runs_ahead_of_the_owner() {
+    loom::model(|| {
+        let scene = Scene::new();
+        scene.put(2);
+        let (writer, other) = (scene.clone(), scene.clone());
+        let writes = loom::thread::spawn(move || {
+            writer.put(3);
+            writer.put(4);
+        });
+        let reads = loom::thread::spawn(move || other.other()[0]);
+        scene.slots.latch();
+        let taken = scene.slots.number();
+        writes.join().unwrap();
+        let read = reads.join().unwrap();
+        assert!(read == 1 || read == taken, "{read}, but {taken} was taken");
+    });
+}
