@@ -560,3 +560,28 @@ fn what_was_withdrawn_takes_no_room() {
     assert_eq!(log.all(), ["first", "second"]);
     assert_eq!(outcomes(&report), [FunctionOutcome::Ran; 2]);
 }
+
+/// What a function holds is dropped at the end of the run: a panic in it says so by the panic hook, and changes nothing else.
+#[test]
+fn functions_whose_drop_panics_are_dropped_and_the_run_ends_as_it_does() {
+    let _watch = watchdog();
+    struct Held(Log, bool);
+    impl Drop for Held {
+        fn drop(&mut self) {
+            self.0.note("dropped");
+            assert!(!self.1, "on purpose");
+        }
+    }
+    let log = Log::default();
+    let mut system = System::new("held");
+    for panics in [false, true, true, false] {
+        let held = Held(log.clone(), panics);
+        let keep = move || {
+            let _ = &held;
+        };
+        system.on_emergency("keeps", keep);
+    }
+    let safety = raise_in(&mut system);
+    assert_eq!(outcomes(&safety), [FunctionOutcome::Ran; 4]);
+    assert_eq!(log.all(), ["dropped"; 4]);
+}

@@ -319,6 +319,51 @@ fn receives_that_the_safe_state_ends() {
 }
 
 #[test]
+fn sends_that_the_safe_state_ends() {
+    check("sends_that_the_safe_state_ends", |system, outputs| {
+        let (sender, receiver) = luna::channel();
+        let safety = system.safety();
+        let executors = ["writes", "enters", "reads"].map(|name| system.executor(name).build());
+        let [writes, enters, reads] = executors;
+        enters?.process("enters").spawn(async move {
+            for _ in 0..ROUNDS {
+                work();
+                safety.enter_safe_state(Error::Timeout);
+                work();
+                safety.reset(Error::Timeout).unwrap();
+                luna::yield_now().await;
+            }
+            Ok(())
+        })?;
+        let given = outputs.clone();
+        writes?.process("writes").spawn(async move {
+            let safety = luna::safety().unwrap();
+            let mut entered = std::pin::pin!(safety.safe_state_edge());
+            for value in 0..ROUNDS {
+                work();
+                match sender.send_unless(value, entered.as_mut()).await {
+                    Err(luna::SendTimeoutError::Timeout(value)) => {
+                        give(&given, "writes", value);
+                        sender.send(ROUNDS + value).await?;
+                    }
+                    sent => sent?,
+                }
+            }
+            Ok(())
+        })?;
+        let outputs = outputs.clone();
+        reads?.process("reads").spawn(async move {
+            while let Ok(value) = receiver.recv().await {
+                work();
+                give(&outputs, "reads", value);
+            }
+            Ok(())
+        })?;
+        Ok(())
+    });
+}
+
+#[test]
 fn buffers_that_are_drained_at_once() {
     check("drained", |system, outputs| {
         let (small, drained) = luna::buffered::<u64>(Buffer::fifo(2));

@@ -66,6 +66,49 @@ fn a_receive_is_given_up_for_something_else_and_takes_what_was_there_before() {
 }
 
 #[test]
+fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
+    let (sender, receiver) = channel();
+    let (stop, stopped) = channel::<()>();
+    let at_once = || std::future::ready(());
+    // Somebody waits for it: to send comes first.
+    let mut receive = Box::pin(receiver.recv());
+    pending(&mut receive);
+    assert_eq!(
+        ready(&mut Box::pin(sender.send_unless(1, at_once()))),
+        Ok(())
+    );
+    assert_eq!(ready(&mut receive), Ok(1));
+    // Nobody does: it is given up, gives the value back, and leaves none.
+    assert_eq!(
+        ready(&mut Box::pin(sender.send_unless(2, at_once()))),
+        Err(SendTimeoutError::Timeout(2))
+    );
+    assert!(receiver.try_recv().is_err());
+    // What ends it may come while it waits, and live longer than one send.
+    let mut over = Box::pin(async {
+        let _ = stopped.recv().await;
+    });
+    {
+        let mut send = Box::pin(sender.send_unless(3, over.as_mut()));
+        pending(&mut send);
+        assert_eq!(receiver.try_recv(), Ok(3));
+        assert_eq!(ready(&mut send), Ok(()));
+    }
+    // Taken before it is given up, and seen afterwards: it has sent.
+    let mut send = Box::pin(sender.send_unless(4, over.as_mut()));
+    pending(&mut send);
+    assert_eq!(receiver.try_recv(), Ok(4));
+    drop(stop);
+    assert_eq!(ready(&mut send), Ok(()));
+    drop(send);
+    assert_eq!(
+        ready(&mut Box::pin(sender.send_unless(5, over.as_mut()))),
+        Err(SendTimeoutError::Timeout(5))
+    );
+    assert!(receiver.try_recv().is_err());
+}
+
+#[test]
 fn async_forms_give_up_at_their_time_and_not_before() {
     let _watchdog = Watchdog::new();
     let (sender, receiver) = channel();
