@@ -31,8 +31,8 @@ fn watchdog() -> Outcome {
     on_one_executor(|executor| {
         let dog = Watchdog::new(Duration::from_millis(2));
         executor.process("guard").spawn(async move {
-            dog.feed();
             let start = luna::now();
+            dog.feed();
             dog.expired().await;
             ensure(
                 luna::now() - start >= Duration::from_millis(1),
