@@ -32,9 +32,11 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     if let Err(error) = &played {
         eprintln!("luna: {}", failed(error.to_string()));
     }
-    while !arguments.once {
+    if !arguments.once {
         // Until a signal ends the program.
-        std::thread::park();
+        loop {
+            std::thread::park();
+        }
     }
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
