@@ -92,6 +92,9 @@ pub(crate) struct Demo {
     /// Serve the live scope while it runs, for a browser on this machine; ADDR is host:port
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = SCOPE, conflicts_with = "replay")]
     pub(crate) scope: Option<SocketAddr>,
+    /// Print the scope's address with a token: who opens that may set the controllers' parameters
+    #[arg(long, requires = "scope")]
+    pub(crate) scope_token: bool,
 }
 
 impl Demo {

@@ -17,6 +17,7 @@ mod place;
 mod record;
 mod report;
 mod scope;
+mod scope_parameters;
 mod text;
 
 use args::{Arguments, Command};

@@ -2,12 +2,14 @@
 
 use crate::args;
 use crate::failure::Failure;
+use crate::scope_parameters::OfSystem;
 use luna_scope::{Scope, Settings};
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Plays the recording.
 pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
@@ -39,9 +41,21 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
 
-/// The scope of a run of the demo, or of what is received.
-pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
-    open(Settings::default().address(address))
+/// The scope of a run of the demo, or of what is received, which shows its parameters. Who has the token, if there is to be one, may set them.
+pub(crate) fn at(
+    address: SocketAddr,
+    parameters: luna::Parameters,
+    has_token: bool,
+) -> Result<Scope, Failure> {
+    let settings = Settings::default()
+        .address(address)
+        .parameters(Arc::new(OfSystem(parameters)));
+    open(match has_token {
+        true => settings
+            .allow_setting()
+            .map_err(|error| Failure::Scope { address, error })?,
+        false => settings,
+    })
 }
 
 /// A scope, whose address is said on standard error, since standard output is for results.

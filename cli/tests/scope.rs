@@ -1,9 +1,11 @@
 //! `luna demo --scope` and `luna scope`: what they serve.
 
+use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use tungstenite::{Message, WebSocket};
 
 const ANYWHERE: &str = "127.0.0.1:0";
 
@@ -13,7 +15,7 @@ fn luna(arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts it; gives where its scope listens.
+/// Starts it; gives where its scope listens, with the token behind a slash and a hash if there is one.
 fn served(arguments: &[&str]) -> (Child, String) {
     let mut child = luna(arguments)
         .stdout(Stdio::null())
@@ -23,8 +25,8 @@ fn served(arguments: &[&str]) -> (Child, String) {
     let mut lines = BufReader::new(child.stderr.take().expect("a pipe")).lines();
     let address = lines.find_map(|line| {
         let line = line.expect("text");
-        let address = line.strip_prefix("scope: http://")?.strip_suffix('/')?;
-        Some(address.to_owned())
+        let address = line.strip_prefix("scope: http://")?;
+        Some(address.strip_suffix('/').unwrap_or(address).to_owned())
     });
     // What it says later is to find a reader.
     std::thread::spawn(move || lines.for_each(drop));
@@ -70,6 +72,99 @@ fn the_demo_shows_its_signals_while_it_runs() {
     browser.read_to_string(&mut page).expect("it answers");
     assert!(page.contains("<title>LUNA scope</title>"), "{page}");
     look_for(&address, b"pan/voltage");
+    end(child);
+}
+
+type Viewer = WebSocket<TcpStream>;
+
+/// The next of the scope's words of this type.
+fn hear(viewer: &mut Viewer, of: &str) -> Value {
+    loop {
+        if let Message::Text(text) = viewer.read().expect("it is there") {
+            let word: Value = serde_json::from_str(&text).expect("its words are JSON");
+            if word["type"] == of {
+                return word;
+            }
+        }
+    }
+}
+
+/// Says it, and hears what comes of it.
+fn say(viewer: &mut Viewer, word: &Value, answer: &str) -> Value {
+    let text = Message::text(word.to_string());
+    viewer.send(text).expect("it hears");
+    hear(viewer, answer)
+}
+
+/// The value of a parameter, as soon as the scope lists it and it is what is wanted.
+fn wait_for(viewer: &mut Viewer, name: &str, wanted: impl Fn(&Value) -> bool) {
+    loop {
+        let word = hear(viewer, "parameters");
+        let list = word["list"].as_array().expect("a list").iter();
+        let mut named = list.filter(|parameter| parameter["name"] == name);
+        if named.any(|parameter| wanted(&parameter["value"])) {
+            return;
+        }
+    }
+}
+
+#[test]
+fn the_demos_gains_are_seen_by_all_and_set_with_the_token_alone() {
+    let run = [
+        "demo",
+        "--seconds",
+        "600",
+        "--calibrated",
+        "--policy",
+        "other",
+        "--scope",
+        ANYWHERE,
+    ];
+    let view = |address: &str| {
+        let stream = TcpStream::connect(address).expect("it listens");
+        tungstenite::client(format!("ws://{address}/live"), stream)
+            .expect("it answers")
+            .0
+    };
+    let set = |value: Value| json!({"type": "set", "id": 1, "name": "pan/kp", "value": value});
+
+    let (child, url) = served(&[&run[..], &["--scope-token"]].concat());
+    let (address, token) = url.split_once("/#token=").expect("a token");
+    let mut viewer = view(address);
+    assert_eq!(hear(&mut viewer, "hello")["can_set"], true);
+    wait_for(&mut viewer, "pan/kp", Value::is_f64);
+    let refused = say(&mut viewer, &set(json!(3.5)), "set");
+    assert!(refused["error"].to_string().contains("token"), "{refused}");
+    let wrong = json!({"type": "token", "token": "0".repeat(32)});
+    assert_eq!(say(&mut viewer, &wrong, "authorized")["ok"], false);
+    let refused = say(&mut viewer, &set(json!(3.5)), "set");
+    assert!(refused["error"].to_string().contains("token"), "{refused}");
+
+    let right = json!({"type": "token", "token": token});
+    assert_eq!(say(&mut viewer, &right, "authorized")["ok"], true);
+    // They are listed before the system runs, and can be set from then on.
+    loop {
+        let answer = say(&mut viewer, &set(json!(3.5)), "set");
+        match answer["error"].as_str() {
+            None => break,
+            Some(error) => assert!(error.contains("does not run"), "{error}"),
+        }
+    }
+    wait_for(&mut viewer, "pan/kp", |value| *value == json!(3.5));
+    let refused = say(&mut viewer, &set(json!("much")), "set");
+    assert!(
+        refused["error"].to_string().contains("it must be a number"),
+        "{refused}"
+    );
+    end(child);
+
+    let (child, address) = served(&run);
+    let mut viewer = view(&address);
+    assert_eq!(hear(&mut viewer, "hello")["can_set"], false);
+    wait_for(&mut viewer, "pan/kp", Value::is_f64);
+    assert_eq!(say(&mut viewer, &right, "authorized")["ok"], false);
+    let refused = say(&mut viewer, &set(json!(3.5)), "set");
+    assert!(refused["error"].to_string().contains("token"), "{refused}");
     end(child);
 }
 
