@@ -52,9 +52,9 @@ pub use facade::install;
 pub use format::Level;
 pub use hub::{Entered, Hub, RegisterError, TimeBase};
 pub use message::message;
+pub use net::{Departure, Handler, Peer, PeerError, Receiver, Receiving, TcpSink, UdpSink};
 #[cfg(feature = "events")]
 pub use recorder::EventsReport;
-pub use net::{Departure, Handler, Peer, PeerError, Receiver, Receiving, TcpSink, UdpSink};
 pub use recorder::{
     FileSink, Logging, LoggingReport, MessagesReport, Recorder, SignalReport, Sink, StartError,
     Tee, WriterSink,

@@ -1,11 +1,11 @@
-//! Events in blocks that a sink gives back.
+//! Events of hubs: in blocks that a sink gives back, and of two hubs at a time.
 
 use luna_logger::format::{Losing, Reader, Record, RunsOn, Subject, Tally};
 use luna_logger::{Hub, Logging, Recorder, Sink};
-use luna_platform::events::{self, code};
+use luna_platform::events::{self, Kind, code};
 use std::collections::BTreeMap;
 use std::io;
-use std::sync::{Arc, Condvar, Mutex};
+use std::sync::{Arc, Condvar, Mutex, mpsc};
 
 /// A sink that gives back what it took, as one does whose connection breaks, until it is told to keep it.
 #[derive(Default, Clone)]
@@ -22,6 +22,12 @@ struct State {
 }
 
 impl Flaky {
+    fn keeping() -> Self {
+        let sink = Self::default();
+        sink.keep();
+        sink
+    }
+
     fn keep(&self) {
         self.0.0.lock().unwrap().keeps = true;
     }
@@ -129,6 +135,8 @@ fn start(hub: &Arc<Hub>, sink: &Flaky) -> Recorder {
     Recorder::start(hub, Logging::to_sink(sink.clone()).events()).unwrap()
 }
 
+// Each test has processes of its own: all hubs hear of their names.
+
 #[test]
 fn events_in_blocks_that_are_given_back_are_lost_and_names_come_again() {
     let sink = Flaky::default();
@@ -155,4 +163,87 @@ fn events_in_blocks_that_are_given_back_are_lost_and_names_come_again() {
     let executor = told.runs_on[&7].unwrap().executor;
     assert!(told.name(Subject::Executor, executor).is_some());
     events::detach();
+}
+
+#[test]
+fn of_two_hubs_each_has_its_own_events_and_executors() {
+    let sinks = [Flaky::keeping(), Flaky::keeping()];
+    let hubs = ["one", "other"].map(|name| Hub::new(name, Default::default()));
+    let [one, other] = [0, 1].map(|index| start(&hubs[index], &sinks[index]));
+    std::thread::scope(|scope| {
+        let (has_entered, enters) = mpsc::channel();
+        let (goes_on, waits) = mpsc::channel();
+        let second = hubs[1].clone();
+        scope.spawn(move || {
+            second.enter_thread();
+            second.enter_home();
+            events::name_executor(|| "of the other".to_owned());
+            has_entered.send(()).unwrap();
+            waits.recv().unwrap();
+            events::tell_executor(code::ASLEEP);
+        });
+        enters.recv().unwrap();
+        // On this thread, which is the first's, with the same number there.
+        hubs[0].enter_thread();
+        hubs[0].enter_home();
+        events::name_executor(|| "of the one".to_owned());
+        events::name_process(8, 16, || "pump".to_owned());
+        events::tell_executor(code::ASLEEP);
+        hubs[0].tell(code::EMERGENCY, 8, [1, 0]);
+        hubs[1].tell(code::EMERGENCY, 8, [2, 0]);
+        goes_on.send(()).unwrap();
+    });
+    events::detach();
+    let reports = [one, other].map(Recorder::finish);
+    for report in reports {
+        assert_eq!((report.events.recorded, report.events.lost), (2, 0));
+    }
+    let told = sinks.map(|sink| sink.read());
+    let number = |told: &Told| {
+        let asleep = told.events.iter().find(|event| event.0 == code::ASLEEP);
+        asleep.unwrap().1
+    };
+    assert_eq!(number(&told[0]), number(&told[1]));
+    let executors = told
+        .each_ref()
+        .map(|told| told.name(Subject::Executor, number(told)).unwrap());
+    assert_eq!(executors, ["of the one", "of the other"]);
+    let degrees = told.each_ref().map(|told| {
+        let mut emergencies = told
+            .events
+            .iter()
+            .filter(|event| event.0 == code::EMERGENCY);
+        let degree = emergencies.next().unwrap().2;
+        assert!(emergencies.next().is_none());
+        degree
+    });
+    assert_eq!(degrees, [1, 2]);
+    // Both know the process, and one where it runs.
+    let names = told
+        .each_ref()
+        .map(|told| told.name(Subject::Process, 8).unwrap());
+    assert_eq!(names, ["pump"; 2]);
+    assert_eq!(told[0].runs_on[&8].unwrap().executor, number(&told[0]));
+    assert_eq!(told[1].runs_on[&8], None);
+}
+
+#[test]
+fn names_come_in_order_and_only_as_long_as_somebody_listens() {
+    let names = events::listen();
+    // Numbers that nobody else names.
+    let first = 4_000_000_000;
+    for number in first..first + 3 {
+        events::name(Kind::Barrier, number, 0, || format!("barrier {number}"));
+    }
+    let own: Vec<u32> = names
+        .take()
+        .iter()
+        .filter(|name| name.kind == Kind::Barrier)
+        .map(|name| name.number)
+        .collect();
+    assert_eq!(own, [first, first + 1, first + 2]);
+    events::name(Kind::Lock, first, 0, String::new);
+    drop(names);
+    let anew = events::listen();
+    assert!(anew.take().iter().all(|name| name.kind != Kind::Lock));
 }
