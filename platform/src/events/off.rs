@@ -88,7 +88,7 @@ pub fn tell_executor(_: u16) {}
 
 /// The ring of a home that shares its thread with others: none.
 #[derive(Debug, Default)]
-pub struct Kept;
+pub struct Kept(());
 
 impl Kept {
     /// Does nothing.
