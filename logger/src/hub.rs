@@ -42,12 +42,25 @@ pub struct Hub {
     /// What has no better place to be counted: messages on threads that have no ring.
     pub(crate) lost_messages: AtomicU64,
     registry: Mutex<Registry>,
-    /// What there are names for, once events are recorded.
+    /// What there are names for, once events are recorded: of the recorder, as long as it records.
     #[cfg(feature = "events")]
-    names: OnceLock<Arc<events::Names>>,
+    names: OnceLock<Heard>,
     /// Where threads without a ring of their own tell the few events that they may have.
     #[cfg(feature = "events")]
     others: PiLock<Option<events::Writer>>,
+}
+
+/// Who takes the names. Only the recorder keeps it, so that nobody collects any when it has ended.
+#[cfg(feature = "events")]
+struct Heard {
+    id: u64,
+    names: Weak<events::Names>,
+}
+
+/// What a recording needs that has begun.
+pub(crate) struct Begun {
+    #[cfg(feature = "events")]
+    pub(crate) names: Option<Arc<events::Names>>,
 }
 
 /// The reading end of a ring of events.
@@ -230,15 +243,18 @@ impl Hub {
     #[cfg(feature = "events")]
     #[inline]
     pub fn enter_home(self: &Arc<Self>) {
-        if self.names.get().is_some() && !events::is_on() {
-            self.make_events();
+        if let Some(heard) = self.names.get()
+            && !events::is_for(heard.id)
+        {
+            self.make_events(heard);
         }
     }
 
-    /// Tells an event, also of a thread that is not recorded: there it takes a lock, and is for what happens seldom. No allocation.
+    /// Tells an event, also of a thread that is not recorded for this hub: there it takes a lock, and is for what happens seldom. No allocation.
     #[cfg(feature = "events")]
     pub fn tell(&self, of: u16, subject: u32, arguments: [u64; 2]) {
-        if events::is_on() {
+        let is_here = |heard: &Heard| events::is_for(heard.id);
+        if self.names.get().is_some_and(is_here) {
             events::tell(of, subject, || arguments);
         } else if let Some(others) = &mut *self.others.lock() {
             others.put(of, subject, arguments);
@@ -247,10 +263,13 @@ impl Hub {
 
     #[cfg(feature = "events")]
     #[cold]
-    fn make_events(self: &Arc<Self>) {
+    fn make_events(self: &Arc<Self>, heard: &Heard) {
         if !self.is_recording() || current::on_path() {
             return;
         }
+        let Some(names) = heard.names.upgrade() else {
+            return;
+        };
         // Executors that share a thread are told apart; else the thread is known by its samples and messages.
         let known = match self.base {
             TimeBase::Machine => lane::number(self),
@@ -259,8 +278,8 @@ impl Hub {
         let Some(rooms) = self.registry().rooms else {
             return;
         };
-        let (number, writer) = self.add_events(known, rooms.events, lane::thread_name);
-        self.name(events::Kind::Executor, number, lane::thread_name(number));
+        let (number, writer) = self.add_events(&names, known, rooms.events, lane::thread_name);
+        names.name(events::Kind::Executor, number, lane::thread_name(number));
         events::attach(writer);
     }
 
@@ -268,6 +287,7 @@ impl Hub {
     #[cfg(feature = "events")]
     fn add_events(
         &self,
+        names: &events::Names,
         known: Option<u32>,
         room: usize,
         name: impl FnOnce(u32) -> String,
@@ -282,7 +302,7 @@ impl Hub {
             registry.threads += 1;
             next
         });
-        let (writer, events) = events::ring(room, number, counter);
+        let (writer, events) = names.ring(room, number, counter);
         registry.events.push(EventInlet {
             name: known.is_none().then(|| name(number)),
             events,
@@ -293,7 +313,7 @@ impl Hub {
     /// Names something that was there before the recording.
     #[cfg(feature = "events")]
     pub fn name(&self, kind: events::Kind, number: u32, name: String) {
-        if let Some(names) = self.names.get() {
+        if let Some(names) = self.names.get().and_then(|heard| heard.names.upgrade()) {
             names.name(kind, number, name);
         }
     }
@@ -302,11 +322,6 @@ impl Hub {
     #[cfg(feature = "events")]
     pub fn records_events(&self) -> bool {
         self.names.get().is_some()
-    }
-
-    #[cfg(feature = "events")]
-    pub(crate) fn names(&self) -> Option<Arc<events::Names>> {
-        self.names.get().cloned()
     }
 
     /// Takes the rings of events that are new.
@@ -334,19 +349,15 @@ impl Hub {
             .filter(|hub| hub.is_recording())
     }
 
-    /// False if it was called before: rings of a former recording would be read by nobody.
-    pub(crate) fn begin_recording(self: &Arc<Self>, rooms: Rooms) -> bool {
+    /// None if it was called before: rings of a former recording would be read by nobody.
+    pub(crate) fn begin_recording(self: &Arc<Self>, rooms: Rooms) -> Option<Begun> {
         if self.registry().rooms.replace(rooms).is_some() {
-            return false;
+            return None;
         }
-        #[cfg(feature = "events")]
-        if rooms.events > 0 {
-            // It is recorded once.
-            let _ = self.names.set(events::listen());
-            const FEW: usize = 64;
-            let (_, others) = self.add_events(None, FEW, |_| "other threads".to_owned());
-            *self.others.lock() = Some(others);
-        }
+        let begun = Begun {
+            #[cfg(feature = "events")]
+            names: (rooms.events > 0).then(|| self.listen()),
+        };
         self.recording.store(true, Ordering::Relaxed);
         let mut latest = latest();
         // Those of until now are not this one's.
@@ -355,7 +366,21 @@ impl Hub {
             before.lost_messages.fetch_add(homeless, Ordering::Relaxed);
         }
         *latest = Arc::downgrade(self);
-        true
+        Some(begun)
+    }
+
+    #[cfg(feature = "events")]
+    fn listen(&self) -> Arc<events::Names> {
+        let names = events::listen();
+        // It is recorded once.
+        let _ = self.names.set(Heard {
+            id: names.id(),
+            names: Arc::downgrade(&names),
+        });
+        const FEW: usize = 64;
+        let (_, others) = self.add_events(&names, None, FEW, |_| "other threads".to_owned());
+        *self.others.lock() = Some(others);
+        names
     }
 
     /// Counts a message that was lost on the path, by a thread without rings. Wait-free, no allocation.

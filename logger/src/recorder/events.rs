@@ -6,7 +6,7 @@
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
 use luna_platform::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
@@ -38,12 +38,15 @@ impl Hasher for Spread {
     }
 }
 
+/// The names of so many processes of other systems are kept.
+const MOST_STRANGERS: usize = 4096;
+
 type Build = BuildHasherDefault<Spread>;
 
 /// The events of a recording.
 #[derive(Default)]
 pub(super) struct Events {
-    /// Where names come from; nowhere if no events are recorded.
+    /// Where names come from; nowhere if no events are recorded. The only one that stays: when this goes, nobody collects them.
     names: Option<Arc<Names>>,
     known: HashMap<Key, Name, Build>,
     /// What was told, or has no name that could be.
@@ -53,6 +56,8 @@ pub(super) struct Events {
     parts: HashMap<u32, Parts>,
     /// Those who have ended in the present block: nobody asks for their names any more.
     ended: Vec<Key>,
+    /// Processes of other systems, the last that were named: their ends are not told here.
+    strangers: VecDeque<Key>,
     in_block: HashMap<u32, u64, Build>,
     refused: HashMap<u32, u64, Build>,
     losses: Vec<(u32, Losses)>,
@@ -88,6 +93,16 @@ impl Events {
 
     fn learn(&mut self, name: Name) {
         let key = key(name.kind, name.number.into());
+        if name.kind == Kind::Process && name.runs_on.is_none() {
+            // Its end is told elsewhere.
+            self.strangers.push_back(key);
+            if self.strangers.len() > MOST_STRANGERS
+                && let Some(oldest) = self.strangers.pop_front()
+            {
+                self.known.remove(&oldest);
+                self.told.remove(&oldest);
+            }
+        }
         // A later name takes the place of the one before, also of what has been told.
         self.told.remove(&key);
         self.known.insert(key, name);
@@ -240,6 +255,9 @@ impl Events {
             self.take_part(thread, head.code(), head.signal(), [entry[2], entry[3]]);
         } else {
             *self.refused.entry(thread).or_default() += 1;
+            if head.code() == code::DONE {
+                self.ended.push(key(Kind::Process, head.signal().into()));
+            }
         }
     }
 

@@ -281,9 +281,7 @@ impl Recorder {
                 to: to.clone(),
                 error: error.to_string(),
             })?;
-        if !hub.begin_recording(rooms) {
-            return Err(StartError::Twice);
-        }
+        let begun = hub.begin_recording(rooms).ok_or(StartError::Twice)?;
         let block_size = sink.block_size();
         let sink = Handoff::start(sink).map_err(|error| {
             hub.end_recording();
@@ -291,7 +289,12 @@ impl Recorder {
         })?;
         let limiter = sink.limiter();
         let ending = Arc::new(Ending::default());
-        let drain = Drain::new(hub.clone(), to.clone(), Way { sink, block_size }, show);
+        let way = Way {
+            sink,
+            block_size,
+            begun,
+        };
+        let drain = Drain::new(hub.clone(), to.clone(), way, show);
         let awaited = ending.clone();
         let started = spawn(
             Attributes::framework("luna-recorder", Policy::Other),

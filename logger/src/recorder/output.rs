@@ -8,7 +8,7 @@ use super::report::EventsReport;
 use super::report::{LoggingReport, MessagesReport, SignalReport};
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
-use crate::hub::{Declared, Hub};
+use crate::hub::{Begun, Declared, Hub};
 use crate::lane::{Head, Inlet, MOST_WORDS};
 use crate::message::{Lengths, MESSAGE_HEAD};
 use luna_platform::clock::Instant;
@@ -51,6 +51,11 @@ pub(super) struct Output {
 pub(super) struct Way {
     pub(super) sink: Handoff,
     pub(super) block_size: usize,
+    #[cfg_attr(
+        not(feature = "events"),
+        expect(dead_code, reason = "nothing is in it")
+    )]
+    pub(super) begun: Begun,
 }
 
 #[derive(Default)]
@@ -74,7 +79,7 @@ impl Output {
     pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<Level>) -> Self {
         Self {
             #[cfg(feature = "events")]
-            events: Events::new(hub.names()),
+            events: Events::new(way.begun.names),
             hub,
             to,
             sink: way.sink,

@@ -14,13 +14,18 @@ mod ring;
 
 // A model looks at no events, but at the ring.
 #[cfg(all(feature = "events", not(loom)))]
-#[path = "on.rs"]
-mod events_or_none;
+mod names;
 #[cfg(not(all(feature = "events", not(loom))))]
-#[path = "off.rs"]
-mod events_or_none;
+mod off;
+#[cfg(all(feature = "events", not(loom)))]
+mod on;
+#[cfg(all(feature = "events", not(loom)))]
+mod waits;
 
-pub use events_or_none::*;
+#[cfg(not(all(feature = "events", not(loom))))]
+pub use off::*;
+#[cfg(all(feature = "events", not(loom)))]
+pub use on::*;
 
 #[cfg(all(feature = "events", not(loom)))]
 pub use ring::{Losses, Reader, Writer, ring};

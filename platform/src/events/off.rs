@@ -16,6 +16,30 @@ pub fn tell(_: u16, _: u32, _: impl FnOnce() -> [u64; 2]) {}
 #[inline(always)]
 pub fn waits_for(_: impl FnOnce() -> (Kind, u32)) {}
 
+/// Notes that the current process waits for something without a number: nowhere.
+#[inline(always)]
+pub fn waits_for_other() {}
+
+/// Notes that the current process waits for several things: nowhere.
+#[inline(always)]
+pub fn waits_for_several() {}
+
+/// Takes a note back: there is none.
+#[inline(always)]
+pub fn waits_no_more(_: impl FnOnce() -> Option<(Kind, u32)>) {}
+
+/// Calls `f`.
+#[inline(always)]
+pub fn beside<R>(f: impl FnOnce() -> R) -> R {
+    f()
+}
+
+/// The future itself.
+#[inline(always)]
+pub fn waits_in<F>(_: (Kind, u32), future: F) -> F {
+    future
+}
+
 /// Tells that a process has become ready: nobody.
 #[inline(always)]
 pub fn ready(_: impl FnOnce() -> u32) {}
@@ -64,7 +88,7 @@ pub fn tell_executor(_: u16) {}
 
 /// The ring of a home that shares its thread with others: none.
 #[derive(Debug, Default)]
-pub struct Kept;
+pub struct Kept(());
 
 impl Kept {
     /// Does nothing.

@@ -1,20 +1,20 @@
 //! With events.
 
 use super::ring::{Ring, Writer};
-use super::{Kind, code};
+use super::{code, waits};
 use crate::current::{self, User};
-use crate::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::ptr;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Weak};
+
+pub use super::names::{Name, Names, listen, name, name_executor, name_process};
+pub use super::waits::{
+    WaitsIn, beside, waits_for, waits_for_other, waits_for_several, waits_in, waits_no_more,
+};
 
 thread_local! {
     /// Where this thread's events go: null, or the ring of what it has in `ATTACHED`.
     static RING: Cell<*const Ring> = const { Cell::new(ptr::null()) };
     static ATTACHED: RefCell<Attached> = const { RefCell::new(Attached(None)) };
-    /// What the present turn's process waits for.
-    static WAITS: Cell<Waits> = const { Cell::new(Waits::NOTHING) };
 }
 
 struct Attached(Option<Writer>);
@@ -23,17 +23,6 @@ impl Drop for Attached {
     fn drop(&mut self) {
         RING.set(ptr::null());
     }
-}
-
-/// Kind and number in one word.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct Waits(u64);
-
-impl Waits {
-    const NOTHING: Waits = Waits(0);
-    const SEVERAL: Waits = Waits(u64::MAX);
-    /// For nothing: its body has failed.
-    const FAILED: Waits = Waits(u64::MAX - 1);
 }
 
 /// Whether the calling thread is recorded. One load.
@@ -123,27 +112,6 @@ fn told(of: u16, subject: u32, arguments: [u64; 2]) {
     put(of, subject, arguments);
 }
 
-/// Notes what the current process waits for, whose operation is about to return `Pending`: for the end of its turn.
-#[inline(always)]
-pub fn waits_for(what: impl FnOnce() -> (Kind, u32)) {
-    if is_on() {
-        let (kind, number) = what();
-        note_wait(kind, number);
-    }
-}
-
-#[cold]
-#[inline(never)]
-fn note_wait(kind: Kind, number: u32) {
-    let new = Waits((kind as u64) << 32 | u64::from(number));
-    let before = WAITS.get();
-    WAITS.set(if before == Waits::NOTHING || before == new {
-        new
-    } else {
-        Waits::SEVERAL
-    });
-}
-
 /// Tells that a process of the calling thread has become ready, by who runs there.
 #[inline(always)]
 pub fn ready(process: impl FnOnce() -> u32) {
@@ -162,7 +130,7 @@ fn told_ready(process: u32) {
 #[inline]
 pub fn begin_turn(process: u32) {
     if is_on() {
-        WAITS.set(Waits::NOTHING);
+        waits::clear();
         put(code::RUNNING, process, [0, 0]);
     }
 }
@@ -171,10 +139,9 @@ pub fn begin_turn(process: u32) {
 #[inline]
 pub fn end_turn(process: u32, is_ready: bool) {
     if is_on() {
-        let arguments = match WAITS.get() {
-            _ if is_ready => [code::STILL_READY, 0],
-            Waits::NOTHING | Waits::SEVERAL | Waits::FAILED => [code::WAITS_UNKNOWN, 0],
-            Waits(word) => [word >> 32, word & u64::from(u32::MAX)],
+        let arguments = match is_ready {
+            true => [code::STILL_READY, 0],
+            false => waits::arguments(),
         };
         put(code::WAITING, process, arguments);
     }
@@ -184,7 +151,7 @@ pub fn end_turn(process: u32, is_ready: bool) {
 #[inline]
 pub fn note_failure() {
     if is_on() {
-        WAITS.set(Waits::FAILED);
+        waits::fail();
     }
 }
 
@@ -192,7 +159,7 @@ pub fn note_failure() {
 #[inline]
 pub fn done(process: u32, how: u64) {
     if is_on() {
-        let has_failed = how == code::ended::OK && WAITS.get() == Waits::FAILED;
+        let has_failed = how == code::ended::OK && waits::has_failed();
         put(
             code::DONE,
             process,
@@ -212,7 +179,7 @@ pub fn current_process() -> u64 {
 /// Tells of the executor that the calling thread is: that it sleeps, or is awake.
 #[inline]
 pub fn tell_executor(of: u16) {
-    if let Some(number) = number() {
+    if let Some((_, number)) = place() {
         put(of, number, [0, 0]);
     }
 }
@@ -232,113 +199,15 @@ pub fn name_loop(number: u32, name: &str) {
     }
 }
 
-/// The number of the calling thread, or executor, in its recording.
-fn number() -> Option<u32> {
+/// Whether the calling thread is recorded, for who listens by this: see [`Names::id`].
+#[inline]
+pub fn is_for(listener: u64) -> bool {
+    place().is_some_and(|(whose, _)| whose == listener)
+}
+
+/// Whose recording the calling thread is in, and its number there, or that of the executor that it is now.
+pub(super) fn place() -> Option<(u64, u32)> {
     let ring = RING.get();
     // SAFETY: as in `put`.
-    (!ring.is_null()).then(|| unsafe { (*ring).number() })
-}
-
-/// Something with a name.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Name {
-    /// What it is.
-    pub kind: Kind,
-    /// Its number.
-    pub number: u32,
-    /// The number of what it belongs to; 0 if nothing.
-    pub parent: u32,
-    /// Its name.
-    pub text: String,
-    /// A process': the number of its executor, and its level there.
-    pub runs_on: Option<(u32, u8)>,
-}
-
-/// What was named since it was last asked.
-#[derive(Debug)]
-pub struct Names(PiLock<Vec<Name>>);
-
-static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
-static LISTENING: AtomicUsize = AtomicUsize::new(0);
-
-/// Who listens learns of each process, channel, barrier, lock and loop of the program that is named from now on, until it is dropped.
-///
-/// ```
-/// use luna_platform::events::{self, Kind};
-///
-/// let names = events::listen();
-/// events::name(Kind::Channel, 4_000_000_001, 0, || "setpoint".to_owned());
-/// assert!(names.take().iter().any(|name| name.text == "setpoint"));
-/// ```
-pub fn listen() -> Arc<Names> {
-    let names = Arc::new(Names(PiLock::new(Vec::new())));
-    let mut listeners = LISTENERS.lock();
-    listeners.retain(|one| one.strong_count() > 0);
-    listeners.push(Arc::downgrade(&names));
-    LISTENING.fetch_add(1, Ordering::Relaxed);
-    names
-}
-
-impl Names {
-    /// What was named since the last call.
-    pub fn take(&self) -> Vec<Name> {
-        std::mem::take(&mut *self.0.lock())
-    }
-
-    /// Names something to this listener alone.
-    pub fn name(&self, kind: Kind, number: u32, text: String) {
-        self.0.lock().push(Name {
-            kind,
-            number,
-            parent: 0,
-            text,
-            runs_on: None,
-        });
-    }
-}
-
-impl Drop for Names {
-    fn drop(&mut self) {
-        LISTENING.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-/// Names something, to all who listen. Not for the real-time path: it locks and allocates, if anybody does.
-#[inline]
-pub fn name(kind: Kind, number: u32, parent: u32, text: impl FnOnce() -> String) {
-    if LISTENING.load(Ordering::Relaxed) > 0 {
-        named(kind, number, parent, text(), None);
-    }
-}
-
-/// Names a process, on the thread that it runs on. As [`name`].
-#[inline]
-pub fn name_process(process: u32, level: u8, text: impl FnOnce() -> String) {
-    if is_on() && LISTENING.load(Ordering::Relaxed) > 0 {
-        let runs_on = number().map(|executor| (executor, level));
-        named(Kind::Process, process, 0, text(), runs_on);
-    }
-}
-
-/// Names the executor that the calling thread is, if it is recorded. As [`name`].
-#[inline]
-pub fn name_executor(text: impl FnOnce() -> String) {
-    if let Some(number) = number() {
-        named(Kind::Executor, number, 0, text(), None);
-    }
-}
-
-#[cold]
-fn named(kind: Kind, number: u32, parent: u32, text: String, runs_on: Option<(u32, u8)>) {
-    let on_path = current::set_on_path(false);
-    for names in LISTENERS.lock().iter().filter_map(Weak::upgrade) {
-        names.0.lock().push(Name {
-            kind,
-            number,
-            parent,
-            text: text.clone(),
-            runs_on,
-        });
-    }
-    current::set_on_path(on_path);
+    (!ring.is_null()).then(|| unsafe { ((*ring).whose(), (*ring).number()) })
 }

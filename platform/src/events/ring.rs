@@ -49,6 +49,8 @@ pub(super) struct Ring {
     entries: Box<[UnsafeCell<Entry>]>,
     counter: Option<Counter>,
     number: u32,
+    /// Who listens to the names beside it; 0 is nobody.
+    whose: u64,
     lost: Arc<AtomicU64>,
     has_writer: AtomicBool,
     has_reader: AtomicBool,
@@ -68,6 +70,16 @@ unsafe impl Send for Ring {}
 /// A ring with room for so many events, rounded up to a power of two, of the thread or executor that has this number in its recording. Times are the counter's
 /// ticks, or without one the thread's clock's nanoseconds. Allocates, and touches each page.
 pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Reader) {
+    ring_of(0, room, number, counter)
+}
+
+/// As [`ring`], for who listens to names by this.
+pub(super) fn ring_of(
+    whose: u64,
+    room: usize,
+    number: u32,
+    counter: Option<Counter>,
+) -> (Writer, Reader) {
     let room = room.clamp(2, 1 << 26).next_power_of_two();
     let lost = Arc::new(AtomicU64::new(0));
     let ring = Arc::new(Ring {
@@ -78,6 +90,7 @@ pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Read
         entries: (0..room).map(|_| UnsafeCell::new([!0; 4])).collect(),
         counter,
         number,
+        whose,
         lost,
         has_writer: AtomicBool::new(true),
         has_reader: AtomicBool::new(true),
@@ -90,6 +103,11 @@ pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Read
 impl Ring {
     pub(super) fn number(&self) -> u32 {
         self.number
+    }
+
+    #[cfg(not(loom))]
+    pub(super) fn whose(&self) -> u64 {
+        self.whose
     }
 
     /// Puts an event in, or counts it as lost. False if it was lost, and nobody reads what is here. Wait-free, O(1).

@@ -1,0 +1,34 @@
+//! Who makes what has a name asks for it as long as it is recorded. Alone in its program: all who record hear of all names.
+
+use luna_logger::{Hub, Logging, Recorder, StartError, WriterSink};
+use luna_platform::events::{self, Kind};
+
+/// Whether anybody listens.
+fn is_asked() -> bool {
+    let mut is_asked = false;
+    events::name(Kind::Channel, u32::MAX, 0, || {
+        is_asked = true;
+        String::new()
+    });
+    is_asked
+}
+
+#[test]
+fn nobody_collects_names_when_the_recording_has_ended() {
+    let to_nowhere = || Logging::to_sink(WriterSink::new(std::io::sink()));
+    let hub = Hub::new("pump", Default::default());
+    assert!(!is_asked());
+    let recorder = Recorder::start(&hub, to_nowhere().events()).unwrap();
+    assert!(is_asked() && hub.records_events());
+    let again = Recorder::start(&hub, to_nowhere().events());
+    assert!(matches!(again, Err(StartError::Twice)));
+    assert_eq!(recorder.finish().error, None);
+    // The hub lives on, as it does while somebody has signals of it.
+    assert!(!is_asked());
+    hub.name(Kind::Channel, 1, "late".to_owned());
+    drop(hub);
+    let without = Hub::new("pump", Default::default());
+    let recorder = Recorder::start(&without, to_nowhere()).unwrap();
+    assert!(!is_asked() && !without.records_events());
+    drop(recorder);
+}
