@@ -121,7 +121,7 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
     let Some(address) = arguments.scope else {
         return Ok(None);
     };
-    let scope = crate::scope::at(address, system.parameters(), arguments.scope_token)?;
+    let scope = crate::scope::of_demo(address, system.parameters(), arguments.scope_token)?;
     let sink = scope
         .sink()
         .map_err(|error| Failure::Scope { address, error })?;

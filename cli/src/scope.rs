@@ -41,8 +41,13 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(played.is_err())))
 }
 
-/// The scope of a run of the demo, or of what is received, which shows its parameters. Who has the token, if there is to be one, may set them.
-pub(crate) fn at(
+/// The scope of what is received.
+pub(crate) fn at(address: SocketAddr) -> Result<Scope, Failure> {
+    open(Settings::default().address(address))
+}
+
+/// The scope of a run of the demo, which shows its parameters. Who has the token, if there is to be one, may set them.
+pub(crate) fn of_demo(
     address: SocketAddr,
     parameters: luna::Parameters,
     has_token: bool,
