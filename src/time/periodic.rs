@@ -412,8 +412,8 @@ impl Periodic {
                 self.guard
             };
             let awake = target - Duration::from_nanos(guard);
-            if !self.wait_for_tick(awake).await {
-                Sleep::until(awake).await;
+            if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
+                events::waits_in(self.in_events(), Sleep::until(awake)).await;
             }
         }
         // Without a guard the slot has come: one look at the clock.
@@ -549,6 +549,13 @@ impl Periodic {
         self.statistics
             .as_mut()
             .expect("the statistics are there until the drop")
+    }
+
+    /// What it is in events.
+    fn in_events(&self) -> (events::Kind, u32) {
+        // Nothing to be left in the code where no events are.
+        let number = self.statistics.as_ref().map_or(0, |there| there.number);
+        (events::Kind::Loop, number)
     }
 
     fn name(&self) -> LoopName {

@@ -4,6 +4,7 @@ use super::operation::{Phase, SendOp};
 use crate::error::SendTimeoutError;
 use crate::taped;
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
@@ -40,7 +41,7 @@ impl<T> Future for SendTimeout<'_, T> {
         if send.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match sleep.poll(cx) {
+        match events::beside(|| sleep.poll(cx)) {
             Poll::Ready(()) => Poll::Ready(send.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -61,7 +62,7 @@ fn poll_taped<T>(
     if polled.is_ready() {
         return polled.map_err(SendTimeoutError::from);
     }
-    if !send.is_listed() || taped::is_replayed() || sleep.poll(cx).is_pending() {
+    if !send.is_listed() || taped::is_replayed() || events::beside(|| sleep.poll(cx)).is_pending() {
         return Poll::Pending;
     }
     let outcome = send.as_mut().give_up();
