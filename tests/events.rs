@@ -639,3 +639,32 @@ fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
     );
     Ok(())
 }
+
+#[test]
+fn a_slot_says_how_late_it_is_itself() -> luna::Result<()> {
+    let mut system = System::new("late");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let period = std::time::Duration::from_millis(10);
+    let main = system.executor("main").build()?;
+    main.process("servo").spawn(async move {
+        let mut tick = luna::periodic("servo", period)?.overrun(luna::Overrun::SkipToGrid);
+        let mut cycle = tick.next().await;
+        // Into the slot behind the next.
+        luna::after(5 * period / 2).await;
+        let before = std::mem::replace(&mut cycle, tick.next().await);
+        assert_eq!(cycle.number, before.number + 2);
+        assert_eq!(cycle.lateness, period / 2);
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    let slots: Vec<_> = told.of(code::SLOT).map(|event| event.arguments).collect();
+    let late = (period / 2).as_nanos() as u64;
+    assert_eq!(slots, [[1, 0], [3, late]]);
+    // What it came after is the slot that it waited for.
+    let lates: Vec<_> = told.of(code::LATE).map(|event| event.arguments).collect();
+    let asked_for = late + period.as_nanos() as u64;
+    assert_eq!(lates, [[asked_for, code::late::LOOP_ITSELF]]);
+    Ok(())
+}

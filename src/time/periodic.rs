@@ -488,7 +488,7 @@ impl Periodic {
         let statistics = self.statistics();
         statistics.kept += 1;
         events::tell(events::code::SLOT, statistics.number, || {
-            [number, now.nanos_since(target)]
+            [number, now.nanos_since(deadline)]
         });
         let is_late = statistics.late.cycle_begins(number, target, now);
         if is_late && events::is_on() {
