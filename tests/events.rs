@@ -544,3 +544,127 @@ fn os_threads_and_processes_that_come_later_are_told() -> luna::Result<()> {
     }
     Ok(())
 }
+
+/// What a process waits for at the end of each turn that does not leave it ready: the kind, and the name of a channel or loop.
+fn waits<'a>(told: &'a Told, process: &str) -> Vec<(u64, &'a str)> {
+    told.of(code::WAITING)
+        .filter(|event| told.process(event.subject.into()) == process)
+        .filter(|event| event.arguments[0] != code::STILL_READY)
+        .map(|event| {
+            let [kind, number] = event.arguments;
+            let name = match kind {
+                _ if kind == Subject::Channel as u64 => told.name(Subject::Channel, number),
+                _ if kind == Subject::Loop as u64 => told.name(Subject::Loop, number),
+                _ => "",
+            };
+            (kind, name)
+        })
+        .collect()
+}
+
+#[test]
+fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
+    const NOT_KNOWN: (u64, &str) = (code::WAITS_UNKNOWN, "");
+    let mut system = System::new("waits");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let period = std::time::Duration::from_millis(10);
+    let main = system.executor("main").build()?;
+    // Nobody sends by this one, and its sender lives as long as the others need it.
+    let (silent, never) = luna::channel::<u8>();
+    let never = Arc::new(never.named("never"));
+    let (answers, answer) = luna::channel::<u8>();
+    let answer = answer.named("answer");
+    main.process("looper").spawn(async move {
+        let mut tick = luna::periodic("loop", period)?;
+        for _ in 0..2 {
+            tick.next().await;
+        }
+        Ok(())
+    })?;
+    let of_both = never.clone();
+    main.process("both").spawn(async move {
+        let mut tick = luna::periodic("beside", period)?;
+        luna::par!(
+            async {
+                let received = of_both.recv_timeout(period / 2).await;
+                assert!(received.unwrap_err().is_timeout());
+                Ok(())
+            },
+            async {
+                tick.next().await;
+                Ok::<_, luna::Error>(())
+            },
+        )
+        .await?;
+        Ok(())
+    })?;
+    main.process("patient").spawn(async move {
+        // Gives up in its turn, and then waits for something else.
+        let given_up = never.recv_unless(async {}).await;
+        assert!(given_up.unwrap_err().is_timeout());
+        luna::after(period).await;
+        let given_up = never.recv_unless(async {}).await;
+        assert!(given_up.unwrap_err().is_timeout());
+        assert_eq!(answer.recv().await?, 1);
+        // Its deadline is not what it waits for.
+        assert!(never.recv_timeout(period).await.is_err());
+        luna::pri_alt! {
+            _ = never.recv() => (),
+            _ = luna::after(period) => (),
+        }
+        Ok(())
+    })?;
+    main.process("answers").spawn(async move {
+        luna::after(3 * period).await;
+        answers.send(1).await?;
+        luna::after(3 * period).await;
+        drop(silent);
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    let (channel, in_loop) = (Subject::Channel as u64, Subject::Loop as u64);
+    assert_eq!(waits(&told, "looper"), [(in_loop, "loop"); 2]);
+    // The other branch waits on when this one has given up.
+    assert_eq!(waits(&told, "both")[0], NOT_KNOWN);
+    assert_eq!(
+        waits(&told, "patient"),
+        [
+            NOT_KNOWN,
+            (channel, "answer"),
+            (channel, "never"),
+            NOT_KNOWN
+        ]
+    );
+    Ok(())
+}
+
+#[test]
+fn a_slot_says_how_late_it_is_itself() -> luna::Result<()> {
+    let mut system = System::new("late");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let period = std::time::Duration::from_millis(10);
+    let main = system.executor("main").build()?;
+    main.process("servo").spawn(async move {
+        let mut tick = luna::periodic("servo", period)?.overrun(luna::Overrun::SkipToGrid);
+        let mut cycle = tick.next().await;
+        // Into the slot behind the next.
+        luna::after(5 * period / 2).await;
+        let before = std::mem::replace(&mut cycle, tick.next().await);
+        assert_eq!(cycle.number, before.number + 2);
+        assert_eq!(cycle.lateness, period / 2);
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    let slots: Vec<_> = told.of(code::SLOT).map(|event| event.arguments).collect();
+    let late = (period / 2).as_nanos() as u64;
+    assert_eq!(slots, [[1, 0], [3, late]]);
+    // What it came after is the slot that it waited for.
+    let lates: Vec<_> = told.of(code::LATE).map(|event| event.arguments).collect();
+    let asked_for = late + period.as_nanos() as u64;
+    assert_eq!(lates, [[asked_for, code::late::LOOP_ITSELF]]);
+    Ok(())
+}

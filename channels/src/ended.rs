@@ -3,6 +3,7 @@
 use crate::place::{Ending, Lists, Place};
 use crate::taped;
 use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::events;
 use luna_platform::tape::{Event, Turn, What};
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
@@ -193,6 +194,7 @@ impl Ended<'_> {
         drop(lists);
         // Dropping a waker can run anything, so not under the lock.
         drop(former);
+        events::waits_for_other();
         Poll::Pending
     }
 }

@@ -204,6 +204,13 @@ impl Place {
         events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
+    /// Notes that it does not, after all: it gives up.
+    #[inline(always)]
+    pub(crate) fn waits_no_more(&self) {
+        let here = || (self.identity.kind_in_events(), self.identity.number());
+        events::waits_no_more(|| Some(here()));
+    }
+
     /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> HomeGuard<'_, Lists> {

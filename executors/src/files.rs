@@ -5,6 +5,7 @@ use crate::file_waits::Node;
 use crate::watch::ThreadFiles;
 use luna_platform::current;
 use luna_platform::current::Wakeup;
+use luna_platform::events;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -126,6 +127,7 @@ impl Future for FileReady<'_> {
             // SAFETY: the node was listed there.
             if unsafe { files.is_pending(node, cx) } {
                 if Arc::ptr_eq(files, &here) {
+                    events::waits_for_other();
                     return Poll::Pending;
                 }
                 // A wait belongs to the thread that polls it: another one's may not look at its files any more.
@@ -141,6 +143,7 @@ impl Future for FileReady<'_> {
         match unsafe { here.enlist(node, this.file, Wakeup::of(cx)) } {
             Ok(()) => {
                 this.files = Some(here);
+                events::waits_for_other();
                 Poll::Pending
             }
             Err(error) => Poll::Ready(Err(error)),
@@ -151,6 +154,7 @@ impl Future for FileReady<'_> {
 impl Drop for FileReady<'_> {
     fn drop(&mut self) {
         if let Some(files) = &self.files {
+            events::waits_no_more(|| None);
             // SAFETY: the node was listed there.
             unsafe { files.withdraw(self.node(), self.file) };
         }

@@ -3,6 +3,7 @@
 use super::emergency::Emergency;
 use super::state::{Degree, Level};
 use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::events;
 use luna_platform::lock::PiLock;
 use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
@@ -181,6 +182,7 @@ impl Future for SafeStateEntered {
         }
         let waker = Some((cx.waker().data(), cx.waker().vtable()));
         if self.is_listed().load(Ordering::Acquire) && self.listed_for == waker {
+            events::waits_for_other();
             return Poll::Pending;
         }
         let wakeup = Wakeup::of(cx);
@@ -207,6 +209,7 @@ impl Future for SafeStateEntered {
         drop(former);
         // SAFETY: nothing is moved.
         unsafe { self.get_unchecked_mut() }.listed_for = waker;
+        events::waits_for_other();
         Poll::Pending
     }
 }

@@ -412,8 +412,8 @@ impl Periodic {
                 self.guard
             };
             let awake = target - Duration::from_nanos(guard);
-            if !self.wait_for_tick(awake).await {
-                Sleep::until(awake).await;
+            if !events::waits_in(self.in_events(), self.wait_for_tick(awake)).await {
+                events::waits_in(self.in_events(), Sleep::until(awake)).await;
             }
         }
         // Without a guard the slot has come: one look at the clock.
@@ -488,7 +488,7 @@ impl Periodic {
         let statistics = self.statistics();
         statistics.kept += 1;
         events::tell(events::code::SLOT, statistics.number, || {
-            [number, now.nanos_since(target)]
+            [number, now.nanos_since(deadline)]
         });
         let is_late = statistics.late.cycle_begins(number, target, now);
         if is_late && events::is_on() {
@@ -549,6 +549,13 @@ impl Periodic {
         self.statistics
             .as_mut()
             .expect("the statistics are there until the drop")
+    }
+
+    /// What it is in events.
+    fn in_events(&self) -> (events::Kind, u32) {
+        // Nothing to be left in the code where no events are.
+        let number = self.statistics.as_ref().map_or(0, |there| there.number);
+        (events::Kind::Loop, number)
     }
 
     fn name(&self) -> LoopName {

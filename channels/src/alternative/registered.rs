@@ -737,10 +737,11 @@ impl<T> Future for AlternativeRecv<'_, '_, T> {
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let polled = self.alternative.poll_recv(cx);
-        if events::is_on()
-            && let Poll::Ready((index, _)) = &polled
-        {
-            self.alternative.tell(*index);
+        if events::is_on() {
+            match &polled {
+                Poll::Ready((index, _)) => self.alternative.tell(*index),
+                Poll::Pending => events::waits_for_several(),
+            }
         }
         polled
     }

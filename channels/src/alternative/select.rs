@@ -173,6 +173,7 @@ impl<S: Seeds> Select<S> {
                     .list_at_home(0, process, NonNull::from(&this.selection));
                 this.state = State::Listed;
                 this.polled_by = identity(cx);
+                events::waits_for_several();
                 return Some(Poll::Pending);
             };
             if current::gives_way(process) {
@@ -215,6 +216,9 @@ impl<S: Seeds> Select<S> {
                 alternative.poll(skip, cx)
             }
         };
+        if polled.is_pending() {
+            events::waits_for_several();
+        }
         polled.map(|number| {
             this.state = State::Over;
             tell(guards.as_mut(), number);

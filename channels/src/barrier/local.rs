@@ -309,6 +309,7 @@ impl Future for LocalSync<'_> {
 impl Drop for LocalSync<'_> {
     fn drop(&mut self) {
         if self.phase == Phase::Waiting {
+            self.group.barrier.shared().place.waits_no_more();
             self.leave();
         }
     }

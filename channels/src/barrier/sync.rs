@@ -116,6 +116,7 @@ impl<'a> SyncOp<'a> {
             Phase::New => return false,
             Phase::Completed | Phase::GaveWay | Phase::Over => return true,
         }
+        self.shared().place.waits_no_more();
         let mut lists = self.shared().place.lock();
         // SAFETY: as in `poll_round`.
         unsafe {

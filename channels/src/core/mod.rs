@@ -173,6 +173,7 @@ impl<T> Channel<T> {
     ///
     /// `node` was listed in this channel, on the side that `of_sender` says.
     pub(crate) unsafe fn withdraw(&self, node: NonNull<Waiter<T>>, of_sender: bool) -> Outcome {
+        self.place.waits_no_more();
         let mut section = self.lock();
         // SAFETY: under the lock a waiting node is listed.
         unsafe {

@@ -8,6 +8,7 @@ use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
@@ -125,6 +126,7 @@ impl<'a> AcquireOp<'a> {
         if self.phase != Phase::Listed {
             return self.phase == Phase::Keeps;
         }
+        self.semaphore.shared().place.waits_no_more();
         let mut lists = self.semaphore.shared().place.lock();
         if self.outcome() == Outcome::Done {
             return true;
@@ -285,7 +287,7 @@ impl<'a> Future for AcquireTimeout<'a> {
         if acquire.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match sleep.poll(cx) {
+        match events::beside(|| sleep.poll(cx)) {
             Poll::Ready(()) => Poll::Ready(acquire.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -309,7 +311,10 @@ fn poll_taped<'a>(
     if polled.is_ready() {
         return polled.map_err(AcquireTimeoutError::from);
     }
-    if acquire.phase != Phase::Listed || taped::is_replayed() || sleep.poll(cx).is_pending() {
+    if acquire.phase != Phase::Listed
+        || taped::is_replayed()
+        || events::beside(|| sleep.poll(cx)).is_pending()
+    {
         return Poll::Pending;
     }
     let outcome = acquire.as_mut().give_up();

@@ -231,6 +231,7 @@ impl Core {
     ///
     /// As for [`poll_listed`](Self::poll_listed).
     pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> bool {
+        self.place.waits_no_more();
         let mut lists = self.place.lock();
         // SAFETY: the contract; a node that waits is in the list.
         let (changed, former) = unsafe {

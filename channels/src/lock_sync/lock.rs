@@ -7,6 +7,7 @@ use super::mutex::Mutex;
 use crate::taped;
 use luna_platform::clock::Instant;
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
@@ -264,7 +265,7 @@ impl<'a, T> Future for LockTimeout<'a, T> {
         if lock.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match sleep.poll(cx) {
+        match events::beside(|| sleep.poll(cx)) {
             Poll::Ready(()) => Poll::Ready(lock.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -288,7 +289,10 @@ fn poll_taped<'a, T>(
     if polled.is_ready() {
         return polled.map_err(LockTimeoutError::from);
     }
-    if lock.phase != Phase::Listed || taped::is_replayed() || sleep.poll(cx).is_pending() {
+    if lock.phase != Phase::Listed
+        || taped::is_replayed()
+        || events::beside(|| sleep.poll(cx)).is_pending()
+    {
         return Poll::Pending;
     }
     let place = &lock.mutex.core().place;

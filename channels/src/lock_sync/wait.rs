@@ -10,6 +10,7 @@ use crate::taped;
 use crate::waiter::Outcome;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::events;
 use luna_platform::tape::{Event, Turn, What};
 use luna_platform::timer_queue::Sleep;
 use std::cell::UnsafeCell;
@@ -177,6 +178,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// Gives up, wherever it is. A notification that was for it alone is passed on; a mutex that it was handed is too.
     fn cancel(&mut self) {
         let entry = self.entry();
+        self.condition.shared().place.waits_no_more();
         let mut lists = self.condition.shared().place.lock();
         // SAFETY: the lock is held; the entry is where its cause says.
         unsafe {
@@ -388,7 +390,7 @@ impl<'a, T> Future for WaitTimeout<'_, 'a, T> {
         };
         let mut polled = wait.as_mut().poll(cx);
         let may_be_late = result.is_none() && !taped::is_replayed();
-        if polled.is_pending() && may_be_late && sleep.poll(cx).is_ready() {
+        if polled.is_pending() && may_be_late && events::beside(|| sleep.poll(cx)).is_ready() {
             *result = Some(wait.as_mut().time_out());
             // It holds the mutex already if that was free.
             polled = wait.as_mut().poll(cx);

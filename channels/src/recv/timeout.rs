@@ -4,6 +4,7 @@ use super::operation::{Phase, RecvOp};
 use crate::error::RecvTimeoutError;
 use crate::taped;
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
@@ -41,7 +42,7 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
         if recv.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match stop.poll(cx) {
+        match events::beside(|| stop.poll(cx)) {
             Poll::Ready(()) => Poll::Ready(recv.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -65,7 +66,7 @@ fn poll_taped<T, S: Future<Output = ()>>(
     // One that is let in later, or has communicated and lets others run, is not late.
     if !recv.is_listed()
         || taped::is_replayed()
-        || current::without_tape(|| stop.poll(cx)).is_pending()
+        || events::beside(|| current::without_tape(|| stop.poll(cx))).is_pending()
     {
         return Poll::Pending;
     }

@@ -4,6 +4,7 @@ use super::operation::{Phase, SendOp};
 use crate::error::SendTimeoutError;
 use crate::taped;
 use luna_platform::current;
+use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
 use std::future::Future;
@@ -41,7 +42,7 @@ impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
         if send.phase == Phase::GaveWay {
             return Poll::Pending;
         }
-        match stop.poll(cx) {
+        match events::beside(|| stop.poll(cx)) {
             Poll::Ready(()) => Poll::Ready(send.give_up()),
             Poll::Pending => Poll::Pending,
         }
@@ -64,7 +65,7 @@ fn poll_taped<T, S: Future<Output = ()>>(
     }
     if !send.is_listed()
         || taped::is_replayed()
-        || current::without_tape(|| stop.poll(cx)).is_pending()
+        || current::without_tape(|| events::beside(|| stop.poll(cx))).is_pending()
     {
         return Poll::Pending;
     }

@@ -3,6 +3,7 @@
 use super::Exit;
 use super::record::Record;
 use luna_platform::current::{self, ProcessId, User, Wakeup};
+use luna_platform::events;
 use luna_platform::wait_list::WaitNode;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
@@ -93,6 +94,7 @@ impl Future for Join<'_> {
         drop(shown);
         // Dropping a waker is the user's code, which may drop a join.
         drop(former);
+        events::waits_for_other();
         Poll::Pending
     }
 }

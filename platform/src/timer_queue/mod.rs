@@ -7,6 +7,7 @@ mod heap;
 
 use crate::clock::Instant;
 use crate::current::{self, Ready, Wakeup};
+use crate::events;
 use crate::lock::PiLock;
 use crate::sync::Arc;
 use crate::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -148,6 +149,7 @@ impl Sleep {
             return;
         }
         this.armed = false;
+        events::waits_no_more(|| None);
         if let Some(queue) = &this.queue {
             let mut heap = queue.heap.lock();
             let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
@@ -198,6 +200,7 @@ impl Future for Sleep {
                     drop(heap);
                     // Dropping a waker can run anything, so not under the lock.
                     drop(former);
+                    events::waits_for_other();
                     return Poll::Pending;
                 }
                 None => return Poll::Pending,
@@ -234,6 +237,7 @@ impl Future for Sleep {
             this.armed = true;
             queue.publish_next(&heap);
         }
+        events::waits_for_other();
         Poll::Pending
     }
 }
