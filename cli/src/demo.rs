@@ -125,7 +125,8 @@ fn watch(system: &mut System, arguments: &args::Demo) -> Result<Option<Scope>, F
     let sink = scope
         .sink()
         .map_err(|error| Failure::Scope { address, error })?;
-    system.log(luna::Logging::to_sink(sink).events());
+    // Some 400 events a cycle: room for half a second in which the recorder does not get to run.
+    system.log(luna::Logging::to_sink(sink).room_for_events(1 << 18));
     Ok(Some(scope))
 }
 

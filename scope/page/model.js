@@ -2,6 +2,7 @@
 
 import { Series } from "./series.js";
 import { Events, CODE, SUBJECT, stateOf } from "./events.js";
+import { place } from "./text.js";
 
 const MOST_MESSAGES = 2000;
 
@@ -83,9 +84,9 @@ export class Model {
         break;
       }
       case SUBJECT.executor: this.executors.set(number, { name, awake: true }); break;
-      case SUBJECT.channel: this.channel(number).name = name; break;
+      case SUBJECT.channel: this.channel(number).name = place(name); break;
       case SUBJECT.loop: this.loops.set(number, { number, name, parent }); break;
-      default: this.others.set(subject * 4294967296 + number, name);
+      default: this.others.set(subject * 4294967296 + number, place(name));
     }
   }
 

@@ -45,7 +45,7 @@ export class Parameters {
     const input = make("input", { type: isFlag ? "checkbox" : isNumber ? "number" : "text", "aria-label": name, step: "any", min: least, max: greatest });
     const button = make("button", {}, "Set"), error = make("p", { class: "error", role: "status" });
     const range = least !== undefined && greatest !== undefined ? ` From ${least} to ${greatest}.` : "";
-    const root = make("form", { class: "parameter" }, make("label", {}, name, unit ? make("span", { class: "muted" }, `  ${unit}`) : ""), input, button, make("p", {}, description + range), error);
+    const root = make("form", { class: "parameter" }, make("label", {}, name, unit ? make("span", { class: "muted" }, `  ${unit}`) : ""), input, button, make("p", {}, (description && range ? `${description}.` : description) + range), error);
     let shown = value;
     const text = (value) => (typeof value === "string" ? value : JSON.stringify(value));
     const show = () => { if (isFlag) input.checked = shown; else input.value = isNumber ? shown : text(shown); };

@@ -15,6 +15,12 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
+// What is called by its place in a program's source: its file, and the folder if that says something.
+export function place(name) {
+  const found = /(?:^|\/)((?:[^/]+\/)?[^/]+\.rs:\d+.*)$/.exec(name);
+  return found ? found[1].replace(/^src\//, "") : name;
+}
+
 // Changes the text of an element only if it is another.
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;

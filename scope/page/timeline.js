@@ -397,7 +397,10 @@ export class Timeline {
           break;
       }
     }
-    for (const slot of late) this.late(context, palette, events, slot, y);
+    // Where there is no room for all labels, those next to the present instant have them.
+    late.sort((one, other) => Math.abs(events.time[one] - this.clock.now) - Math.abs(events.time[other] - this.clock.now));
+    const labels = new Map();
+    for (const slot of late) this.late(context, palette, events, slot, y, labels);
   }
 
   // Who ran on a thread at an instant.
@@ -408,7 +411,7 @@ export class Timeline {
     return undefined;
   }
 
-  late(context, palette, events, slot, y) {
+  late(context, palette, events, slot, y, labels) {
     const LANE = this.lane;
     const lane = this.laneOfLoop(events.subject[slot]);
     if (lane === undefined) return;
@@ -428,6 +431,9 @@ export class Timeline {
     const text = `${span(lateness)} late: ${CAUSES[cause] ?? `cause ${cause}`}${instead ? `, ${instead}` : ""}`;
     const wide = context.measureText(text).width;
     const x = Math.min(right + 12, this.canvas.clientWidth - RIGHT - wide - 12);
+    const taken = labels.get(lane) ?? [];
+    if (taken.some(([from, to]) => x - 4 < to && from < x + wide + 14)) return;
+    labels.set(lane, [...taken, [x - 4, x + wide + 14]]);
     context.fillStyle = palette.failed;
     context.beginPath();
     context.roundRect(x - 2, top + 1, wide + 14, LANE - 2, 6);
