@@ -3,7 +3,7 @@
 mod common;
 
 use common::{KeepingSink, Kept};
-use luna_logger::format::Value;
+use luna_logger::format::{Tally, Value};
 use luna_logger::{
     FileSink, Hub, Level, Logging, Recorder, RegisterError, Signal, Sink, StartError, Tee, message,
 };
@@ -369,6 +369,92 @@ fn a_sink_that_panics_costs_what_it_was_given() {
     let report = recorder.finish();
     assert_eq!((report.signals[0].recorded, report.signals[0].lost), (0, 1));
     assert_eq!(report.error.as_deref(), Some("the sink panicked"));
+}
+
+/// Takes blocks and keeps none of them for good, as one whose receiver acknowledges nothing; panics at a block with `PANIC` in it.
+struct Unacknowledged {
+    held: Tally,
+    lost: Tally,
+    taken: Sender<u64>,
+}
+
+const PANIC: &[u8] = b"panic now";
+
+impl Sink for Unacknowledged {
+    fn begin(&mut self, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+    fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        self.held.add(block);
+        if block.windows(PANIC.len()).any(|part| part == PANIC) {
+            panic!("on purpose");
+        }
+        let _ = self.taken.send(self.held.samples.values().sum());
+        Ok(())
+    }
+    fn take_lost(&mut self) -> Tally {
+        std::mem::take(&mut self.lost)
+    }
+    fn end(&mut self, _: Duration) -> io::Result<()> {
+        self.lost = std::mem::take(&mut self.held);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_sink_that_panics_says_what_it_had_taken_and_lost() {
+    let (taken, takes) = channel();
+    let sink = Unacknowledged {
+        held: Tally::default(),
+        lost: Tally::default(),
+        taken,
+    };
+    let hub = Hub::new("panicking", Default::default());
+    let recorder = Recorder::start(&hub, Logging::to_sink(sink)).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<u64>::register("signal").unwrap();
+    let record = |numbers: std::ops::Range<u64>| numbers.for_each(|n| signal.record(n));
+    record(0..50);
+    // It has taken these, and they count as recorded.
+    assert!(takes.iter().any(|samples| samples == 50));
+    record(50..80);
+    message(Level::Info, "test", format_args!("panic now"));
+    // It has panicked.
+    takes.iter().for_each(drop);
+    record(80..100);
+    let report = recorder.finish();
+    assert_eq!(
+        (report.signals[0].recorded, report.signals[0].lost),
+        (0, 100)
+    );
+    assert_eq!((report.messages.recorded, report.messages.lost), (0, 1));
+    assert_eq!(report.error.as_deref(), Some("the sink panicked"));
+}
+
+#[test]
+fn another_sink_that_panics_costs_the_first_nothing() {
+    let kept = Kept::default();
+    let (taken, takes) = channel();
+    let panicking = Unacknowledged {
+        held: Tally::default(),
+        lost: Tally::default(),
+        taken,
+    };
+    let tee = Tee::new(kept.sink()).and(panicking);
+    let refused = tee.refused();
+    let hub = Hub::new("panicking", Default::default());
+    let recorder = Recorder::start(&hub, Logging::to_sink(tee)).unwrap();
+    let _inside = hub.enter();
+    let signal = Signal::<f64>::register("signal").unwrap();
+    message(Level::Info, "test", format_args!("panic now"));
+    // It has panicked, and is gone.
+    takes.iter().for_each(drop);
+    signal.record(1.0);
+    let report = recorder.finish();
+    assert_eq!((report.signals[0].recorded, report.signals[0].lost), (1, 0));
+    assert_eq!((report.messages.recorded, &report.error), (1, &None));
+    assert_eq!(kept.read().samples[&0].len(), 1);
+    assert!(refused[0].load(std::sync::atomic::Ordering::Relaxed) > 0);
 }
 
 #[test]

@@ -288,7 +288,8 @@ impl Events {
     /// These were in blocks that the sink has taken, and could not keep.
     pub(super) fn take_back(&mut self, lost: &BTreeMap<u32, u64>) {
         for (&thread, &events) in lost {
-            self.recorded = self.recorded.saturating_sub(events);
+            let events = events.min(self.recorded);
+            self.recorded -= events;
             *self.refused.entry(thread).or_default() += events;
         }
     }

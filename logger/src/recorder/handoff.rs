@@ -1,7 +1,8 @@
 //! From the recorder's thread to the sink, on a thread of the sink's own: so that a sink which never comes back keeps nobody for ever.
 //!
 //! A block is handed on, and its outcome waited for: as long as the recording goes on, however long that takes. When the recording has ended, a limit is set. What the sink has
-//! not taken until then counts as refused, and the sink's thread is left alone with it.
+//! not taken until then counts as refused, and the sink's thread is left alone with it. A sink that panics is ended at once, so that it says what it had taken and has lost; one that
+//! never returns cannot say that.
 
 use super::sink::Sink;
 use crate::format::Tally;
@@ -9,13 +10,14 @@ use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long a sink that cannot take a block yet is left alone.
 const AGAIN: Duration = Duration::from_millis(10);
 
-/// How much longer than its limit a sink may take to say what became of what it had taken, and how long it has in any case for what it was asked.
+/// How much longer than its limit a sink may take to say what became of the last block, and how long it has in any case to end: it is asked for that when this has passed, at the latest.
 const GRACE: Duration = Duration::from_secs(5);
 
 /// What a block is told that nobody waits for any more.
@@ -34,6 +36,14 @@ pub(super) struct Handoff {
 struct News {
     wants_declarations: bool,
     lost: VecDeque<Tally>,
+}
+
+impl News {
+    fn add(&mut self, lost: Tally) {
+        if !lost.is_empty() {
+            self.lost.push_back(lost);
+        }
+    }
 }
 
 #[derive(Default)]
@@ -84,14 +94,15 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until `is_so`, or the limit and a while more; says whether it came to be so.
-    fn wait_until(&self, is_so: impl Fn(&State) -> bool) -> bool {
-        let begin = Instant::now();
+    /// Waits until `is_so`, or the deadline; says whether it came to be so. `asked_to_end`: when the sink was.
+    fn wait_until(&self, asked_to_end: Option<Instant>, is_so: impl Fn(&State) -> bool) -> bool {
         let mut state = self.state();
         while !is_so(&state) {
             let left = match state.limit {
                 None => Duration::from_secs(3600),
-                Some(limit) => (limit.max(begin) + GRACE).saturating_duration_since(Instant::now()),
+                Some(limit) => {
+                    deadline(limit, asked_to_end).saturating_duration_since(Instant::now())
+                }
             };
             if left.is_zero() {
                 state.is_left_alone = true;
@@ -108,6 +119,11 @@ impl Shared {
     }
 }
 
+/// Until when a sink is waited for: one for all its blocks, and one for its end, which may be asked for late.
+fn deadline(limit: Instant, asked_to_end: Option<Instant>) -> Instant {
+    asked_to_end.map_or(limit, |asked| limit.max(asked)) + GRACE
+}
+
 impl Handoff {
     /// Gives `sink` a thread.
     pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
@@ -119,7 +135,15 @@ impl Handoff {
             |(shared, mut sink)| {
                 // Dropped last: whatever the sink closes is closed then.
                 let gone = Gone(shared);
-                serve(&gone.0, &mut *sink);
+                let served = catch_unwind(AssertUnwindSafe(|| serve(&gone.0, &mut *sink)));
+                if let Err(panic) = served {
+                    // It may hold blocks that it has taken and nobody will take from it.
+                    let ended = AssertUnwindSafe(|| sink.end(Duration::ZERO));
+                    let _ = catch_unwind(ended);
+                    let lost = catch_unwind(AssertUnwindSafe(|| sink.take_lost()));
+                    gone.0.state().news.add(lost.unwrap_or_default());
+                    resume_unwind(panic);
+                }
                 drop(sink);
             },
         );
@@ -141,38 +165,37 @@ impl Handoff {
             state.block.clear();
             state.block.extend_from_slice(block);
         }
-        self.ask_for(Job::Block)
+        self.ask_for(Job::Block, None)
     }
 
     /// What the sink has to say beside blocks.
     pub(super) fn ask(&mut self) {
         // It has nothing to say if it does not answer.
-        let _ = self.ask_for(Job::Ask);
+        let _ = self.ask_for(Job::Ask, None);
     }
 
-    fn ask_for(&mut self, job: Job) -> io::Result<()> {
+    fn ask_for(&mut self, job: Job, asked_to_end: Option<Instant>) -> io::Result<()> {
         let late = || io::Error::new(io::ErrorKind::TimedOut, LATE);
         {
             let mut state = self.shared.state();
             let is_late = state
                 .limit
-                .is_some_and(|limit| Instant::now() > limit + GRACE);
+                .is_some_and(|limit| Instant::now() > deadline(limit, None));
             if self.thread.is_none() || is_late && job != Job::End {
                 return Err(late());
             }
             state.job = job;
         }
         self.shared.changes.notify_all();
-        self.shared
-            .wait_until(|state| state.outcome.is_some() || state.is_gone);
+        self.shared.wait_until(asked_to_end, |state| {
+            state.outcome.is_some() || state.is_gone
+        });
         let mut state = self.shared.state();
+        self.news.wants_declarations |= std::mem::take(&mut state.news.wants_declarations);
+        self.news.lost.append(&mut state.news.lost);
         // It may have come while the limit passed: then it counts.
         match state.outcome.take() {
-            Some(outcome) => {
-                self.news.wants_declarations |= std::mem::take(&mut state.news.wants_declarations);
-                self.news.lost.append(&mut state.news.lost);
-                outcome
-            }
+            Some(outcome) => outcome,
             None => {
                 let is_gone = state.is_gone && !state.is_left_alone;
                 drop(state);
@@ -197,11 +220,12 @@ impl Handoff {
 
     /// Ends it within the limit. An error that is no block's.
     pub(super) fn end(&mut self) -> io::Result<()> {
-        let outcome = self.ask_for(Job::End);
+        let asked = Some(Instant::now());
+        let outcome = self.ask_for(Job::End, asked);
         let Some(thread) = self.thread.take() else {
             return outcome;
         };
-        if self.shared.wait_until(|state| state.is_gone) {
+        if self.shared.wait_until(asked, |state| state.is_gone) {
             let _ = thread.join();
         }
         outcome
@@ -254,9 +278,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) {
         let (wants, lost) = (sink.wants_declarations(), sink.take_lost());
         let mut state = shared.state();
         state.news.wants_declarations |= wants;
-        if !lost.is_empty() {
-            state.news.lost.push_back(lost);
-        }
+        state.news.add(lost);
         state.outcome = Some(outcome);
         drop(state);
         shared.changes.notify_all();
@@ -291,5 +313,21 @@ impl Drop for Handoff {
     fn drop(&mut self) {
         self.shared.state().is_left_alone = true;
         self.shared.changes.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waiting_for_a_sink_at_the_end_is_bounded_in_all() {
+        let limit = Instant::now() + Duration::from_secs(100);
+        // However late a block is offered.
+        let blocks = deadline(limit, None);
+        assert_eq!(blocks, limit + GRACE);
+        assert_eq!(deadline(limit, Some(limit - GRACE)), blocks);
+        // No block is offered after that, so the end is asked for then at the latest.
+        assert_eq!(deadline(limit, Some(blocks)), limit + 2 * GRACE);
     }
 }

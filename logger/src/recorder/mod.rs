@@ -210,8 +210,9 @@ impl Logging {
     }
 
     /// Waits at most so long for the sink when the recording ends, at most a day; 10 s if not stated, and 2 s for a recorder on another computer. What it has not taken until then is lost, and counted as
-    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer at all is waited for five seconds more; then its thread is
-    /// left alone with it.
+    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer is waited for five seconds more; then its thread is
+    /// left alone with it. One that has answered by then is asked to end, and waited for five seconds again at most, until it has: in all the limit and ten seconds. One that is left alone
+    /// cannot say what it has lost of what it had taken before: that still counts as recorded.
     pub fn end_within(mut self, limit: Duration) -> Self {
         self.end_within = limit;
         self
@@ -320,7 +321,7 @@ impl Recorder {
     /// Ends the recording: writes what the rings hold, and says what became of all samples and messages. To be called when the threads have ended, or do not record any
     /// more: what they record meanwhile may be missing without being counted.
     ///
-    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says.
+    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names.
     pub fn finish(mut self) -> LoggingReport {
         self.stop()
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))

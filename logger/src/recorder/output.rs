@@ -389,14 +389,17 @@ impl Output {
         // With the next round, which begins a block.
         self.is_asked_to_declare |= self.sink.wants_declarations();
         while let Some(lost) = self.sink.take_lost() {
+            // No more than there is: a sink that panicked may have kept the block it was offered, which counts as refused.
             for (signal, samples) in lost.samples {
                 if let Some(count) = self.counts.get_mut(signal as usize) {
-                    count.recorded = count.recorded.saturating_sub(samples);
+                    let samples = samples.min(count.recorded);
+                    count.recorded -= samples;
                     count.refused += samples;
                 }
             }
-            self.messages.recorded = self.messages.recorded.saturating_sub(lost.messages);
-            self.messages.lost += lost.messages;
+            let messages = lost.messages.min(self.messages.recorded);
+            self.messages.recorded -= messages;
+            self.messages.lost += messages;
             #[cfg(feature = "events")]
             self.events.take_back(&lost.events);
             self.bytes = self.bytes.saturating_sub(lost.bytes);

@@ -46,7 +46,8 @@ pub trait Sink: Send {
         Tally::default()
     }
 
-    /// The recording has ended, and there are no more blocks. It is left alone when `limit` has passed.
+    /// The recording has ended, and there are no more blocks. It is left alone five seconds after `limit` has passed. Called with no time at all after it has panicked, so that what it
+    /// had taken and loses comes by [`take_lost`](Self::take_lost); it may then panic again.
     ///
     /// # Errors
     ///

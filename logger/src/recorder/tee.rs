@@ -4,6 +4,7 @@ use super::sink::Sink;
 use crate::format::{Encoder, seal};
 use std::fmt;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -11,7 +12,7 @@ use std::time::{Duration, Instant};
 /// A recording to several sinks: a file and a scope, say.
 ///
 /// The first sink decides what is recorded: what it refuses is lost, counted in the report, and the others do not get it. What one of the others refuses is missing there alone, and counted by
-/// [`refused`](Self::refused); it goes on with the next block that declares all, which it soon gets. They all work on one thread: one that waits keeps the others waiting, so a file
+/// [`refused`](Self::refused); it goes on with the next block that declares all, which it soon gets. One of the others that panics is ended, and gets no more. They all work on one thread: one that waits keeps the others waiting, so a file
 /// comes first, and what may stall has a buffer of its own, as [`TcpSink`](crate::TcpSink) has. The smallest block size is that of all.
 ///
 /// ```
@@ -29,7 +30,8 @@ pub struct Tee {
 }
 
 struct Other {
-    sink: Box<dyn Sink>,
+    /// None when it has panicked.
+    sink: Option<Box<dyn Sink>>,
     /// The number of its next block.
     sequence: u32,
     /// It has refused a block, and waits for the next one that declares all.
@@ -51,7 +53,7 @@ impl Tee {
     /// And to `other`.
     pub fn and(mut self, other: impl Sink + 'static) -> Self {
         self.others.push(Other {
-            sink: Box::new(other),
+            sink: Some(Box::new(other)),
             sequence: 0,
             is_behind: false,
             refused: Arc::default(),
@@ -68,15 +70,35 @@ impl Tee {
 }
 
 impl Other {
+    /// What its sink says to `call`. None if it has panicked, now or before: that is its own affair, as what it refuses.
+    fn call<T>(&mut self, call: impl FnOnce(&mut dyn Sink) -> T) -> Option<T> {
+        let mut sink = self.sink.take()?;
+        if let Ok(said) = catch_unwind(AssertUnwindSafe(|| call(&mut *sink))) {
+            self.sink = Some(sink);
+            return Some(said);
+        }
+        // It may hold blocks that it has taken.
+        let end = AssertUnwindSafe(|| {
+            let _ = sink.end(Duration::ZERO);
+            sink.take_lost().blocks
+        });
+        let lost = catch_unwind(end).unwrap_or(0);
+        self.refused.fetch_add(lost, Ordering::Relaxed);
+        let _ = catch_unwind(AssertUnwindSafe(|| drop(sink)));
+        None
+    }
+
     fn block(&mut self, block: &[u8]) {
         if self.is_behind && !Encoder::is_session(block) {
             self.refused.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        self.block.clear();
-        self.block.extend_from_slice(block);
-        seal(&mut self.block, self.sequence);
-        let is_taken = self.sink.block(&self.block).is_ok();
+        let mut own = std::mem::take(&mut self.block);
+        own.clear();
+        own.extend_from_slice(block);
+        seal(&mut own, self.sequence);
+        let is_taken = self.call(|sink| sink.block(&own).is_ok()) == Some(true);
+        self.block = own;
         self.is_behind = !is_taken;
         self.refused
             .fetch_add((!is_taken).into(), Ordering::Relaxed);
@@ -87,16 +109,17 @@ impl Other {
 impl Sink for Tee {
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.first.begin(head)?;
-        self.others
-            .iter_mut()
-            .try_for_each(|other| other.sink.begin(head))
+        self.others.iter_mut().try_for_each(|other| {
+            let begun = other.call(|sink| sink.begin(head));
+            begun.unwrap_or_else(|| Err(io::Error::other("the sink panicked")))
+        })
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
         self.first.block(block)?;
         for other in &mut self.others {
             other.block(block);
-            self.wants_declarations |= other.is_behind;
+            self.wants_declarations |= other.is_behind && other.sink.is_some();
         }
         Ok(())
     }
@@ -104,24 +127,27 @@ impl Sink for Tee {
     fn is_of(&mut self, system: &str) {
         self.first.is_of(system);
         for other in &mut self.others {
-            other.sink.is_of(system);
+            other.call(|sink| sink.is_of(system));
         }
     }
 
     fn block_size(&self) -> usize {
-        let sizes = self.others.iter().map(|other| other.sink.block_size());
+        let others = self.others.iter().filter_map(|other| other.sink.as_ref());
+        let sizes = others.map(|sink| sink.block_size());
         sizes.fold(self.first.block_size(), usize::min)
     }
 
     fn wants_declarations(&mut self) -> bool {
         let others = self.others.iter_mut();
-        let of_others = others.fold(false, |any, other| any | other.sink.wants_declarations());
+        let of_others = others.fold(false, |any, other| {
+            any | (other.call(|sink| sink.wants_declarations()) == Some(true))
+        });
         std::mem::take(&mut self.wants_declarations) | self.first.wants_declarations() | of_others
     }
 
     fn take_lost(&mut self) -> crate::format::Tally {
         for other in &mut self.others {
-            let lost = other.sink.take_lost().blocks;
+            let lost = other.call(|sink| sink.take_lost().blocks).unwrap_or(0);
             other.refused.fetch_add(lost, Ordering::Relaxed);
         }
         self.first.take_lost()
@@ -132,7 +158,7 @@ impl Sink for Tee {
         let outcome = self.first.end(limit);
         for other in &mut self.others {
             // What it could not do is its own affair.
-            let _ = other.sink.end(limit.saturating_sub(begin.elapsed()));
+            let _ = other.call(|sink| sink.end(limit.saturating_sub(begin.elapsed())));
         }
         outcome
     }
