@@ -328,7 +328,8 @@ impl Recorder {
     /// Ends the recording: writes what the rings hold, and says what became of all samples and messages. To be called when the threads have ended, or do not record any
     /// more: what they record meanwhile may be missing without being counted.
     ///
-    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names.
+    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names; and one second for messages
+    /// that are shown.
     pub fn finish(mut self) -> LoggingReport {
         self.stop()
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
