@@ -107,6 +107,29 @@ fn records_while_nobody_reads_standard_error() {
     );
 }
 
+#[test]
+#[ignore = "another test starts it as a program of its own"]
+fn records_while_standard_error_is_full() {
+    let hub = Hub::new("full", Default::default());
+    let recording = Logging::to_file(file())
+        .room_for_messages(4 << 20)
+        .show_messages(Level::Info);
+    let recorder = Recorder::start(&hub, recording).unwrap();
+    hub.enter_thread();
+    let numbers = Signal::<u64>::register("numbers").unwrap();
+    // More than any pipe holds.
+    let text = "x".repeat(400);
+    for n in 0..5000 {
+        numbers.record(n);
+        message(Level::Info, "test", format_args!("{text}"));
+    }
+    let report = recorder.finish();
+    println!(
+        "\nreported {} {} {:?}",
+        report.signals[0].recorded, report.messages.recorded, report.error
+    );
+}
+
 /// How many samples of the one signal there are, which must be in order, and whether the file is whole.
 fn numbers(file: &Path) -> (u64, bool) {
     let bytes = fs::read(file).unwrap();
@@ -167,6 +190,30 @@ fn who_closes_standard_error_ends_no_recording() {
     assert!(child.wait().unwrap().success());
     assert_eq!(reported.as_deref(), Some("5 5 None"));
     assert_eq!(numbers(&file.0), (5, true));
+}
+
+#[test]
+fn who_does_not_read_standard_error_ends_no_recording() {
+    let file = Temporary::new("unread-full");
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "records_while_standard_error_is_full"])
+        .args(["--ignored", "--nocapture"])
+        .env(FILE, &file.0)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Open, and nobody reads from it.
+    let unread = child.stderr.take();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let reported = lines
+        .map(Result::unwrap)
+        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
+        .last();
+    assert!(child.wait().unwrap().success());
+    drop(unread);
+    assert_eq!(reported.as_deref(), Some("5000 5000 None"));
+    assert_eq!(numbers(&file.0), (5000, true));
 }
 
 #[test]

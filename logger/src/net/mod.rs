@@ -6,11 +6,12 @@
 //!   recorder ── blocks ──> UdpSink ── datagrams ──>
 //! ```
 //!
-//! `wire` is what both sides say, `tcp` and `udp` the sending side, `receive` the other, with `connection` and `datagrams` for the two ways.
+//! `wire` is what both sides say, `tcp` and `udp` the sending side, `receive` the other, with `connection` and `datagrams` for the two ways; `search` finds a host by its name.
 
 mod connection;
 mod datagrams;
 mod receive;
+mod search;
 mod tcp;
 mod udp;
 mod wire;

@@ -21,13 +21,13 @@ const MOST_AHEAD: usize = 256;
 /// How long a connection may take, and how long a piece of it may stand.
 const CONNECT: Duration = Duration::from_secs(1);
 const STANDS: Duration = Duration::from_secs(2);
-/// From one attempt to the next: doubled each time.
+/// From one attempt to the next: doubled each time, until the receiver has acknowledged something.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
 
 /// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own: what it is given waits in at most 4 MiB until the receiver has acknowledged it, and the
 /// recorder never waits for the network. When there is no room, blocks are refused.
 ///
-/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most. The receiver then says what it has, and nothing is sent twice. One that does not know
+/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something. The receiver then says what it has, and nothing is sent twice. One that does not know
 /// the recording (it was started again) begins a new file: what waits is lost, since it could not be read without what was declared before, and all is declared again. A peer that is
 /// no recorder of LUNA, or one of another version, is said on standard error, once, and is tried again.
 ///
@@ -76,11 +76,11 @@ impl State {
         self.first.wrapping_add(self.blocks.len() as u32)
     }
 
-    /// The receiver has all before `next`. False if it cannot be so.
-    fn acknowledge(&mut self, next: u32) -> bool {
+    /// The receiver has all before `next`: whether that is more than before. None if it cannot be so.
+    fn acknowledge(&mut self, next: u32) -> Option<bool> {
         let acknowledged = next.wrapping_sub(self.first) as usize;
         if acknowledged > self.blocks.len() {
-            return false;
+            return None;
         }
         let gone: usize = self
             .blocks
@@ -89,7 +89,7 @@ impl State {
             .sum();
         self.bytes -= gone;
         self.first = next;
-        true
+        Some(acknowledged > 0)
     }
 
     fn lose_all(&mut self) {
@@ -307,13 +307,13 @@ impl Link {
         self.shared.state().error = Some(text);
     }
 
-    /// Connects, and sends as long as that goes well.
+    /// Connects, and sends as long as that goes well. The next pause is short again when the receiver has got on: one that lets in whom it then cannot serve (its disk is full) is not
+    /// asked again at once, and for ever.
     fn connection(&mut self, pause: &mut Duration) -> Over {
         let outcome = self.connect().and_then(|mut stream| {
-            self.greet(&mut stream)?;
-            *pause = BACK_OFF.0;
+            self.greet(&mut stream, pause)?;
             self.shared.state().error = None;
-            self.send(&mut stream)
+            self.send(&mut stream, pause)
         });
         outcome.err().unwrap_or(Over::Done)
     }
@@ -336,7 +336,7 @@ impl Link {
     }
 
     /// Says who this is, and learns what the recorder has.
-    fn greet(&self, stream: &mut TcpStream) -> Result<(), Over> {
+    fn greet(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
         let hello = {
             let state = self.shared.state();
             Hello {
@@ -362,18 +362,21 @@ impl Link {
         self.read(stream, &mut answer[PREFIX..])?;
         let next = read_answer(&answer)?;
         let mut state = self.shared.state();
-        if !state.acknowledge(next) {
+        let Some(is_on) = state.acknowledge(next) else {
             // It does not know the recording, or this is another.
             state.begin_anew();
             // The next hello is of a new part.
             let what = "the recorder was started again";
             return Err(io::Error::new(ErrorKind::ConnectionReset, what).into());
+        };
+        if is_on {
+            *pause = BACK_OFF.0;
         }
         Ok(())
     }
 
     /// Sends what there is, and waits for more.
-    fn send(&self, stream: &mut TcpStream) -> Result<(), Over> {
+    fn send(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
         loop {
             // Nothing waits for the network with the lock.
             let ahead: Vec<Arc<Vec<u8>>> = {
@@ -395,8 +398,12 @@ impl Link {
             for _ in &ahead {
                 let mut ack = [0; ACK];
                 self.read(stream, &mut ack)?;
-                if !self.shared.state().acknowledge(read_ack(&ack)?) {
-                    return Err(PeerError::Damaged("it acknowledges what was not sent").into());
+                match self.shared.state().acknowledge(read_ack(&ack)?) {
+                    Some(true) => *pause = BACK_OFF.0,
+                    Some(false) => {}
+                    None => {
+                        return Err(PeerError::Damaged("it acknowledges what was not sent").into());
+                    }
                 }
             }
         }
@@ -460,3 +467,6 @@ impl fmt::Debug for Over {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

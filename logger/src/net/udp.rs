@@ -1,12 +1,13 @@
 //! The sending side over UDP.
 
+use super::search::Search;
 use super::tcp::check_address;
 use super::wire::{ANSWER, Datagram, Key, PeerError, now, read_answer};
 use crate::format::{Encoder, seal};
 use crate::recorder::Sink;
 use std::collections::HashSet;
 use std::io::{self, Write};
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 /// A block is full at so many bytes, so that a datagram mostly finds room in an Ethernet frame.
@@ -15,16 +16,20 @@ const BLOCK: usize = 1200;
 const DECLARE: Duration = Duration::from_secs(1);
 /// From one attempt to find the host to the next.
 const BACK_OFF: Duration = Duration::from_secs(2);
+/// How long blocks wait for the host to be found, before they are refused.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Sends a recording to a [`Receiver`](crate::Receiver) by UDP, a block a datagram, numbered: the receiver counts those that do not come, and what comes after a gap can be read. All is declared again each
 /// second, so a receiver may come and go. Nothing waits for it. A block counts as recorded when the kernel has taken it; one that it refuses (its buffer is full, nobody listens) counts
-/// as lost. A receiver of another version is said on standard error, once.
+/// as lost. A host that is named is looked for in the background; until it is found, blocks wait one second, and then are refused. A receiver of another version is said on standard error, once.
 ///
 /// [`Logging::to_udp`](crate::Logging::to_udp) makes one; by itself it is for a [`Tee`](crate::Tee).
 #[derive(Debug)]
 pub struct UdpSink {
     address: String,
     socket: Option<UdpSocket>,
+    search: Option<Search>,
+    /// When a search has ended.
     tried: Option<Instant>,
     datagram: Datagram,
     sequence: u32,
@@ -39,6 +44,7 @@ impl UdpSink {
         Self {
             address: address.into(),
             socket: None,
+            search: None,
             tried: None,
             datagram: Datagram {
                 key: Key::new(),
@@ -51,16 +57,37 @@ impl UdpSink {
         }
     }
 
-    fn open(&mut self) -> io::Result<&UdpSocket> {
-        if self.socket.is_none() {
-            if self.tried.is_some_and(|last| last.elapsed() < BACK_OFF) {
+    /// Where the host is. [`WouldBlock`](io::ErrorKind::WouldBlock) while it has been looked for but a short time, for the first time.
+    fn find(&mut self) -> io::Result<SocketAddr> {
+        if let Ok(address) = self.address.parse() {
+            return Ok(address);
+        }
+        let search = match self.search.take() {
+            Some(search) => search,
+            None if self.tried.is_some_and(|last| last.elapsed() < BACK_OFF) => {
                 return Err(io::Error::other("the host was not found"));
             }
-            self.tried = Some(Instant::now());
-            let mut addresses = self.address.to_socket_addrs()?;
-            let to = addresses
-                .next()
-                .ok_or_else(|| io::Error::other("the host has no address"))?;
+            None => Search::start(&self.address)?,
+        };
+        match search.found() {
+            Some(found) => {
+                self.tried = Some(Instant::now());
+                found
+            }
+            None => {
+                let is_new = self.tried.is_none() && search.begun.elapsed() < PATIENCE;
+                self.search = Some(search);
+                Err(match is_new {
+                    true => io::ErrorKind::WouldBlock.into(),
+                    false => io::Error::other("the host has not been found yet"),
+                })
+            }
+        }
+    }
+
+    fn open(&mut self) -> io::Result<&UdpSocket> {
+        if self.socket.is_none() {
+            let to = self.find()?;
             let from: SocketAddr = match to {
                 SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
                 SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
@@ -73,6 +100,11 @@ impl UdpSink {
         self.socket
             .as_ref()
             .ok_or_else(|| io::ErrorKind::NotConnected.into())
+    }
+
+    /// Of a block that is refused: with `WouldBlock` it would be offered again, and the recorder wait for it.
+    fn error(&self, error: io::Error) -> io::Error {
+        io::Error::other(format!("udp://{}: {error}", self.address))
     }
 
     /// What the receiver has to say, if anything.
@@ -95,10 +127,19 @@ impl UdpSink {
 
 impl Sink for UdpSink {
     fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
-        check_address(&self.address)
+        check_address(&self.address)?;
+        // The search begins, if there is one; what comes of it is told by the first block.
+        let _ = self.open();
+        Ok(())
     }
 
     fn block(&mut self, block: &[u8]) -> io::Result<()> {
+        if let Err(error) = self.open() {
+            return Err(match error.kind() {
+                io::ErrorKind::WouldBlock => error,
+                _ => self.error(error),
+            });
+        }
         let mut buffer = std::mem::take(&mut self.buffer);
         buffer.clear();
         let start = self.datagram.bytes();
@@ -116,8 +157,7 @@ impl Sink for UdpSink {
                 }
                 Ok(())
             }
-            // It would be offered again, and the recorder wait for it.
-            Err(error) => Err(io::Error::other(format!("udp://{}: {error}", self.address))),
+            Err(error) => Err(self.error(error)),
         }
     }
 
@@ -133,3 +173,6 @@ impl Sink for UdpSink {
         is_due
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,6 +3,7 @@
 use super::output::{Output, Way};
 use super::queue::{Queue, merge};
 use super::report::LoggingReport;
+use super::show::Show;
 use super::timeline::Timeline;
 use crate::format::{Level, Losing};
 use crate::hub::Hub;
@@ -27,7 +28,7 @@ pub(super) struct Drain {
 }
 
 impl Drain {
-    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<Level>) -> Self {
+    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<(Level, Show)>) -> Self {
         let timeline = Timeline::begin(hub.stamp);
         let output = Output::new(hub.clone(), to, way, show);
         Self {

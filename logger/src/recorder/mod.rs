@@ -7,7 +7,7 @@
 //!
 //! It works in rounds, on an ordinary thread, and nobody wakes it: the real-time path makes no system call for it. `queue` is a ring's reading end, `timeline` turns
 //! counter ticks into nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` where blocks go, `tee` to several of them, `handoff` the thread that a sink
-//! works on.
+//! works on, `show` the one that shows messages.
 
 mod drain;
 #[cfg(feature = "events")]
@@ -16,6 +16,7 @@ mod handoff;
 mod output;
 mod queue;
 mod report;
+mod show;
 mod sink;
 mod tee;
 mod timeline;
@@ -33,6 +34,7 @@ use drain::Drain;
 use handoff::{Handoff, Limiter};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use output::Way;
+use show::Show;
 use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::fmt;
@@ -196,7 +198,8 @@ impl Logging {
         self
     }
 
-    /// Shows messages of `most` and what matters more on standard error too, from the recorder's thread.
+    /// Shows messages of `most` and what matters more on standard error too, from a thread of its own. If nobody reads there fast enough, at most 1 MiB of lines waits; what has no room is
+    /// recorded, not shown, and its number told there. The end waits for them one second at most.
     pub fn show_messages(mut self, most: Level) -> Self {
         self.show = Some(most);
         self
@@ -282,6 +285,10 @@ impl Recorder {
                 to: to.clone(),
                 error: error.to_string(),
             })?;
+        let show = match show {
+            Some(most) => Some((most, Show::start().map_err(StartError::Thread)?)),
+            None => None,
+        };
         let begun = hub.begin_recording(rooms).ok_or(StartError::Twice)?;
         let block_size = sink.block_size();
         let sink = Handoff::start(sink).map_err(|error| {
@@ -321,7 +328,8 @@ impl Recorder {
     /// Ends the recording: writes what the rings hold, and says what became of all samples and messages. To be called when the threads have ended, or do not record any
     /// more: what they record meanwhile may be missing without being counted.
     ///
-    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names.
+    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names; and one second for messages
+    /// that are shown.
     pub fn finish(mut self) -> LoggingReport {
         self.stop()
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))

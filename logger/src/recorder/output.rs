@@ -6,6 +6,7 @@ use super::handoff::{Handoff, LATE};
 #[cfg(feature = "events")]
 use super::report::EventsReport;
 use super::report::{LoggingReport, MessagesReport, SignalReport};
+use super::show::{self, Show};
 use super::timeline::epoch;
 use crate::format::{Encoder, Level, Losing, MOST_ELEMENTS, Record, SignalInfo, Values};
 use crate::hub::{Begun, Declared, Hub};
@@ -13,7 +14,7 @@ use crate::lane::{Head, Inlet, MOST_WORDS};
 use crate::message::{Lengths, MESSAGE_HEAD};
 use luna_platform::clock::Instant;
 use std::collections::HashMap;
-use std::io::{self, Write as _};
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,7 +30,7 @@ pub(super) struct Output {
     to: String,
     sink: Handoff,
     encoder: Encoder,
-    show: Option<Level>,
+    show: Option<(Level, Show)>,
     signals: Vec<Declared>,
     counts: Vec<Count>,
     /// The signals of which the block has samples.
@@ -76,7 +77,7 @@ struct Count {
 }
 
 impl Output {
-    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<Level>) -> Self {
+    pub(super) fn new(hub: Arc<Hub>, to: String, way: Way, show: Option<(Level, Show)>) -> Self {
         Self {
             #[cfg(feature = "events")]
             events: Events::new(way.begun.names),
@@ -226,13 +227,11 @@ impl Output {
         });
         self.messages_in_block.recorded += 1;
         self.messages_in_block.truncated += u64::from(lengths.is_cut);
-        if self.show.is_some_and(|most| level <= most) {
-            // Nobody may read there any more: that is no reason to record no more.
-            let _ = writeln!(
-                io::stderr().lock(),
-                "{:>12.6} {level:<5} {target}: {text}",
-                time as f64 / 1e9
-            );
+        if let Some((most, show)) = &self.show
+            && level <= *most
+        {
+            let seconds = time as f64 / 1e9;
+            show.line(format_args!("{seconds:>12.6} {level:<5} {target}: {text}"));
         }
     }
 
@@ -421,6 +420,9 @@ impl Output {
             self.fail(&error);
         }
         self.heed();
+        if let Some((_, show)) = &self.show {
+            show.end(show::END_WITHIN);
+        }
         self.messages.lost += lost_messages;
         let signals = (0..self.signals.len())
             .map(|index| SignalReport {

@@ -1,0 +1,61 @@
+//! Looking for a host by its name, on a thread that nobody waits for: who knows names may take half a minute to say that he knows none.
+
+use luna_platform::thread::{Attributes, Policy, spawn};
+use std::convert::Infallible;
+use std::io;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Instant;
+
+/// A search that is under way.
+#[derive(Debug)]
+pub(super) struct Search {
+    answer: Receiver<io::Result<SocketAddr>>,
+    pub(super) begun: Instant,
+}
+
+impl Search {
+    /// Looks for the first address of `HOST:PORT`.
+    pub(super) fn start(address: &str) -> io::Result<Self> {
+        let address = address.to_owned();
+        Self::by(move || first(&address))
+    }
+
+    /// By what `find` says.
+    pub(super) fn by(
+        find: impl FnOnce() -> io::Result<SocketAddr> + Send + 'static,
+    ) -> io::Result<Self> {
+        let (answers, answer) = channel();
+        let started = spawn(
+            Attributes::framework("luna-find-host", Policy::Other),
+            move |_| Ok::<_, Infallible>((answers, find)),
+            |(answers, find)| {
+                // Nobody may wait for it any more.
+                let _ = answers.send(find());
+            },
+        );
+        started.map_err(|error| io::Error::other(error.to_string()))?;
+        Ok(Self {
+            answer,
+            begun: Instant::now(),
+        })
+    }
+
+    /// What it has found. None while it goes on.
+    pub(super) fn found(&self) -> Option<io::Result<SocketAddr>> {
+        match self.answer.try_recv() {
+            Ok(found) => Some(found),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                Some(Err(io::Error::other("the search for the host broke off")))
+            }
+        }
+    }
+}
+
+fn first(address: &str) -> io::Result<SocketAddr> {
+    let mut addresses = address.to_socket_addrs()?;
+    addresses
+        .next()
+        .ok_or_else(|| io::Error::other("the host has no address"))
+}

@@ -1,0 +1,55 @@
+use super::super::wire::{HELLO, ack_bytes, answer_bytes};
+use super::*;
+use crate::format::Record;
+use std::net::TcpListener;
+
+const SYSTEM: &str = "test";
+
+/// A sender of two blocks, the sink it belongs to, and how many bytes they are.
+fn link(address: String) -> (TcpSink, Link, usize) {
+    let mut sink = TcpSink::new(address.clone());
+    let mut encoder = Encoder::new();
+    let mut bytes = 0;
+    for time in 0..2 {
+        encoder.put(&Record::Epoch { time, unix: 0 });
+        let block = encoder.block().to_vec();
+        bytes += block.len();
+        sink.block(&block).unwrap();
+        encoder.next();
+    }
+    let link = Link {
+        address,
+        shared: sink.shared.clone(),
+        key: Key::new(),
+        started: 0,
+        system: SYSTEM.to_owned(),
+        said: HashSet::new(),
+    };
+    (sink, link, bytes)
+}
+
+#[test]
+fn only_a_receiver_that_gets_on_is_soon_asked_again() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (_sink, mut link, bytes) = link(listener.local_addr().unwrap().to_string());
+    // Lets it in each time, reads both blocks, and acknowledges so many.
+    let receiver = std::thread::spawn(move || {
+        for acknowledged in [0, 1] {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut hello = vec![0; HELLO + SYSTEM.len() + 4];
+            stream.read_exact(&mut hello).unwrap();
+            stream.write_all(&answer_bytes(Ok(0))).unwrap();
+            stream.read_exact(&mut vec![0; bytes]).unwrap();
+            for number in 1..=acknowledged {
+                stream.write_all(&ack_bytes(number)).unwrap();
+            }
+        }
+    });
+    let long = 20 * BACK_OFF.0;
+    let mut pause = long;
+    assert!(matches!(link.connection(&mut pause), Over::Broken(_)));
+    assert_eq!((pause, link.shared.state().first), (long, 0));
+    assert!(matches!(link.connection(&mut pause), Over::Broken(_)));
+    assert_eq!((pause, link.shared.state().first), (BACK_OFF.0, 1));
+    receiver.join().unwrap();
+}

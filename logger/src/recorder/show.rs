@@ -1,0 +1,173 @@
+//! Messages on standard error, by a thread that nobody waits for: whoever reads there may be as slow as he likes.
+
+use luna_platform::thread::{Attributes, Policy, spawn};
+use std::convert::Infallible;
+use std::fmt;
+use std::io::{self, Write};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The most bytes of lines that wait.
+const ROOM: usize = 1 << 20;
+
+/// How long the end of a recording waits at most for lines that are not shown yet.
+pub(super) const END_WITHIN: Duration = Duration::from_secs(1);
+
+/// The recorder's end. Dropping it lets the thread end when it has written what waits.
+pub(super) struct Show {
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    state: Mutex<State>,
+    changes: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    /// What waits, whole lines.
+    lines: Vec<u8>,
+    /// How many had no room since that was told.
+    left_out: u64,
+    is_writing: bool,
+    is_over: bool,
+}
+
+impl State {
+    fn is_idle(&self) -> bool {
+        self.lines.is_empty() && self.left_out == 0 && !self.is_writing
+    }
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Show {
+    /// On standard error.
+    pub(super) fn start() -> Result<Self, String> {
+        Self::on(|lines| io::stderr().lock().write_all(lines))
+    }
+
+    /// By `write`, which gets whole lines.
+    fn on(mut write: impl FnMut(&[u8]) -> io::Result<()> + Send + 'static) -> Result<Self, String> {
+        let shared = Arc::new(Shared::default());
+        let theirs = shared.clone();
+        let thread = spawn(
+            Attributes::framework("luna-messages", Policy::Other),
+            move |_| Ok::<_, Infallible>(theirs),
+            move |shared| {
+                let mut lines = Vec::new();
+                while shared.take(&mut lines) {
+                    // Nobody may read there any more: that is no reason to record no more.
+                    let _ = write(&lines);
+                    shared.state().is_writing = false;
+                    shared.changes.notify_all();
+                }
+            },
+        );
+        match thread {
+            // Nobody joins it: it may stand in a write for ever.
+            Ok(_) => Ok(Self { shared }),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Has a line shown, if there is room; else it is counted, and told when there is. Never waits for who reads.
+    pub(super) fn line(&self, line: fmt::Arguments<'_>) {
+        let mut state = self.shared.state();
+        let length = state.lines.len();
+        // A vector takes all.
+        let _ = writeln!(state.lines, "{line}");
+        // What comes behind what was left out would stand before the word on it.
+        if state.left_out > 0 || state.lines.len() > ROOM {
+            state.lines.truncate(length);
+            state.left_out += 1;
+        }
+        drop(state);
+        self.shared.changes.notify_all();
+    }
+
+    /// Waits until all is shown, at most so long. Says whether it is.
+    pub(super) fn end(&self, limit: Duration) -> bool {
+        let state = self.shared.state();
+        let waited = self
+            .shared
+            .changes
+            .wait_timeout_while(state, limit, |state| !state.is_idle());
+        waited.unwrap_or_else(PoisonError::into_inner).0.is_idle()
+    }
+}
+
+impl Drop for Show {
+    fn drop(&mut self) {
+        self.shared.state().is_over = true;
+        self.shared.changes.notify_all();
+    }
+}
+
+impl Shared {
+    /// Waits for lines, and takes them. False when there come no more.
+    fn take(&self, lines: &mut Vec<u8>) -> bool {
+        let state = self.state();
+        let waited = self
+            .changes
+            .wait_while(state, |state| state.is_idle() && !state.is_over);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        if state.is_idle() {
+            return false;
+        }
+        lines.clear();
+        std::mem::swap(&mut state.lines, lines);
+        let left_out = std::mem::take(&mut state.left_out);
+        if left_out > 0 {
+            let _ = writeln!(
+                lines,
+                "luna: {left_out} messages not shown: standard error was too slow"
+            );
+        }
+        state.is_writing = true;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::channel;
+
+    #[test]
+    fn who_does_not_read_keeps_nobody_and_what_has_no_room_is_counted() {
+        let (begins, begun) = channel();
+        let (open, gate) = channel::<()>();
+        let shown = Arc::new(Mutex::new(Vec::new()));
+        let there = shown.clone();
+        let show = Show::on(move |lines| {
+            let _ = begins.send(());
+            // Open for good when the other end is gone.
+            let _ = gate.recv();
+            there.lock().unwrap().extend_from_slice(lines);
+            Ok(())
+        })
+        .unwrap();
+        show.line(format_args!("first"));
+        begun.recv().unwrap();
+        // From here on nothing is taken.
+        let long = "x".repeat(999);
+        let room = ROOM / 1000;
+        for _ in 0..room + 7 {
+            show.line(format_args!("{long}"));
+        }
+        assert!(!show.end(Duration::ZERO));
+        drop(open);
+        assert!(show.end(Duration::from_secs(600)));
+        let shown = String::from_utf8(shown.lock().unwrap().clone()).unwrap();
+        let lines: Vec<&str> = shown.lines().collect();
+        assert_eq!((lines.len(), lines[0]), (room + 2, "first"));
+        assert!(lines[1..=room].iter().all(|line| *line == long));
+        assert!(lines[room + 1].starts_with("luna: 7 messages not shown"));
+    }
+}
