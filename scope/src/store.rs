@@ -32,7 +32,7 @@ pub(crate) struct Store {
     bytes: usize,
     most_bytes: usize,
     /// Which recording it is: viewers begin anew with each.
-    recording: u64,
+    recording: Recording,
     declared: Declared,
     buckets: BTreeMap<u32, Bucket>,
     budget: Budget,
@@ -40,7 +40,16 @@ pub(crate) struct Store {
     left_out_samples: u64,
     left_out_events: u64,
     /// Why nothing more comes, if that is so.
-    pub(crate) problem: Option<String>,
+    problem: Option<String>,
+}
+
+/// Which of the recordings that a store has begun. Several may come at once: the one that began last is shown, and what is still told of the others is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Recording(u64);
+
+impl Recording {
+    /// Before any has begun.
+    pub(crate) const NONE: Recording = Recording(1);
 }
 
 /// What a viewer has not got yet.
@@ -57,7 +66,7 @@ pub(crate) struct News {
 /// How far a viewer is.
 #[derive(Debug, Default)]
 pub(crate) struct Position {
-    recording: u64,
+    recording: Option<Recording>,
     next: u64,
 }
 
@@ -70,7 +79,7 @@ impl Store {
             first: 0,
             bytes: 0,
             most_bytes,
-            recording: 1,
+            recording: Recording::NONE,
             declared: Declared::default(),
             buckets: BTreeMap::new(),
             budget: Budget::new(),
@@ -82,15 +91,26 @@ impl Store {
     }
 
     /// A recording begins: what is known of another is forgotten.
-    pub(crate) fn begin(&mut self) {
-        let recording = self.recording + 1;
+    pub(crate) fn begin(&mut self) -> Recording {
+        let recording = Recording(self.recording.0 + 1);
         let first = self.first + self.blocks.len() as u64;
         *self = Self::new(self.most_bytes);
         (self.recording, self.first) = (recording, first);
+        recording
     }
 
-    /// Takes a record. O(its length), but for a change of span.
-    pub(crate) fn take(&mut self, record: &Record<'_>) {
+    /// Says why nothing more comes of a recording, if it is the one that is shown.
+    pub(crate) fn fail(&mut self, of: Recording, problem: String) {
+        if of == self.recording {
+            self.problem = Some(problem);
+        }
+    }
+
+    /// Takes a record of a recording, if it is the one that is shown. O(its length), but for a change of span.
+    pub(crate) fn take(&mut self, of: Recording, record: &Record<'_>) {
+        if of != self.recording {
+            return;
+        }
         match record {
             Record::Sample {
                 signal,
@@ -173,7 +193,7 @@ impl Store {
     /// What has come since a viewer looked last, at most about `most` bytes of it.
     pub(crate) fn news(&mut self, position: &mut Position, most: usize) -> News {
         self.cut_if_due();
-        let begins = position.recording != self.recording;
+        let begins = position.recording != Some(self.recording);
         let mut news = News {
             blocks: Vec::new(),
             declarations: 0,
@@ -182,7 +202,7 @@ impl Store {
         };
         if begins {
             news.blocks = self.declared.blocks();
-            (position.recording, position.next) = (self.recording, self.first);
+            (position.recording, position.next) = (Some(self.recording), self.first);
         }
         if position.next < self.first {
             news.missed = self.first - position.next;
@@ -200,6 +220,12 @@ impl Store {
             position.next += 1;
         }
         news
+    }
+
+    /// The one that is shown.
+    #[cfg(test)]
+    pub(crate) fn recording(&self) -> Recording {
+        self.recording
     }
 
     /// What is counted of loops, with a number that changes with it.
@@ -249,20 +275,26 @@ mod tests {
 
     fn begun() -> Store {
         let mut store = Store::new(MOST);
-        store.begin();
-        store.take(&Record::Session {
-            system: "machine",
-            clock: ClockBase::Virtual,
-            written_by: "a test",
-        });
-        store.take(&Record::Signal(SignalInfo {
-            number: 3,
-            element_type: Type::F64,
-            elements: 1,
-            name: "arm/angle",
-            unit: "rad",
-            description: "",
-        }));
+        let recording = store.begin();
+        store.take(
+            recording,
+            &Record::Session {
+                system: "machine",
+                clock: ClockBase::Virtual,
+                written_by: "a test",
+            },
+        );
+        store.take(
+            recording,
+            &Record::Signal(SignalInfo {
+                number: 3,
+                element_type: Type::F64,
+                elements: 1,
+                name: "arm/angle",
+                unit: "rad",
+                description: "",
+            }),
+        );
         store
     }
 
@@ -270,11 +302,12 @@ mod tests {
         let bytes = value.to_le_bytes();
         let values = Values::from_bytes(Type::F64, &bytes);
         let signal = 3;
-        store.take(&Record::Sample {
+        let record = Record::Sample {
             signal,
             time,
             values,
-        });
+        };
+        store.take(store.recording, &record);
     }
 
     /// The samples in some blocks, which a reader can make sense of by themselves.
@@ -384,9 +417,9 @@ mod tests {
             arguments: [0; 2],
         };
         for _ in 0..crate::reduce::MOST_EVENTS + 10 {
-            store.take(&Record::Event(event(2)));
+            store.take(store.recording, &Record::Event(event(2)));
         }
-        store.take(&Record::Event(event(12)));
+        store.take(store.recording, &Record::Event(event(12)));
         let position = &mut Position::default();
         let blocks = store.news(position, usize::MAX).blocks;
         assert_eq!(store.left_out_events, 10);
