@@ -123,6 +123,7 @@ function foot(now) {
   if (model.lostInAll) losses.push(`${count(model.lostInAll)} lost by the recorder`);
   if (model.missed) losses.push(`${count(model.missed)} blocks missed by this page`);
   if (status.left_out_samples || status.left_out_events) losses.push(`${count(status.left_out_samples + status.left_out_events)} too many to show`);
+  if (status.left_out_declarations) losses.push("too much is declared to show all of it");
   if (status.problem || problem) losses.push(status.problem ?? problem);
   put($("#losses"), losses.join(" · ") || "nothing lost");
   $("#losses").classList.toggle("bad", model.lostInAll > 0 || model.missed > 0 || Boolean(status.problem ?? problem));

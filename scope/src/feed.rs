@@ -1,6 +1,7 @@
 //! From a recorder's thread to the store, without ever holding the recorder up.
 
 use crate::scope::Shared;
+use crate::store::Recording;
 use luna_logger::Sink;
 use luna_logger::format::{ReadError, Reader};
 use std::io::{self, Read};
@@ -111,6 +112,7 @@ impl Read for Waiting<'_> {
 /// Takes recordings until the sink is gone.
 fn feed(pieces: &Receiver<Piece>, shared: &Shared) {
     let mut head = None;
+    let mut last = Recording::NONE;
     loop {
         let begins = match head.take() {
             Some(head) => head,
@@ -127,21 +129,116 @@ fn feed(pieces: &Receiver<Piece>, shared: &Shared) {
             at: 0,
             next: None,
         };
-        if let Err(error) = recording(&mut waiting, shared) {
-            shared.store().problem = Some(error.to_string());
+        if let Err(error) = recording(&mut waiting, shared, &mut last) {
+            shared.store().fail(last, error.to_string());
         }
         head = waiting.next;
     }
 }
 
-fn recording(waiting: &mut Waiting<'_>, shared: &Shared) -> Result<(), ReadError> {
+/// Takes a recording to its end, also when another is shown meanwhile: who sends it is not to wait. Says which it is as soon as it has begun.
+fn recording(
+    waiting: &mut Waiting<'_>,
+    shared: &Shared,
+    begun: &mut Recording,
+) -> Result<(), ReadError> {
     let mut reader = Reader::new(waiting)?;
-    shared.store().begin();
+    *begun = shared.store().begin();
     while let Some(record) = reader.next()? {
-        shared.store().take(&record);
+        shared.store().take(*begun, &record);
         if shared.is_closed() {
             break;
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+    use luna_logger::format::{Encoder, Event, Record};
+    use std::thread::JoinHandle;
+
+    /// A recording of one loop, and the thread that takes it.
+    struct Sender {
+        sink: ScopeSink,
+        encoder: Encoder,
+        thread: JoinHandle<()>,
+    }
+
+    impl Sender {
+        /// Returns when the store has begun with it.
+        fn begin(shared: &Arc<Shared>) -> Sender {
+            let before = shared.store().recording();
+            let (pieces, waiting) = sync_channel(WAITING);
+            let thread = std::thread::spawn({
+                let shared = shared.clone();
+                move || feed(&waiting, &shared)
+            });
+            let is_patient = true;
+            let mut sink = ScopeSink { pieces, is_patient };
+            sink.begin(&Encoder::head()).unwrap();
+            while shared.store().recording() == before {
+                std::thread::yield_now();
+            }
+            let encoder = Encoder::new();
+            Sender {
+                sink,
+                encoder,
+                thread,
+            }
+        }
+
+        fn slots(&mut self, count: u64) {
+            for cycle in 0..count {
+                self.encoder.put(&Record::Event(Event {
+                    thread: 1,
+                    time: cycle,
+                    code: 10,
+                    subject: 1,
+                    arguments: [cycle, 0],
+                }));
+            }
+            self.sink.block(self.encoder.block()).unwrap();
+            self.encoder.next();
+        }
+
+        /// Returns when all of it has been taken.
+        fn end(self) {
+            drop(self.sink);
+            self.thread.join().unwrap();
+        }
+    }
+
+    fn cycles(shared: &Shared) -> serde_json::Value {
+        shared.store().loops().json()["loops"][0]["count"].clone()
+    }
+
+    #[test]
+    fn of_several_recordings_the_one_that_begins_last_is_shown_alone() {
+        let shared = Arc::new(Shared::new(Settings::default()));
+        let mut first = Sender::begin(&shared);
+        let mut second = Sender::begin(&shared);
+        second.slots(7);
+        first.slots(100);
+        // Damaged: it ends here, and that is no problem of the other.
+        first
+            .sink
+            .block(b"no block, but long enough to be one")
+            .unwrap();
+        first.end();
+        second.slots(2);
+        second.end();
+        assert_eq!(cycles(&shared), 9);
+        assert!(shared.store().status()["problem"].is_null());
+
+        let third = Sender::begin(&shared);
+        let mut sink = third.sink;
+        sink.block(b"no block, but long enough to be one").unwrap();
+        drop(sink);
+        third.thread.join().unwrap();
+        assert!(cycles(&shared).is_null());
+        assert!(shared.store().status()["problem"].is_string());
+    }
 }

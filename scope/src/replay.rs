@@ -60,7 +60,7 @@ impl std::error::Error for ReplayError {}
 /// Plays a recording; returns early when the scope is closed.
 pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<(), ReplayError> {
     let mut reader = Reader::new(input).map_err(ReplayError::Read)?;
-    shared.store().begin();
+    let recording = shared.store().begin();
     let mut pace = Pace {
         speed: speed.0,
         begun: None,
@@ -70,7 +70,7 @@ pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<()
             Ok(Some(record)) => record,
             Ok(None) => return Ok(()),
             Err(error) => {
-                shared.store().problem = Some(error.to_string());
+                shared.store().fail(recording, error.to_string());
                 return Err(ReplayError::Read(error));
             }
         };
@@ -79,7 +79,7 @@ pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<()
         {
             return Ok(());
         }
-        shared.store().take(&record);
+        shared.store().take(recording, &record);
     }
 }
 

@@ -25,6 +25,17 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
+    pub(crate) fn new(settings: Settings) -> Self {
+        Self {
+            store: Mutex::new(Store::new(settings.memory)),
+            settings,
+            viewers: AtomicUsize::new(0),
+            connections: AtomicUsize::new(0),
+            is_closed: Mutex::new(false),
+            closed: Condvar::new(),
+        }
+    }
+
     pub(crate) fn store(&self) -> MutexGuard<'_, Store> {
         self.store.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -76,14 +87,7 @@ impl Scope {
     pub fn open(settings: Settings) -> io::Result<Scope> {
         let listener = TcpListener::bind(settings.address)?;
         let address = listener.local_addr()?;
-        let shared = Arc::new(Shared {
-            store: Mutex::new(Store::new(settings.memory)),
-            settings,
-            viewers: AtomicUsize::new(0),
-            connections: AtomicUsize::new(0),
-            is_closed: Mutex::new(false),
-            closed: Condvar::new(),
-        });
+        let shared = Arc::new(Shared::new(settings));
         let acceptor = std::thread::Builder::new()
             .name("luna-scope".to_owned())
             .spawn({
@@ -114,7 +118,7 @@ impl Scope {
         format!("http://{host}:{}/{token}", self.address.port())
     }
 
-    /// What takes a recording's blocks. If there are several, the one that begins last is shown.
+    /// What takes a recording's blocks. If there are several, the one that begins last is shown, alone; the others are taken as well, and left out.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Record};

@@ -3,6 +3,8 @@
 //! Its blocks are of the recordings' own format, numbered anew.
 
 mod declared;
+#[cfg(test)]
+mod tests;
 
 use crate::loops::Loops;
 use crate::reduce::{Bucket, Budget};
@@ -19,6 +21,9 @@ const CUT: Duration = Duration::from_millis(30);
 /// Samples of more signals than that are left out.
 const MOST_FOLLOWED: usize = 4096;
 
+/// What was declared has so many bytes of blocks at most; the rest is left out.
+const MOST_DECLARED: usize = 1 << 20;
+
 /// Codes of events whose order and number matter more than their cost: ended, late, emergency, spawned.
 const ALWAYS: [u16; 4] = [4, 11, 12, 13];
 
@@ -32,7 +37,7 @@ pub(crate) struct Store {
     bytes: usize,
     most_bytes: usize,
     /// Which recording it is: viewers begin anew with each.
-    recording: u64,
+    recording: Recording,
     declared: Declared,
     buckets: BTreeMap<u32, Bucket>,
     budget: Budget,
@@ -40,7 +45,16 @@ pub(crate) struct Store {
     left_out_samples: u64,
     left_out_events: u64,
     /// Why nothing more comes, if that is so.
-    pub(crate) problem: Option<String>,
+    problem: Option<String>,
+}
+
+/// Which of the recordings that a store has begun. Several may come at once: the one that began last is shown, and what is still told of the others is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Recording(u64);
+
+impl Recording {
+    /// Before any has begun.
+    pub(crate) const NONE: Recording = Recording(1);
 }
 
 /// What a viewer has not got yet.
@@ -57,7 +71,7 @@ pub(crate) struct News {
 /// How far a viewer is.
 #[derive(Debug, Default)]
 pub(crate) struct Position {
-    recording: u64,
+    recording: Option<Recording>,
     next: u64,
 }
 
@@ -70,7 +84,7 @@ impl Store {
             first: 0,
             bytes: 0,
             most_bytes,
-            recording: 1,
+            recording: Recording::NONE,
             declared: Declared::default(),
             buckets: BTreeMap::new(),
             budget: Budget::new(),
@@ -82,15 +96,26 @@ impl Store {
     }
 
     /// A recording begins: what is known of another is forgotten.
-    pub(crate) fn begin(&mut self) {
-        let recording = self.recording + 1;
+    pub(crate) fn begin(&mut self) -> Recording {
+        let recording = Recording(self.recording.0 + 1);
         let first = self.first + self.blocks.len() as u64;
         *self = Self::new(self.most_bytes);
         (self.recording, self.first) = (recording, first);
+        recording
     }
 
-    /// Takes a record. O(its length), but for a change of span.
-    pub(crate) fn take(&mut self, record: &Record<'_>) {
+    /// Says why nothing more comes of a recording, if it is the one that is shown.
+    pub(crate) fn fail(&mut self, of: Recording, problem: String) {
+        if of == self.recording {
+            self.problem = Some(problem);
+        }
+    }
+
+    /// Takes a record of a recording, if it is the one that is shown. O(its length), but for a change of span.
+    pub(crate) fn take(&mut self, of: Recording, record: &Record<'_>) {
+        if of != self.recording {
+            return;
+        }
         match record {
             Record::Sample {
                 signal,
@@ -170,10 +195,10 @@ impl Store {
         }
     }
 
-    /// What has come since a viewer looked last, at most about `most` bytes of it.
+    /// What has come since a viewer looked last: at most `most` bytes of it, or what was declared if that is more, beside one block.
     pub(crate) fn news(&mut self, position: &mut Position, most: usize) -> News {
         self.cut_if_due();
-        let begins = position.recording != self.recording;
+        let begins = position.recording != Some(self.recording);
         let mut news = News {
             blocks: Vec::new(),
             declarations: 0,
@@ -182,7 +207,7 @@ impl Store {
         };
         if begins {
             news.blocks = self.declared.blocks();
-            (position.recording, position.next) = (self.recording, self.first);
+            (position.recording, position.next) = (Some(self.recording), self.first);
         }
         if position.next < self.first {
             news.missed = self.first - position.next;
@@ -191,8 +216,9 @@ impl Store {
             news.blocks = self.declared.blocks();
         }
         news.declarations = news.blocks.len();
-        let mut bytes = 0;
-        while bytes < most
+        let mut bytes: usize = news.blocks.iter().map(|block| block.len()).sum();
+        // One in any case: who is told again and again what was declared is to go on.
+        while (bytes < most || news.blocks.len() == news.declarations)
             && let Some(block) = self.blocks.get((position.next - self.first) as usize)
         {
             bytes += block.len();
@@ -200,6 +226,12 @@ impl Store {
             position.next += 1;
         }
         news
+    }
+
+    /// The one that is shown.
+    #[cfg(test)]
+    pub(crate) fn recording(&self) -> Recording {
+        self.recording
     }
 
     /// What is counted of loops, with a number that changes with it.
@@ -212,6 +244,7 @@ impl Store {
         json!({
             "left_out_samples": self.left_out_samples,
             "left_out_events": self.left_out_events,
+            "left_out_declarations": self.declared.is_short(),
             "span": self.budget.nanos(),
             "problem": self.problem,
             "emergency": self.declared.emergency().map(|event| json!({
@@ -238,158 +271,4 @@ fn give(bucket: &mut Bucket, encoder: &mut Encoder, signal: u32, of: Type) -> u6
             values: Values::from_bytes(of, bytes),
         });
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use luna_logger::format::{ClockBase, Reader, SignalInfo};
-
-    const MOST: usize = 1 << 20;
-
-    fn begun() -> Store {
-        let mut store = Store::new(MOST);
-        store.begin();
-        store.take(&Record::Session {
-            system: "machine",
-            clock: ClockBase::Virtual,
-            written_by: "a test",
-        });
-        store.take(&Record::Signal(SignalInfo {
-            number: 3,
-            element_type: Type::F64,
-            elements: 1,
-            name: "arm/angle",
-            unit: "rad",
-            description: "",
-        }));
-        store
-    }
-
-    fn sample(store: &mut Store, time: u64, value: f64) {
-        let bytes = value.to_le_bytes();
-        let values = Values::from_bytes(Type::F64, &bytes);
-        let signal = 3;
-        store.take(&Record::Sample {
-            signal,
-            time,
-            values,
-        });
-    }
-
-    /// The samples in some blocks, which a reader can make sense of by themselves.
-    fn samples(blocks: &[Arc<[u8]>]) -> Vec<u64> {
-        let mut times = Vec::new();
-        let mut file = Encoder::head().to_vec();
-        let mut encoder = Encoder::new();
-        for (number, block) in (0u32..).zip(blocks) {
-            // Numbered anew: a viewer does not look at these.
-            encoder.discard();
-            let mut block = block.to_vec();
-            block[4..8].copy_from_slice(&number.to_le_bytes());
-            let checksum = zlib(&block[4..12], &block[16..]);
-            block[12..16].copy_from_slice(&checksum.to_le_bytes());
-            file.extend(block);
-        }
-        let mut reader = Reader::new(&file[..]).unwrap();
-        while let Some(record) = reader.next().unwrap() {
-            if let Record::Sample { time, .. } = record {
-                times.push(time);
-            }
-        }
-        times
-    }
-
-    fn zlib(head: &[u8], rest: &[u8]) -> u32 {
-        let mut state = !0u32;
-        for byte in head.iter().chain(rest) {
-            state ^= u32::from(*byte);
-            for _ in 0..8 {
-                state = state >> 1 ^ (0xEDB8_8320 & 0u32.wrapping_sub(state & 1));
-            }
-        }
-        !state
-    }
-
-    #[test]
-    fn memory_is_bounded_whatever_comes() {
-        let mut store = begun();
-        for n in 0..1_000_000u64 {
-            sample(&mut store, n * 1_000_000, n as f64);
-        }
-        assert!(store.held() <= MOST, "{}", store.held());
-        assert_eq!(store.held(), store.bytes);
-        let mut position = Position::default();
-        let news = store.news(&mut position, usize::MAX);
-        assert!(news.begins && news.missed == 0);
-        let times = samples(&news.blocks);
-        assert!(times.is_sorted());
-        assert!(times.len() > 50_000 && *times.last().unwrap() > 990_000_000_000);
-    }
-
-    #[test]
-    fn who_comes_late_gets_the_declarations() {
-        let mut store = begun();
-        for n in 0..200_000u64 {
-            sample(&mut store, n * 1_000_000, 0.5);
-        }
-        // The block with the signal's declaration is gone from memory: the reader would refuse its samples.
-        assert!(store.first > 0);
-        let news = store.news(&mut Position::default(), usize::MAX);
-        assert!(!samples(&news.blocks).is_empty());
-    }
-
-    #[test]
-    fn who_is_too_slow_is_told_what_it_has_missed() {
-        let mut store = begun();
-        let mut position = Position::default();
-        store.news(&mut position, usize::MAX);
-        for n in 0..300_000u64 {
-            sample(&mut store, n * 1_000_000, 0.5);
-        }
-        let news = store.news(&mut position, usize::MAX);
-        assert!(news.missed > 0 && !news.begins);
-        assert!(!samples(&news.blocks).is_empty());
-        assert_eq!(store.news(&mut position, usize::MAX).missed, 0);
-    }
-
-    #[test]
-    fn a_new_recording_begins_anew_for_all() {
-        let mut store = begun();
-        let mut position = Position::default();
-        assert!(store.news(&mut position, usize::MAX).begins);
-        assert!(!store.news(&mut position, usize::MAX).begins);
-        store.begin();
-        assert!(store.news(&mut position, usize::MAX).begins);
-    }
-
-    #[test]
-    fn a_million_samples_a_second_are_reduced() {
-        let mut store = begun();
-        for n in 0..2_000_000u64 {
-            sample(&mut store, n * 1000, (n % 977) as f64);
-        }
-        let left_out = store.status()["left_out_samples"].as_u64().unwrap();
-        assert!(left_out > 1_960_000, "{left_out}");
-    }
-
-    #[test]
-    fn of_too_many_events_the_ones_that_matter_go_on() {
-        let mut store = begun();
-        let event = |code| Event {
-            thread: 0,
-            time: 5,
-            code,
-            subject: 1,
-            arguments: [0; 2],
-        };
-        for _ in 0..crate::reduce::MOST_EVENTS + 10 {
-            store.take(&Record::Event(event(2)));
-        }
-        store.take(&Record::Event(event(12)));
-        let position = &mut Position::default();
-        let blocks = store.news(position, usize::MAX).blocks;
-        assert_eq!(store.left_out_events, 10);
-        assert!(!blocks.is_empty());
-    }
 }

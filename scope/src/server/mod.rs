@@ -20,6 +20,10 @@ const ASKING: usize = 32;
 const LONGEST: usize = 8 << 10;
 /// A request is there as a whole within this time, and an answer is taken.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// An answer without a thread of its own takes so long at most, whatever the client does.
+const BRIEF: Duration = Duration::from_millis(200);
+/// Who sends nothing for so long has sent all.
+const SILENCE: Duration = Duration::from_millis(200);
 
 /// Takes connections until the scope is closed.
 pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
@@ -37,7 +41,8 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
         };
         let most = shared.settings.viewers + ASKING;
         let Some(place) = Place::take(shared, |shared| &shared.connections, most) else {
-            let _ = refuse(stream, &Refusal::TooMany);
+            // All others wait for this thread, and so does the scope's end.
+            let _ = refuse(stream, &Refusal::TooMany, BRIEF);
             continue;
         };
         // Who gets no thread is hung up on.
@@ -90,7 +95,7 @@ fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
         Ok(request)
     });
     match request {
-        Err(refusal) => refuse(stream, &refusal),
+        Err(refusal) => refuse(stream, &refusal, PATIENCE),
         Ok(Request {
             web_socket: Some(key),
             ..
@@ -105,7 +110,7 @@ fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
                     )?;
                     viewer::show(stream, shared)
                 }
-                None => refuse(stream, &Refusal::TooMany),
+                None => refuse(stream, &Refusal::TooMany, PATIENCE),
             }
         }
         Ok(request) => match page::asset(&request.path) {
@@ -116,7 +121,7 @@ fn serve(mut stream: TcpStream, shared: &Arc<Shared>) -> io::Result<()> {
                 asset.content,
                 request.wants_body,
             ),
-            None => refuse(stream, &Refusal::NoSuchPath),
+            None => refuse(stream, &Refusal::NoSuchPath, PATIENCE),
         },
     }
 }
@@ -148,8 +153,11 @@ fn read(stream: &mut TcpStream) -> io::Result<Option<Vec<u8>>> {
     }
 }
 
-fn refuse(mut stream: TcpStream, refusal: &Refusal) -> io::Result<()> {
-    stream.set_write_timeout(Some(PATIENCE))?;
+/// Answers, within `patience` in all.
+fn refuse(mut stream: TcpStream, refusal: &Refusal, patience: Duration) -> io::Result<()> {
+    let until = Instant::now() + patience;
+    // The system has room for a short answer, the first one on this connection.
+    stream.set_nonblocking(true)?;
     let text = format!("{refusal}\n");
     answer(
         &mut stream,
@@ -158,16 +166,30 @@ fn refuse(mut stream: TcpStream, refusal: &Refusal) -> io::Result<()> {
         text.as_bytes(),
         true,
     )?;
+    stream.set_nonblocking(false)?;
     // What was sent and not read would make the system take the answer back.
     stream.shutdown(std::net::Shutdown::Write)?;
-    stream.set_read_timeout(Some(Duration::from_millis(200)))?;
     let mut rest = [0; 4096];
-    for _ in 0..64 {
-        if stream.read(&mut rest)? == 0 {
-            break;
+    drain(
+        |left| {
+            stream.set_read_timeout(Some(left.min(SILENCE)))?;
+            stream.read(&mut rest)
+        },
+        || until.saturating_duration_since(Instant::now()),
+    )
+}
+
+/// Reads to the end, or until no time is left: however small the pieces are.
+fn drain(
+    mut read: impl FnMut(Duration) -> io::Result<usize>,
+    mut left: impl FnMut() -> Duration,
+) -> io::Result<()> {
+    loop {
+        let left = left();
+        if left.is_zero() || read(left)? == 0 {
+            return Ok(());
         }
     }
-    Ok(())
 }
 
 fn answer(
@@ -194,4 +216,28 @@ fn answer(
         stream.write_all(content)?;
     }
     stream.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_sends_for_ever_is_read_for_a_limited_time() {
+        let mut left = [200, 140, 80, 20, 0].map(Duration::from_millis).into_iter();
+        let mut limits = Vec::new();
+        let byte = |limit: Duration| {
+            limits.push(limit.as_millis());
+            Ok(1)
+        };
+        drain(byte, || left.next().expect("it has ended")).unwrap();
+        assert_eq!(limits, [200, 140, 80, 20]);
+    }
+
+    #[test]
+    fn who_has_said_all_is_not_waited_for() {
+        let mut pieces = [4096, 7, 0].into_iter();
+        drain(|_| Ok(pieces.next().unwrap()), || BRIEF).unwrap();
+        assert_eq!(pieces.next(), None);
+    }
 }

@@ -19,7 +19,7 @@ const ROUND: Duration = Duration::from_millis(16);
 const COUNTS: Duration = Duration::from_millis(500);
 /// What a viewer says has at most so many bytes.
 const LONGEST: usize = 4 << 10;
-/// What is on its way to a viewer at most, beside one block.
+/// The blocks on their way to a viewer have so many bytes at most, with what was declared and beside one block; the scope's words come on top.
 const ON_THE_WAY: usize = 1 << 20;
 /// So often a viewer may guess the token.
 const GUESSES: u32 = 3;

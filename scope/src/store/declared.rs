@@ -8,6 +8,17 @@ use std::sync::Arc;
 const LONGEST: usize = 256;
 /// More of a kind are not kept.
 const MOST: usize = 1 << 15;
+/// So many bytes are kept in all, as they are in blocks: they go to a viewer as a whole. What there is one of has its own room.
+const MOST_BYTES: usize = super::MOST_DECLARED - MOST_OF_LOSSES - (4 << 10);
+/// So many bytes of losses: they are to be told even if the rest is full.
+const MOST_OF_LOSSES: usize = 64 << 10;
+
+/// What a record has at most beside its texts: its kind and length, and its numbers (five bytes for 32 bits, ten for 64).
+const THREAD: usize = 3 + 5 + 2;
+const SIGNAL: usize = 3 + 5 + 2 + 3 * 2;
+const NAME: usize = 3 + 1 + 5 + 5 + 2 + 10;
+const LOSSES: usize = 3 + 1 + 5 + 10;
+const STATE: usize = 3 + 5 + 10 + 3 + 5 + 2 * 10;
 
 /// Codes of events that say in which state a process is: ready, running, waiting, done.
 const STATES: std::ops::RangeInclusive<u16> = 1..=4;
@@ -15,6 +26,8 @@ const EMERGENCY: u16 = 12;
 
 #[derive(Debug, Default)]
 pub(super) struct Declared {
+    room: Room<MOST_BYTES>,
+    room_of_losses: Room<MOST_OF_LOSSES>,
     session: Option<(String, ClockBase, String)>,
     threads: BTreeMap<u32, String>,
     signals: BTreeMap<u32, Signal>,
@@ -25,7 +38,15 @@ pub(super) struct Declared {
     emergency: Option<Event>,
 }
 
-#[derive(Debug)]
+/// Room for so many bytes.
+#[derive(Debug, Default)]
+struct Room<const BYTES: usize> {
+    bytes: usize,
+    /// Something was not kept.
+    is_short: bool,
+}
+
+#[derive(Debug, PartialEq)]
 struct Signal {
     element_type: Type,
     elements: u8,
@@ -34,7 +55,7 @@ struct Signal {
     description: String,
 }
 
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 struct Name {
     subject: luna_logger::format::Subject,
     parent: u32,
@@ -42,8 +63,62 @@ struct Name {
     runs_on: Option<RunsOn>,
 }
 
+trait Declaration: PartialEq {
+    /// The bytes that it has at most in a block.
+    fn bytes(&self) -> usize;
+}
+
+impl Declaration for String {
+    fn bytes(&self) -> usize {
+        THREAD + self.len()
+    }
+}
+
+impl Declaration for Signal {
+    fn bytes(&self) -> usize {
+        SIGNAL + self.name.len() + self.unit.len() + self.description.len()
+    }
+}
+
+impl Declaration for Name {
+    fn bytes(&self) -> usize {
+        NAME + self.name.len()
+    }
+}
+
+impl Declaration for (Losing, u64) {
+    fn bytes(&self) -> usize {
+        LOSSES
+    }
+}
+
+impl Declaration for Event {
+    fn bytes(&self) -> usize {
+        STATE
+    }
+}
+
+impl<const BYTES: usize> Room<BYTES> {
+    /// Keeps a value, unless there are too many. Says whether it is kept and was not known before.
+    fn keep<K: Ord, V: Declaration>(&mut self, of: &mut BTreeMap<K, V>, key: K, value: V) -> bool {
+        let known = of.get(&key);
+        if known == Some(&value) {
+            return false;
+        }
+        let without = self.bytes - known.map_or(0, V::bytes);
+        let is_new = known.is_none();
+        if (is_new && of.len() >= MOST) || without + value.bytes() > BYTES {
+            self.is_short = true;
+            return false;
+        }
+        self.bytes = without + value.bytes();
+        of.insert(key, value);
+        true
+    }
+}
+
 impl Declared {
-    /// Keeps a declaration. Says whether viewers are to get it: one that repeats what they know is not for them.
+    /// Keeps a declaration. Says whether viewers are to get it: not what they know, nor that for which there is no room.
     pub(super) fn take(&mut self, record: &Record<'_>) -> bool {
         match *record {
             Record::Session {
@@ -56,7 +131,7 @@ impl Declared {
                 self.session = session;
                 is_new
             }
-            Record::Thread { number, name } => keep(&mut self.threads, number, cut(name)),
+            Record::Thread { number, name } => self.room.keep(&mut self.threads, number, cut(name)),
             Record::Signal(info) => {
                 let signal = Signal {
                     element_type: info.element_type,
@@ -65,7 +140,7 @@ impl Declared {
                     unit: cut(info.unit),
                     description: cut(info.description),
                 };
-                keep(&mut self.signals, info.number, signal)
+                self.room.keep(&mut self.signals, info.number, signal)
             }
             Record::Name {
                 subject,
@@ -80,7 +155,8 @@ impl Declared {
                     name: cut(name),
                     runs_on,
                 };
-                keep(&mut self.names, (subject as u8, number), name)
+                self.room
+                    .keep(&mut self.names, (subject as u8, number), name)
             }
             Record::Losses { of, lost } => {
                 let key = match of {
@@ -89,11 +165,13 @@ impl Declared {
                     Losing::Events(number) => (3, number),
                     Losing::Blocks => (4, 0),
                 };
-                keep(&mut self.losses, key, (of, lost))
+                self.room_of_losses.keep(&mut self.losses, key, (of, lost))
             }
             Record::Epoch { time, unix } => {
-                self.epoch = Some((time, unix));
-                true
+                let epoch = Some((time, unix));
+                let is_new = self.epoch != epoch;
+                self.epoch = epoch;
+                is_new
             }
             _ => true,
         }
@@ -102,7 +180,7 @@ impl Declared {
     /// Remembers the state that an event says.
     pub(super) fn event(&mut self, event: &Event) {
         if STATES.contains(&event.code) {
-            keep(&mut self.states, event.subject, *event);
+            self.room.keep(&mut self.states, event.subject, *event);
         } else if event.code == EMERGENCY {
             self.emergency = Some(*event);
         }
@@ -111,6 +189,11 @@ impl Declared {
     /// The last event of an emergency.
     pub(super) fn emergency(&self) -> Option<&Event> {
         self.emergency.as_ref()
+    }
+
+    /// Whether there was more than is kept.
+    pub(super) fn is_short(&self) -> bool {
+        self.room.is_short || self.room_of_losses.is_short
     }
 
     pub(super) fn type_of(&self, signal: u32) -> Option<Type> {
@@ -175,15 +258,120 @@ impl Declared {
     }
 }
 
-/// Keeps a value, unless there are too many.
-fn keep<K: Ord, V>(of: &mut BTreeMap<K, V>, key: K, value: V) -> bool {
-    let has_room = of.len() < MOST || of.contains_key(&key);
-    if has_room {
-        of.insert(key, value);
-    }
-    has_room
-}
-
 fn cut(text: &str) -> String {
     text[..text.floor_char_boundary(LONGEST)].to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use luna_logger::format::Subject;
+
+    fn bytes(declared: &Declared) -> usize {
+        declared.blocks().iter().map(|block| block.len()).sum()
+    }
+
+    fn name(declared: &mut Declared, number: u32, name: &str) -> bool {
+        declared.take(&Record::Name {
+            subject: Subject::Process,
+            number,
+            parent: u32::MAX,
+            name,
+            runs_on: Some(RunsOn {
+                executor: u32::MAX,
+                level: u8::MAX,
+            }),
+        })
+    }
+
+    /// The greatest there are, so that a record has as many bytes as it can have.
+    fn fill(declared: &mut Declared, texts: &str) {
+        let huge = |number: u32| u32::MAX - number;
+        for number in 0..MOST as u32 {
+            let event = |time| Event {
+                thread: u32::MAX,
+                time,
+                code: 3,
+                subject: huge(number),
+                arguments: [u64::MAX; 2],
+            };
+            // Far from each other, so that what is between them needs all its bytes.
+            let far = [0, u64::MAX][number as usize % 2];
+            declared.event(&event(far));
+            let lost = u64::MAX;
+            let of = Losing::Messages(huge(number));
+            declared.take(&Record::Losses { of, lost });
+            declared.take(&Record::Signal(SignalInfo {
+                number: huge(number),
+                element_type: Type::F64,
+                elements: u8::MAX,
+                name: texts,
+                unit: texts,
+                description: texts,
+            }));
+            let thread = huge(number);
+            declared.take(&Record::Thread {
+                number: thread,
+                name: texts,
+            });
+            name(declared, huge(number), texts);
+        }
+    }
+
+    #[test]
+    fn what_is_kept_has_so_many_bytes_at_most() {
+        for texts in ["", "x", &"x".repeat(200), &"x".repeat(5000)] {
+            let mut declared = Declared::default();
+            let long = "x".repeat(5000);
+            declared.take(&Record::Session {
+                system: &long,
+                clock: ClockBase::Monotonic,
+                written_by: &long,
+            });
+            assert!(!declared.is_short());
+            fill(&mut declared, texts);
+            assert!(declared.is_short());
+            let bytes = bytes(&declared);
+            let most = super::super::MOST_DECLARED;
+            assert!((most * 3 / 4..=most).contains(&bytes), "{bytes}");
+        }
+    }
+
+    #[test]
+    fn what_is_known_is_not_told_again() {
+        let mut declared = Declared::default();
+        assert!(name(&mut declared, 7, "pan"));
+        assert!(!name(&mut declared, 7, "pan"));
+        assert!(name(&mut declared, 7, "tilt"));
+        let thread = |number| Record::Thread { number, name: "a" };
+        assert!(declared.take(&thread(1)) && declared.take(&thread(2)));
+        assert!(!declared.take(&thread(1)));
+        let epoch = Record::Epoch { time: 1, unix: 2 };
+        assert!(declared.take(&epoch) && !declared.take(&epoch));
+        assert!(!declared.is_short());
+    }
+
+    #[test]
+    fn losses_are_told_when_the_rest_is_full() {
+        let mut declared = Declared::default();
+        let long = "x".repeat(LONGEST);
+        for number in 0..MOST as u32 {
+            name(&mut declared, number, &long);
+        }
+        assert!(declared.is_short());
+        for lost in 1..3 {
+            let of = Losing::Events(1);
+            assert!(declared.take(&Record::Losses { of, lost }));
+        }
+    }
+
+    #[test]
+    fn what_changes_gives_its_room_back() {
+        let mut declared = Declared::default();
+        let (long, short) = ("x".repeat(LONGEST), "");
+        for text in [&long, short, &long, short].repeat(10_000) {
+            assert!(name(&mut declared, 7, text));
+        }
+        assert_eq!(declared.room.bytes, NAME);
+    }
 }

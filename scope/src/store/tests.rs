@@ -1,0 +1,187 @@
+use super::*;
+use luna_logger::format::{ClockBase, Reader, SignalInfo};
+
+const MOST: usize = 1 << 20;
+
+fn begun() -> Store {
+    let mut store = Store::new(MOST);
+    let recording = store.begin();
+    store.take(
+        recording,
+        &Record::Session {
+            system: "machine",
+            clock: ClockBase::Virtual,
+            written_by: "a test",
+        },
+    );
+    store.take(
+        recording,
+        &Record::Signal(SignalInfo {
+            number: 3,
+            element_type: Type::F64,
+            elements: 1,
+            name: "arm/angle",
+            unit: "rad",
+            description: "",
+        }),
+    );
+    store
+}
+
+fn sample(store: &mut Store, time: u64, value: f64) {
+    let bytes = value.to_le_bytes();
+    let values = Values::from_bytes(Type::F64, &bytes);
+    let signal = 3;
+    let record = Record::Sample {
+        signal,
+        time,
+        values,
+    };
+    store.take(store.recording, &record);
+}
+
+/// The samples in some blocks, which a reader can make sense of by themselves.
+fn samples(blocks: &[Arc<[u8]>]) -> Vec<u64> {
+    let mut times = Vec::new();
+    let mut file = Encoder::head().to_vec();
+    let mut encoder = Encoder::new();
+    for (number, block) in (0u32..).zip(blocks) {
+        // Numbered anew: a viewer does not look at these.
+        encoder.discard();
+        let mut block = block.to_vec();
+        block[4..8].copy_from_slice(&number.to_le_bytes());
+        let checksum = zlib(&block[4..12], &block[16..]);
+        block[12..16].copy_from_slice(&checksum.to_le_bytes());
+        file.extend(block);
+    }
+    let mut reader = Reader::new(&file[..]).unwrap();
+    while let Some(record) = reader.next().unwrap() {
+        if let Record::Sample { time, .. } = record {
+            times.push(time);
+        }
+    }
+    times
+}
+
+fn zlib(head: &[u8], rest: &[u8]) -> u32 {
+    let mut state = !0u32;
+    for byte in head.iter().chain(rest) {
+        state ^= u32::from(*byte);
+        for _ in 0..8 {
+            state = state >> 1 ^ (0xEDB8_8320 & 0u32.wrapping_sub(state & 1));
+        }
+    }
+    !state
+}
+
+#[test]
+fn memory_is_bounded_whatever_comes() {
+    let mut store = begun();
+    for n in 0..1_000_000u64 {
+        sample(&mut store, n * 1_000_000, n as f64);
+    }
+    assert!(store.held() <= MOST, "{}", store.held());
+    assert_eq!(store.held(), store.bytes);
+    let mut position = Position::default();
+    let news = store.news(&mut position, usize::MAX);
+    assert!(news.begins && news.missed == 0);
+    let times = samples(&news.blocks);
+    assert!(times.is_sorted());
+    assert!(times.len() > 50_000 && *times.last().unwrap() > 990_000_000_000);
+}
+
+#[test]
+fn who_comes_late_gets_the_declarations() {
+    let mut store = begun();
+    for n in 0..200_000u64 {
+        sample(&mut store, n * 1_000_000, 0.5);
+    }
+    // The block with the signal's declaration is gone from memory: the reader would refuse its samples.
+    assert!(store.first > 0);
+    let news = store.news(&mut Position::default(), usize::MAX);
+    assert!(!samples(&news.blocks).is_empty());
+}
+
+#[test]
+fn who_is_too_slow_is_told_what_it_has_missed() {
+    let mut store = begun();
+    let mut position = Position::default();
+    store.news(&mut position, usize::MAX);
+    for n in 0..300_000u64 {
+        sample(&mut store, n * 1_000_000, 0.5);
+    }
+    let news = store.news(&mut position, usize::MAX);
+    assert!(news.missed > 0 && !news.begins);
+    assert!(!samples(&news.blocks).is_empty());
+    assert_eq!(store.news(&mut position, usize::MAX).missed, 0);
+}
+
+#[test]
+fn what_was_declared_is_within_what_a_viewer_gets_at_once() {
+    let mut store = begun();
+    let name = "x".repeat(200);
+    for number in 0..10_000 {
+        let name = name.as_str();
+        store.take(store.recording, &Record::Thread { number, name });
+    }
+    for n in 0..300_000u64 {
+        sample(&mut store, n * 1_000_000, 0.5);
+    }
+    assert_eq!(store.status()["left_out_declarations"], true);
+    let mut position = Position::default();
+    let mut all = 0;
+    loop {
+        let News { blocks, begins, .. } = store.news(&mut position, MOST);
+        let bytes: Vec<usize> = blocks.iter().map(|block| block.len()).collect();
+        assert_eq!(begins, all == 0);
+        assert!(bytes.iter().sum::<usize>() - bytes.last().unwrap_or(&0) <= MOST);
+        all += bytes.len();
+        if bytes.is_empty() {
+            break;
+        }
+    }
+    assert!(all > store.blocks.len());
+    // Even if there is room for nothing else, there is for a block.
+    let news = store.news(&mut Position::default(), 1);
+    assert_eq!(news.blocks.len(), news.declarations + 1);
+}
+
+#[test]
+fn a_new_recording_begins_anew_for_all() {
+    let mut store = begun();
+    let mut position = Position::default();
+    assert!(store.news(&mut position, usize::MAX).begins);
+    assert!(!store.news(&mut position, usize::MAX).begins);
+    store.begin();
+    assert!(store.news(&mut position, usize::MAX).begins);
+}
+
+#[test]
+fn a_million_samples_a_second_are_reduced() {
+    let mut store = begun();
+    for n in 0..2_000_000u64 {
+        sample(&mut store, n * 1000, (n % 977) as f64);
+    }
+    let left_out = store.status()["left_out_samples"].as_u64().unwrap();
+    assert!(left_out > 1_960_000, "{left_out}");
+}
+
+#[test]
+fn of_too_many_events_the_ones_that_matter_go_on() {
+    let mut store = begun();
+    let event = |code| Event {
+        thread: 0,
+        time: 5,
+        code,
+        subject: 1,
+        arguments: [0; 2],
+    };
+    for _ in 0..crate::reduce::MOST_EVENTS + 10 {
+        store.take(store.recording, &Record::Event(event(2)));
+    }
+    store.take(store.recording, &Record::Event(event(12)));
+    let position = &mut Position::default();
+    let blocks = store.news(position, usize::MAX).blocks;
+    assert_eq!(store.left_out_events, 10);
+    assert!(!blocks.is_empty());
+}
