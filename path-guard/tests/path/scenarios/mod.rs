@@ -35,4 +35,5 @@ scenarios! {
         a_favour_that_ends;
     files: files_that_become_ready, links;
     logging: signals_and_messages, signals_without_room, signals_that_nobody_records;
+    parameters: parameters_that_are_replaced, parameters_that_are_recorded;
 }
