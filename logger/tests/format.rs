@@ -252,7 +252,11 @@ proptest! {
         prop_assert!(errors > 0);
         prop_assert_eq!(missing, u64::from(which + 1 < blocks.len()));
         let short = &blocks[which][..cut.index(blocks[which].len())];
-        prop_assert_eq!(&read_on(&file_with(short)).0, &others);
+        // The bytes that follow may be those that were cut off: nothing is damaged then, but what follows.
+        let follows = [short, &blocks[which + 1..].concat()].concat();
+        if !follows.starts_with(&blocks[which]) {
+            prop_assert_eq!(&read_on(&file_with(short)).0, &others);
+        }
         let longer = [&between[..], &blocks[which]].concat();
         prop_assert_eq!(&read_on(&file_with(&longer)).0, &all);
     }
