@@ -235,6 +235,8 @@ impl Events {
             self.parts.insert(thread, parts);
         } else if of == TEXT
             && let Some(parts) = self.parts.get_mut(&thread)
+            // Else the begin of this one was lost, or the end of that one.
+            && parts.name.number == subject
         {
             parts.bytes.extend(a.to_le_bytes());
             parts.bytes.extend(b.to_le_bytes());
