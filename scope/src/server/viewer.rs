@@ -215,3 +215,18 @@ fn waits<T>(done: Result<T, Error>) -> Result<Option<T>, Error> {
         Err(error) => Err(error),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_that_is_set_is_the_number_that_was_sent() {
+        // The nearest double to these digits; a reader that rounds twice takes its neighbour.
+        let word = r#"{"type":"set","id":1,"name":"kp","value":21.476612524468646}"#;
+        let Word::Set { value, .. } = serde_json::from_str(word).unwrap() else {
+            panic!("it is a word that sets");
+        };
+        assert_eq!(value, json!(21.476_612_524_468_646_f64));
+    }
+}
