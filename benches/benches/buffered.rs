@@ -1,6 +1,6 @@
 //! `buffered`: a producer sends numbers to a consumer through a buffer of 64, on one core and on two.
 //!
-//! The producer waits when the buffer is full, the consumer when it is empty.
+//! The producer waits when the buffer is full, the consumer when it is empty. Where a side *spins*, it looks for a bounded time before it sleeps, as crossbeam's threads do too.
 
 use std::{future::Future, time::Duration};
 
@@ -11,7 +11,7 @@ use luna_benches::{
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     external,
     harness::{Case, run},
-    ours::{Luna, LunaChannel, LunaThreads},
+    ours::{Luna, LunaChannel, LunaThatSpins, LunaThreads, LunaThreadsThatSpin},
     primitives,
     processes::{consumer, producer},
 };
@@ -92,6 +92,8 @@ fn main() {
         Some(cores) => cases.extend([
             on_two::<Luna, LunaChannel>(cores, "LUNA"),
             on_two::<LunaThreads, LunaChannel>(cores, "LUNA, OS threads"),
+            on_two::<LunaThatSpins, LunaChannel>(cores, "LUNA, executors that spin"),
+            on_two::<LunaThreadsThatSpin, LunaChannel>(cores, "LUNA, OS threads that spin"),
             on_two::<Tokio, TokioMpsc>(cores, TOKIO),
             on_two::<TokioLocal, Flume>(cores, FLUME),
             on_two::<TokioLocal, Kanal>(cores, KANAL),

@@ -515,8 +515,6 @@ fn copy_list(
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
     // SAFETY: the contract; a listed node's selection is live.
     unsafe {
-        (*Waiter::link(waiter))
-            .selection
-            .is_none_or(|(selection, _)| selection.as_ref().is_open())
+        Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open())
     }
 }

@@ -38,6 +38,8 @@ pub struct Lists {
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
+    /// Whether more is stored than there is room for: what came back from receives that were dropped. So who finds the place plain need not look at what is stored.
+    pub(crate) is_overfull: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
     pub(crate) senders: WaitList,
@@ -81,6 +83,7 @@ impl Lists {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
+            && !self.is_overfull
             && self.server.is_none()
             && !self.taped.is_used();
         let registered = self.registered.first();
@@ -177,6 +180,7 @@ impl Place {
                 is_plain_but_registered: false,
                 may_be_plain: false,
                 is_rendezvous: false,
+                is_overfull: false,
                 extends: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,

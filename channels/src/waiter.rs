@@ -29,27 +29,58 @@ pub(crate) enum Outcome {
 /// Makes the value of a waiting send, when it is taken. `None`: its closure has panicked.
 pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 
-/// The part of a node by which others find it.
+/// How a node was begun.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Begun {
+    /// With all that it has.
+    InFull,
+    /// As a plain operation's that was listed by the home which the lock favours, with a wakeup that readies its process without a waker. As long as
+    /// that home is favoured its partners need not look any further. It has no alternative, and holds its value: what else it has was not written.
+    Plainly,
+    /// Plainly, and its wakeup may be another one since.
+    PlainlyAndChanged,
+}
+
+/// The part of a node by which others find it. What all of them touch comes first.
 #[repr(C)]
-pub(crate) struct Link<T> {
+pub(crate) struct Link {
     /// First, so that the list's node leads back to this.
     pub(crate) wait: WaitNode,
     pub(crate) outcome: AtomicU8,
-    /// A plain operation's that was listed by the home which the lock favours, with a wakeup that readies its process without a waker. As long as
-    /// that home is favoured its partners need not look any further.
-    plain: bool,
+    begun: Begun,
     /// A receiver's: its sender is to be held.
     pub(crate) extended: bool,
     /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) heir.
     pub(crate) inherits: bool,
     /// A settled extended receiver's, and a held sender's: which rendezvous it was.
     pub(crate) ticket: u32,
+    /// An alternative's: what decides, and which guard this is. There if it was begun in full. Before the value, since who looks at it may not know of which type that is.
+    selection: MaybeUninit<Option<(NonNull<Selection>, u32)>>,
+}
+
+/// What few nodes have.
+#[repr(C)]
+struct Seldom<T> {
     /// A recorded process' node: the stamp of what it has come to. Not there in one of a plain turn, which is nobody's who is recorded.
     order: MaybeUninit<u64>,
-    /// An alternative's: what decides, and which guard this is.
-    pub(crate) selection: Option<(NonNull<Selection>, u32)>,
-    /// A sender's, if its value is not in the node.
-    make: Option<Make<T>>,
+    /// A sender's, if its value is not in the node. There if it was begun in full.
+    make: MaybeUninit<Option<Make<T>>>,
+}
+
+impl Link {
+    /// Of an operation that waits, begun in full.
+    #[inline(always)]
+    fn in_full(wait: WaitNode, selection: Option<(NonNull<Selection>, u32)>) -> Self {
+        Self {
+            wait,
+            outcome: AtomicU8::new(Outcome::Waiting as u8),
+            begun: Begun::InFull,
+            extended: false,
+            inherits: false,
+            ticket: 0,
+            selection: MaybeUninit::new(selection),
+        }
+    }
 }
 
 /// The node of a waiting operation, inside its future.
@@ -59,15 +90,24 @@ pub(crate) struct Link<T> {
 ///
 /// # Invariants
 ///
-/// The link is there once `begin` was called. While `outcome` is `Waiting` or `Held` and the node is listed, the channel's lock guards all of
+/// The link is there once the node was begun, and what it says of its parts is so. While `outcome` is `Waiting` or `Held` and the node is listed, the channel's lock guards all of
 /// it. A settled node belongs to its future, and holds no wakeup, so that nothing of the link is to be dropped.
 /// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a sender's without `make` that is neither done nor held. A listed sender's `make`, if it has
 /// one, can be called once, under the lock.
 #[repr(C)]
 pub struct Waiter<T> {
     /// First, so that the list's node leads back to this.
-    link: MaybeUninit<Link<T>>,
+    link: MaybeUninit<Link>,
     value: UnsafeCell<MaybeUninit<T>>,
+    /// Last, so that the value of a plain operation lies beside what it is found by.
+    seldom: Seldom<T>,
+}
+
+impl<T> Seldom<T> {
+    const NOTHING: Self = Self {
+        order: MaybeUninit::uninit(),
+        make: MaybeUninit::uninit(),
+    };
 }
 
 impl<T> std::fmt::Debug for Waiter<T> {
@@ -83,6 +123,7 @@ impl<T> Waiter<T> {
         Self {
             link: MaybeUninit::uninit(),
             value: UnsafeCell::new(MaybeUninit::new(value)),
+            seldom: Seldom::NOTHING,
         }
     }
 
@@ -92,6 +133,7 @@ impl<T> Waiter<T> {
         Self {
             link: MaybeUninit::uninit(),
             value: UnsafeCell::new(MaybeUninit::uninit()),
+            seldom: Seldom::NOTHING,
         }
     }
 
@@ -110,16 +152,13 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
-                wait: WaitNode::new(),
-                outcome: AtomicU8::new(Outcome::Waiting as u8),
-                plain: false,
                 extended,
-                inherits: false,
-                ticket: 0,
-                order: MaybeUninit::new(0),
-                selection,
-                make,
+                ..Link::in_full(WaitNode::new(), selection)
             });
+            (*node.as_ptr()).seldom = Seldom {
+                order: MaybeUninit::new(0),
+                make: MaybeUninit::new(make),
+            };
         }
     }
 
@@ -137,13 +176,11 @@ impl<T> Waiter<T> {
             (*node.as_ptr()).link.write(Link {
                 wait: WaitNode::waiting(user, process.priority(), wakeup),
                 outcome: AtomicU8::new(Outcome::Waiting as u8),
-                plain: true,
+                begun: Begun::Plainly,
                 extended: false,
                 inherits: false,
                 ticket: 0,
-                order: MaybeUninit::uninit(),
-                selection: None,
-                make: None,
+                selection: MaybeUninit::uninit(),
             });
         }
     }
@@ -158,17 +195,11 @@ impl<T> Waiter<T> {
         let wait = WaitNode::without_wakeup(current::user(), current::priority());
         // SAFETY: the contract.
         unsafe {
-            (*node.as_ptr()).link.write(Link {
-                wait,
-                outcome: AtomicU8::new(Outcome::Waiting as u8),
-                plain: false,
-                extended: false,
-                inherits: false,
-                ticket: 0,
+            (*node.as_ptr()).link.write(Link::in_full(wait, None));
+            (*node.as_ptr()).seldom = Seldom {
                 order: MaybeUninit::new(0),
-                selection: None,
-                make: None,
-            });
+                make: MaybeUninit::new(None),
+            };
         }
     }
 
@@ -184,20 +215,13 @@ impl<T> Waiter<T> {
         selection: NonNull<Selection>,
         number: u32,
     ) {
-        let user = User::Process(process.id());
+        let wait = WaitNode::without_wakeup(User::Process(process.id()), process.priority());
         // SAFETY: the contract.
         unsafe {
-            (*node.as_ptr()).link.write(Link {
-                wait: WaitNode::without_wakeup(user, process.priority()),
-                outcome: AtomicU8::new(Outcome::Waiting as u8),
-                plain: false,
-                extended: false,
-                inherits: false,
-                ticket: 0,
-                order: MaybeUninit::uninit(),
-                selection: Some((selection, number)),
-                make: None,
-            });
+            (*node.as_ptr())
+                .link
+                .write(Link::in_full(wait, Some((selection, number))));
+            (*node.as_ptr()).seldom.make.write(None);
         }
     }
 
@@ -209,7 +233,7 @@ impl<T> Waiter<T> {
     #[inline(always)]
     pub(crate) unsafe fn is_plain(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
-        unsafe { (*Self::link(node)).plain }
+        unsafe { (*Self::link(node)).begun == Begun::Plainly }
     }
 
     /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which
@@ -224,7 +248,7 @@ impl<T> Waiter<T> {
         unsafe {
             // Not a reference to the whole: its future may look at the outcome meanwhile.
             let link = Self::link(node);
-            if (*link).plain {
+            if (*link).begun == Begun::Plainly {
                 Wakeup::take_plain((*link).wait.wakeup_mut())
             } else {
                 None
@@ -241,7 +265,9 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
-            (*link).plain = false;
+            if (*link).begun == Begun::Plainly {
+                (*link).begun = Begun::PlainlyAndChanged;
+            }
             (*link).wait.wakeup_mut()
         }
     }
@@ -282,8 +308,37 @@ impl<T> Waiter<T> {
     ///
     /// `node` is live, and was begun before its link is accessed.
     #[inline(always)]
-    pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link<T> {
+    pub(crate) unsafe fn link(node: NonNull<Waiter<T>>) -> *mut Link {
         node.as_ptr().cast()
+    }
+
+    /// The node's alternative, and which of its guards this is, if it is one's. The value is not looked at, of whatever type it is.
+    ///
+    /// # Safety
+    ///
+    /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
+    #[inline(always)]
+    pub(crate) unsafe fn selection(
+        node: NonNull<Waiter<T>>,
+    ) -> Option<(NonNull<Selection>, u32)> {
+        // SAFETY: the contract; the selection is there if the node was begun in full.
+        unsafe {
+            let link = Self::link(node);
+            match (*link).begun {
+                Begun::InFull => (*link).selection.assume_init(),
+                _ => None,
+            }
+        }
+    }
+
+    /// Makes it nobody's guard any more: its alternative has chosen it.
+    ///
+    /// # Safety
+    ///
+    /// As for [`selection`](Self::selection).
+    pub(crate) unsafe fn leave_selection(node: NonNull<Waiter<T>>) {
+        // SAFETY: the contract.
+        unsafe { (*Self::link(node)).selection.write(None) };
     }
 
     /// What the operation has come to. Acquire: who sees an outcome sees the value that came with it.
@@ -370,7 +425,11 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
         // SAFETY: the contract, and the type's invariant for `make`.
         unsafe {
-            match (*Self::link(node)).make {
+            let make = match (*Self::link(node)).begun {
+                Begun::InFull => (*node.as_ptr()).seldom.make.assume_init(),
+                _ => None,
+            };
+            match make {
                 None => Some(node.as_ref().take_value()),
                 Some(make) => make(node),
             }
@@ -387,7 +446,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn claim(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
         unsafe {
-            match (*Self::link(node)).selection {
+            match Self::selection(node) {
                 None => true,
                 Some((selection, guard)) => claim_selection(node.cast(), selection, guard),
             }
@@ -404,7 +463,7 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             if stamp != 0 {
-                (*Self::link(node)).order.write(stamp);
+                (*node.as_ptr()).seldom.order.write(stamp);
             }
         }
     }
@@ -416,7 +475,7 @@ impl<T> Waiter<T> {
     /// `node` was begun, in no plain turn, and was settled.
     pub(crate) unsafe fn order(node: NonNull<Waiter<T>>) -> u64 {
         // SAFETY: the contract.
-        unsafe { (*Self::link(node)).order.assume_init() }
+        unsafe { (*node.as_ptr()).seldom.order.assume_init() }
     }
 
     /// Takes out whom to wake.

@@ -153,7 +153,7 @@ impl<T> Entry<T> {
             if hub.has_news() {
                 return None;
             }
-            let (_, index) = (*Waiter::link(node)).selection?;
+            let (_, index) = Waiter::selection(node)?;
             hub.selection.claim_plainly(index).map(Some)
         }
     }
@@ -407,8 +407,7 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: an entry on the stack is live, and what was taken off it is this thread's.
             let index = unsafe {
                 next = (*entry.as_ptr()).next;
-                let link = Waiter::link(entry.cast::<Waiter<T>>());
-                (*link).selection.map(|(_, index)| index)
+                Waiter::selection(entry.cast::<Waiter<T>>()).map(|(_, index)| index)
             };
             if let Some(index) = index
                 && self.entries[index as usize] == Some(entry)

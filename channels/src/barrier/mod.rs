@@ -325,7 +325,7 @@ impl Shared {
             while let Some(node) = next {
                 next = lists.receivers.after(node);
                 let waiter = node.cast::<Waiter<()>>();
-                let Some((selection, guard)) = (*Waiter::link(waiter)).selection else {
+                let Some((selection, guard)) = Waiter::selection(waiter) else {
                     continue;
                 };
                 if Selection::enter(selection, guard) {
@@ -343,15 +343,15 @@ impl Shared {
             let mut next = lists.receivers.first();
             while let Some(node) = next {
                 next = lists.receivers.after(node);
-                let waiter = Waiter::link(node.cast::<Waiter<()>>());
-                let Some((selection, guard)) = (*waiter).selection else {
+                let waiter = node.cast::<Waiter<()>>();
+                let Some((selection, guard)) = Waiter::selection(waiter) else {
                     continue;
                 };
                 let wakeup = selection.as_ref().leave(is_enough.then_some(guard));
                 if is_enough {
                     // From now on it waits for its release as all others.
-                    *(*waiter).wait.wakeup_mut() = wakeup;
-                    (*waiter).selection = None;
+                    *(*Waiter::link(waiter)).wait.wakeup_mut() = wakeup;
+                    Waiter::leave_selection(waiter);
                 }
             }
             is_enough

@@ -130,7 +130,7 @@ impl<'a> SyncOp<'a> {
             let is_complete = number != (*node).ticket;
             if is_complete {
                 lists.held.remove(self.node().cast());
-            } else if (*node).selection.is_some() {
+            } else if Waiter::selection(self.node()).is_some() {
                 lists.receivers.remove(self.node().cast());
                 self.shared().round(&lists, |round| round.offering -= 1);
             } else {
@@ -262,7 +262,7 @@ impl RawGuard for SyncOp<'_> {
             let mut before = None;
             let mut next = lists.receivers.first();
             while let Some(other) = next {
-                let of_other = (*Waiter::<()>::link(other.cast())).selection;
+                let of_other = Waiter::<()>::selection(other.cast());
                 let Some((of_other, _)) = of_other else {
                     break;
                 };

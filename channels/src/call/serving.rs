@@ -113,7 +113,7 @@ impl<T> Channel<T> {
             let link = Waiter::link(waiter);
             waiter.as_ref().put_value(value);
             // Its alternative has chosen it for good: nobody is to ask that again.
-            (*link).selection = None;
+            Waiter::leave_selection(waiter);
             (*link)
                 .outcome
                 .store(Outcome::Waiting as u8, Ordering::Release);

@@ -71,7 +71,7 @@ impl<T> Channel<T> {
             let receiver = first.cast::<Waiter<T>>();
             // SAFETY: the node is listed, and guarded by the lock; its selection is live. A receiver holds no value before it is done.
             unsafe {
-                let Some((selection, guard)) = (*Waiter::link(receiver)).selection else {
+                let Some((selection, guard)) = Waiter::selection(receiver) else {
                     return AtHome::No;
                 };
                 let selection = selection.as_ref();
@@ -121,7 +121,7 @@ impl<T> Channel<T> {
             // SAFETY: the node is listed, and guarded by the lock; its selection is live. One that was opened plainly is that of guards at home
             // alone, which hold their values.
             unsafe {
-                let Some((selection, guard)) = (*Waiter::link(sender)).selection else {
+                let Some((selection, guard)) = Waiter::selection(sender) else {
                     return AtHome::No;
                 };
                 let selection = selection.as_ref();
@@ -173,7 +173,7 @@ impl<T> Channel<T> {
             let Some(lists) = self.place.lock_if_free(home) else {
                 return Look::No;
             };
-            if !lists.is_plain_rendezvous() || self.store.with(|store| !(*store).is_empty()) {
+            if !lists.is_plain_rendezvous() {
                 return Look::No;
             }
             look_at::<T>(lists.senders.first(), lists)
@@ -226,10 +226,7 @@ impl<T> Channel<T> {
         // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
         unsafe {
             let mut lists = self.place.lock_if_favoured(process.home_number())?;
-            if !lists.is_plain_but_registered
-                || self.store.with(|store| !(*store).is_empty())
-                || !still()
-            {
+            if !lists.is_plain_but_registered || !still() {
                 return None;
             }
             let first = lists.senders.first()?;

@@ -124,7 +124,7 @@ impl<T> Channel<T> {
             }
             let Some(first) = lists.receivers.first() else {
                 let capacity = self.capacity();
-                if capacity != 0 && self.store.with(|store| (*store).len() < capacity) {
+                if !lists.is_rendezvous && self.store.with(|store| (*store).len() < capacity) {
                     lists.sender = LastUser::process(process.id());
                     self.place.tell(|| [process.id().get().into(), 0]);
                     let value = offered.as_ref().waiter.take_value();
@@ -174,9 +174,9 @@ impl<T> Channel<T> {
             if !lists.is_plain {
                 return AtHome::No;
             }
-            let stored = self.store.with(|store| (*store).len());
-            if stored != 0 {
-                return self.recv_stored_at_home(node, process, lists, stored);
+            // A rendezvous stores nothing, or it is not plain.
+            if !lists.is_rendezvous && self.store.with(|store| !(*store).is_empty()) {
+                return self.recv_stored_at_home(node, process, lists);
             }
             let Some(first) = lists.senders.first() else {
                 if !lists.receivers.is_empty() {
@@ -205,19 +205,14 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; so much is stored.
+    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; not more is stored than there is room for.
     #[inline(never)]
     unsafe fn recv_stored_at_home(
         &self,
         node: NonNull<Waiter<T>>,
         process: &Process,
         mut lists: InsideGuard<'_, Lists>,
-        stored: usize,
     ) -> AtHome {
-        // More than there is room for is what came back from futures that were dropped.
-        if stored > self.capacity() {
-            return AtHome::No;
-        }
         // SAFETY: the contract; the lock is held, which guards the store too.
         unsafe {
             let mut moves_up = None;

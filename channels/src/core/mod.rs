@@ -296,6 +296,7 @@ impl<T> Channel<T> {
                 _ => None,
             }
         });
+        section.find_whether_overfull();
         section.announce();
         section.release();
         // The user's code, so not under the lock.

@@ -79,6 +79,14 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             .with_mut(|store| f(unsafe { &mut *store }))
     }
 
+    /// To be called when a value has come back, and after a receive where one had.
+    #[cold]
+    pub(super) fn find_whether_overfull(&mut self) {
+        let capacity = self.channel.capacity();
+        self.lists.is_overfull = self.with_store(|store| store.len() > capacity);
+        self.lists.find_whether_plain();
+    }
+
     /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
     pub(crate) fn is_ready(&mut self) -> bool {
         self.lists.ending != Ending::Open
@@ -448,6 +456,9 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                     self.lists.note_taken(stored + 1, stamp);
                 }
             }
+            if self.lists.is_overfull {
+                self.find_whether_overfull();
+            }
             let place = &self.channel.place;
             place.tell(|| [0, events::current_process()]);
             // A sender that waited for room moves up.
@@ -596,7 +607,7 @@ unsafe fn claim_first<T>(
     unsafe {
         // The one that is there most often: a plain operation, which is accepted, and needs no claim.
         let waiter = node.cast::<Waiter<T>>();
-        if (*Waiter::link(waiter)).selection.is_none() && accepts(node) {
+        if Waiter::selection(waiter).is_none() && accepts(node) {
             list.remove(node);
             return Some(waiter);
         }

@@ -42,13 +42,16 @@ pub(super) enum Phase {
 /// # Invariants
 ///
 /// The waiter holds a value in `GaveWay`, and in `Listed` and `Settled` if the outcome is `Done`. In `Listed` it was begun, and is pinned.
+///
+/// What a plain receive touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[repr(C)]
 pub struct RecvOp<'a, T, M: Mode = Plain> {
-    pub(super) receiver: &'a Receiver<T>,
-    pub(super) noted: UnsafeCell<Noted<T, M::Note>>,
     pub(super) phase: Phase,
     /// Which extended rendezvous it was, in `Settled` and `GaveWay`.
     pub(super) ticket: u32,
+    pub(super) receiver: &'a Receiver<T>,
+    pub(super) noted: UnsafeCell<Noted<T, M::Note>>,
     pub(super) _pinned: PhantomPinned,
     pub(super) _mode: PhantomData<M>,
 }

@@ -46,11 +46,14 @@ pub(super) enum Phase {
 /// The waiter holds the value, or can make it, in `New`, and in `Listed` and `Settled` unless the outcome is `Done`, `Held` or `Broken`; the answer if
 /// it is `Answered`. In `Listed` it
 /// was begun, and is pinned.
+///
+/// What a plain send touches lies together at its begin: the node ends with what is seldom used.
 #[must_use = "an operation does nothing unless awaited or offered in an alternative"]
+#[repr(C)]
 pub struct SendOp<'a, T, S: Source<T> = InNode> {
+    pub(super) phase: Phase,
     pub(super) sender: &'a Sender<T>,
     pub(super) offered: UnsafeCell<Offered<T, S>>,
-    pub(super) phase: Phase,
     pub(super) _pinned: PhantomPinned,
 }
 

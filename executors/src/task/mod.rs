@@ -67,11 +67,6 @@ impl Tasks {
     }
 }
 
-static METHODS: Methods = Methods {
-    ready_elsewhere,
-    free,
-};
-
 /// The part of a task that does not depend on its body, which lies behind it.
 ///
 /// # Invariants
@@ -82,8 +77,6 @@ static METHODS: Methods = Methods {
 struct Task {
     /// First, so that the task lies where its process lies.
     process: Process,
-    /// Polls the body; `true` if it has ended.
-    poll: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
     methods: &'static BodyMethods,
     record: Arc<Record>,
     /// Given back as the task is freed.
@@ -98,7 +91,7 @@ struct Task {
 /// What is seldom done with a body.
 struct BodyMethods {
     /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
-    poll_attentively: unsafe fn(NonNull<Task>, &mut Context<'_>) -> bool,
+    poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
 }
@@ -139,7 +132,6 @@ where
     let value = Whole {
         task: Task {
             process,
-            poll: poll::<F>,
             methods: const {
                 &BodyMethods {
                     poll_attentively: poll_attentively::<F>,
@@ -162,7 +154,14 @@ where
     unsafe {
         let this = task.as_ref();
         this.process.set_waker(waker::first(task));
-        this.process.set_owner(task.cast(), &METHODS);
+        let methods = const {
+            &Methods {
+                ready_elsewhere,
+                free,
+                poll: poll::<F>,
+            }
+        };
+        this.process.set_owner(task.cast(), methods);
         if notices != 0 {
             this.process.notify(notices);
         }
@@ -216,19 +215,21 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 
 /// # Safety
 ///
-/// As for [`body`]; and the body has not ended.
-unsafe fn poll<F: Future<Output = ()>>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool {
+/// As for [`body`], of whose `Whole<F>` `owner` is the head; and the body has not ended.
+unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool {
+    let task = owner.cast::<Task>();
     // SAFETY: the contract.
     unsafe { body::<F>(task).poll_unended(task.as_ref().of(), cx) }
 }
 
 /// # Safety
 ///
-/// As for [`body`].
-unsafe fn poll_attentively<F>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool
+/// As for [`poll`], but the body may have ended.
+unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
     F: Future<Output = ()>,
 {
+    let task = owner.cast::<Task>();
     // SAFETY: the contract.
     unsafe { body::<F>(task).poll_attentively(task.as_ref().of(), cx) }
 }
@@ -275,8 +276,8 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
             return run_attentively(task, &mut cx);
         }
         this.process.count_poll();
-        let (has_ended, is_queued) =
-            current::give_turn(&this.process, || (this.poll)(task, &mut cx));
+        let poll = this.process.methods().poll;
+        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(owner, &mut cx));
         interference::polled(this.process.id());
         if has_ended {
             end(task, is_queued);
@@ -304,10 +305,10 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         events::begin_turn(id.get());
         let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
         let poll = match is_plain {
-            true => this.poll,
+            true => this.process.methods().poll,
             false => this.methods.poll_attentively,
         };
-        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task, cx));
+        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task.cast(), cx));
         interference::polled(id);
         if has_ended {
             end(task, is_queued);
@@ -402,7 +403,7 @@ mod tests {
     /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
-        assert!(size_of::<Task>() <= 248, "{}", size_of::<Task>());
+        assert!(size_of::<Task>() <= 240, "{}", size_of::<Task>());
         assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
         assert!(size_of::<Process>() <= 176, "{}", size_of::<Process>());
     }

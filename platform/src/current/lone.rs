@@ -30,6 +30,8 @@ const _: () = assert!(align_of::<Memory>() == Process::ALIGN);
 pub(super) static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| {},
     free,
+    // Its thread polls it.
+    poll: |_, _| false,
 };
 
 impl Lone {

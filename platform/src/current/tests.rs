@@ -6,6 +6,7 @@ use std::task::{Wake, Waker};
 static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| unreachable!("all is on one thread"),
     free: |_| {},
+    poll: |_, _| unreachable!("nobody is polled"),
 };
 
 /// Wakes nobody, and is told from all other wakers.
