@@ -425,7 +425,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return this.waits();
+                    return Poll::Pending;
                 }
                 AtHome::Done => {
                     this.phase = Phase::Settled(Outcome::Done);

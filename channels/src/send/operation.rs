@@ -431,7 +431,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return this.waits();
+                    return Poll::Pending;
                 }
                 AtHome::Done => {
                     this.phase = Phase::Over;

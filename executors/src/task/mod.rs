@@ -165,6 +165,9 @@ where
         this.process.set_owner(task.cast(), &METHODS);
         if notices != 0 {
             this.process.notify(notices);
+            if notices & Notice::RECORDED != 0 {
+                this.process.set_recorded();
+            }
         }
         this.record.set_process(NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
@@ -307,7 +310,12 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
             true => this.poll,
             false => this.methods.poll_attentively,
         };
-        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task, cx));
+        let (has_ended, is_queued) = current::give_turn(&this.process, || {
+            if this.process.notices() & Notice::RECORDED != 0 {
+                this.process.keep_recorded();
+            }
+            poll(task, cx)
+        });
         interference::polled(id);
         if has_ended {
             end(task, is_queued);
