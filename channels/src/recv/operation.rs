@@ -200,6 +200,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
         }
+        self.waits_no_more();
         Poll::Ready(self.settled(outcome))
     }
 
@@ -208,6 +209,12 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     fn waits<R>(&self) -> Poll<R> {
         self.receiver.channel().place().waits();
         Poll::Pending
+    }
+
+    /// It is done, maybe in the turn in which it was to wait.
+    #[inline(always)]
+    fn waits_no_more(&self) {
+        self.receiver.channel().place().waits_no_more();
     }
 
     /// Whether it has not done anything yet.
@@ -437,6 +444,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            this.waits_no_more();
             return Poll::Ready(this.settled(Outcome::Done));
         }
         this.poll_generally(cx)

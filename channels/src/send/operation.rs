@@ -211,6 +211,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 }
             }
         }
+        self.waits_no_more();
         Poll::Ready(self.settled(outcome))
     }
 
@@ -246,6 +247,12 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     fn waits<R>(&self) -> Poll<R> {
         self.sender.channel().place().waits();
         Poll::Pending
+    }
+
+    /// It is done, maybe in the turn in which it was to wait.
+    #[inline(always)]
+    fn waits_no_more(&self) {
+        self.sender.channel().place().waits_no_more();
     }
 
     /// Whether it has not done anything yet.
@@ -443,6 +450,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            this.waits_no_more();
             this.phase = Phase::Over;
             return Poll::Ready(Ok(()));
         }
