@@ -7,6 +7,7 @@ use luna_platform::events::code;
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::sync::{Arc, Mutex};
+use std::task::Poll;
 
 /// A recording in memory.
 #[derive(Default, Clone)]
@@ -637,6 +638,48 @@ fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
             NOT_KNOWN
         ]
     );
+    Ok(())
+}
+
+/// Calls `f` on a thread of its own, and waits for it.
+fn elsewhere<R: Send>(f: impl FnOnce() -> R + Send) -> R {
+    std::thread::scope(|scope| scope.spawn(f).join().unwrap())
+}
+
+#[test]
+fn what_is_done_in_the_turn_in_which_it_was_to_wait_is_not_waited_for() -> luna::Result<()> {
+    let mut system = System::new("hasty");
+    let memory = recorded(&mut system);
+    let main = system.executor("main").build()?;
+    let (early, first) = luna::channel::<u8>();
+    let (second, early_too) = luna::channel::<u8>();
+    let (later, last) = luna::channel::<u8>();
+    let (first, last) = (first.named("first"), last.named("last"));
+    main.process("hasty").priority(2).spawn(async move {
+        let mut receives = std::pin::pin!(first.recv());
+        let mut sends = std::pin::pin!(second.send(2));
+        // One turn, which goes on until the partners have been there.
+        std::future::poll_fn(|cx| {
+            assert!(receives.as_mut().poll(cx).is_pending());
+            assert_eq!(elsewhere(|| early.blocking_send(1)), Ok(()));
+            assert_eq!(receives.as_mut().poll(cx), Poll::Ready(Ok(1)));
+            assert!(sends.as_mut().poll(cx).is_pending());
+            assert_eq!(elsewhere(|| early_too.blocking_recv()), Ok(2));
+            assert_eq!(sends.as_mut().poll(cx), Poll::Ready(Ok(())));
+            Poll::Ready(())
+        })
+        .await;
+        assert_eq!(last.recv().await, Ok(3));
+        Ok(())
+    })?;
+    // Comes when the other waits.
+    main.process("last").priority(1).spawn(async move {
+        later.send(3).await?;
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    assert_eq!(waits(&told, "hasty")[0], (Subject::Channel as u64, "last"));
     Ok(())
 }
 

@@ -514,7 +514,5 @@ fn copy_list(
 /// The node is listed, and the lock is held that guards it. Of the waiter, only what comes before its value is looked at.
 unsafe fn is_waiting(waiter: NonNull<Waiter<()>>) -> bool {
     // SAFETY: the contract; a listed node's selection is live.
-    unsafe {
-        Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open())
-    }
+    unsafe { Waiter::selection(waiter).is_none_or(|(selection, _)| selection.as_ref().is_open()) }
 }

@@ -208,9 +208,17 @@ impl Place {
         events::waits_for(|| (self.identity.kind_in_events(), self.identity.number()));
     }
 
-    /// Notes that it does not, after all: it gives up.
+    /// Notes that it does not, after all: it gives up, or is done in the turn in which it was to wait.
     #[inline(always)]
     pub(crate) fn waits_no_more(&self) {
+        if events::is_on() {
+            self.take_note_back();
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn take_note_back(&self) {
         let here = || (self.identity.kind_in_events(), self.identity.number());
         events::waits_no_more(|| Some(here()));
     }

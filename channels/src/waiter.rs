@@ -318,9 +318,7 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
     #[inline(always)]
-    pub(crate) unsafe fn selection(
-        node: NonNull<Waiter<T>>,
-    ) -> Option<(NonNull<Selection>, u32)> {
+    pub(crate) unsafe fn selection(node: NonNull<Waiter<T>>) -> Option<(NonNull<Selection>, u32)> {
         // SAFETY: the contract; the selection is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);

@@ -2,7 +2,18 @@
 
 use crate::histogram_text;
 use crate::output::{Axis, Measurement};
-use std::fmt::Write;
+use std::fmt::{self, Write};
+
+/// So many of what is named: `1 signal`, `2 signals`.
+#[derive(Debug)]
+pub(crate) struct Count(pub(crate) u64, pub(crate) &'static str);
+
+impl fmt::Display for Count {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Count(number, what) = self;
+        write!(f, "{number} {what}{}", if *number == 1 { "" } else { "s" })
+    }
+}
 
 /// What was obtained, and in one line what was not.
 pub(crate) fn header(measurement: &Measurement) -> String {

@@ -2,6 +2,7 @@
 
 mod atomics;
 mod callgrind;
+mod compiled_in;
 mod gate;
 mod operations;
 mod profile;
@@ -23,11 +24,12 @@ use std::thread;
 const USAGE: &str = "\
 Counts what LUNA's hot operations execute, in Valgrind's callgrind.
 
-Usage: luna-instructions [gate | show | record] [OPERATION]...
+Usage: luna-instructions [gate | show | record | events] [OPERATION]...
 
   gate     holds the counts against the recorded ones, and fails when they differ by too much (default)
   show     prints where an operation's instructions and atomic read-modify-writes are
   record   writes the counts to instructions/recorded.txt
+  events   holds the counts with CSP events compiled in, and recorded by nobody, against those without, and fails when they are too many more
 
 An OPERATION is a part of a name; without any, all are counted.";
 
@@ -78,16 +80,19 @@ fn main() -> ExitCode {
 /// Does what the arguments say. Whether what was counted may be.
 fn run(command: &str, parts: &[String]) -> Result<bool, String> {
     let examine = match command {
-        "gate" => judge,
+        "gate" | "events" => judge,
         "show" => show,
         "record" => record,
         _ => return Err(USAGE.to_owned()),
     };
     if let Some(reason) = hindrance() {
         println!("skipped: instruction counts: {reason}");
-        return Ok(command == "gate");
+        return Ok(matches!(command, "gate" | "events"));
     }
-    let operations = Operations::build()?;
+    if command == "events" {
+        return compiled_in::judge(parts);
+    }
+    let operations = Operations::build(&[])?;
     let outcomes = count_all(&operations, &operations.select(parts)?)?;
     examine(&operations, &outcomes)
 }

@@ -28,15 +28,16 @@ pub(crate) struct Operations {
 }
 
 impl Operations {
-    /// Builds the program, and asks it.
+    /// Builds the program with these features, and asks it. It lies where it lay with others.
     ///
     /// # Errors
     ///
     /// When it cannot be built or run.
-    pub(crate) fn build() -> Result<Operations, String> {
+    pub(crate) fn build(features: &[&str]) -> Result<Operations, String> {
         let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
         let said = Command::new(cargo)
             .args(["run", "--release", "--package", "luna-hot-operations"])
+            .args(["--features", &features.join(",")])
             .args(["--", "list"])
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .stderr(Stdio::inherit())

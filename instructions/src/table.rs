@@ -1,6 +1,7 @@
 //! What is printed.
 
 use crate::Outcome;
+use crate::compiled_in::Pair;
 use crate::gate;
 use crate::recorded::Recorded;
 use std::collections::BTreeMap;
@@ -34,6 +35,27 @@ pub(crate) fn comparison(outcomes: &[Outcome<'_>], recorded: &Recorded) {
             now.instructions,
             now.atomics,
             outcome.verdict(recorded).text(),
+        );
+        println!("{}", line.trim_end());
+    }
+}
+
+/// A line for each operation: what was counted without the events, with them, and the difference.
+pub(crate) fn pairs(pairs: &[Pair]) {
+    println!(
+        "{:36} {:>10} {:>10} {:>8}   {:>14}",
+        "instructions an operation", "without", "events", "%", "atomic ones"
+    );
+    for pair in pairs {
+        let line = format!(
+            "{:36} {:>10.1} {:>10.1} {:>+8.2}   {:>6.2} {:>7.2}   {}",
+            pair.name,
+            pair.without.instructions,
+            pair.with.instructions,
+            100.0 * pair.change(),
+            pair.without.atomics,
+            pair.with.atomics,
+            if pair.is_too_much() { "TOO MUCH" } else { "" },
         );
         println!("{}", line.trim_end());
     }

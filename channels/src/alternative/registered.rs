@@ -132,7 +132,7 @@ impl<T> Entry<T> {
     /// # Safety
     ///
     /// `entry` is in its channel's list, that lock is held, and this thread is the home of that number. Unless the claim succeeds, the sender waits.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn claim_or_announce(
         entry: NonNull<Entry<T>>,
         home: u64,
@@ -461,12 +461,31 @@ impl<'a, T> Alternative<'a, T> {
 
     #[inline]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        if let Some(process) = current::plain_turn(cx)
-            && let Some(polled) = self.poll_at_home(process, cx)
+        if let Some(process) = current::unrecorded_turn(cx)
+            && let Some(polled) = self.poll_at_home::<false>(process, cx)
         {
             return polled;
         }
-        self.poll_generally(cx)
+        match events::is_on() {
+            true => self.poll_recorded(cx),
+            false => self.poll_generally(cx),
+        }
+    }
+
+    /// Polls, and tells what comes of it.
+    #[cold]
+    #[inline(never)]
+    fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        let at_home = match current::plain_turn(cx) {
+            Some(process) => self.poll_at_home::<true>(process, cx),
+            None => None,
+        };
+        let polled = at_home.unwrap_or_else(|| self.poll_generally(cx));
+        match &polled {
+            Poll::Ready((index, _)) => self.tell(*index),
+            Poll::Pending => events::waits_for_several(),
+        }
+        polled
     }
 
     /// Polls wherever the process is, and whatever is asked of the channels.
@@ -735,14 +754,7 @@ impl<T> Future for AlternativeRecv<'_, '_, T> {
     type Output = (usize, Result<T, RecvError>);
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let polled = self.alternative.poll_recv(cx);
-        if events::is_on() {
-            match &polled {
-                Poll::Ready((index, _)) => self.alternative.tell(*index),
-                Poll::Pending => events::waits_for_several(),
-            }
-        }
-        polled
+        self.alternative.poll_recv(cx)
     }
 }
 

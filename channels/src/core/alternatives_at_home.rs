@@ -22,7 +22,7 @@ impl<T> Channel<T> {
     ///
     /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain but for one
     /// registered alternative.
-    pub(super) unsafe fn send_to_registered<S: Source<T>>(
+    pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         offered: NonNull<Offered<T, S>>,
@@ -43,8 +43,10 @@ impl<T> Channel<T> {
             // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
-                self.place
-                    .tell(|| [process.id().get().into(), user_number(node)]);
+                if RECORDED {
+                    self.place
+                        .tell(|| [process.id().get().into(), user_number(node)]);
+                }
                 Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                 Waiter::settle_plain(receiver);
                 drop(lists);
@@ -61,7 +63,7 @@ impl<T> Channel<T> {
     ///
     /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain.
     #[inline(never)]
-    pub(super) unsafe fn send_to_guard<S: Source<T>>(
+    pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         offered: NonNull<Offered<T, S>>,
@@ -84,8 +86,10 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.sender = LastUser::process(process.id());
-                    self.place
-                        .tell(|| [process.id().get().into(), user_number(first)]);
+                    if RECORDED {
+                        self.place
+                            .tell(|| [process.id().get().into(), user_number(first)]);
+                    }
                     lists.receivers.remove_first(first);
                     Waiter::put_value_of(receiver, offered.as_ref().waiter.take_value());
                     Waiter::settle_plain(receiver);
@@ -110,7 +114,7 @@ impl<T> Channel<T> {
     ///
     /// As for [`recv_at_home`](Self::recv_at_home), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
     #[inline(never)]
-    pub(super) unsafe fn recv_from_guard(
+    pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         node: NonNull<Waiter<T>>,
@@ -134,8 +138,10 @@ impl<T> Channel<T> {
                     };
                     drop(gate);
                     lists.receiver = LastUser::process(process.id());
-                    self.place
-                        .tell(|| [user_number(first), process.id().get().into()]);
+                    if RECORDED {
+                        self.place
+                            .tell(|| [user_number(first), process.id().get().into()]);
+                    }
                     lists.senders.remove_first(first);
                     Waiter::put_value_of(node, Waiter::take_value_of(sender));
                     Waiter::settle_plain(sender);
@@ -217,7 +223,7 @@ impl<T> Channel<T> {
     ///
     /// This is the thread of the process' home.
     #[inline(always)]
-    pub(crate) unsafe fn take_sender_if(
+    pub(crate) unsafe fn take_sender_if<const RECORDED: bool>(
         &self,
         process: &Process,
         still: impl FnOnce() -> bool,
@@ -230,7 +236,7 @@ impl<T> Channel<T> {
                 return None;
             }
             let first = lists.senders.first()?;
-            let taken = take_from_first(&self.place, &mut lists, first, process)?;
+            let taken = take_from_first::<T, RECORDED>(&self.place, &mut lists, first, process)?;
             note(lists.senders.is_empty());
             Some(taken)
         }
@@ -251,7 +257,8 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.senders.first()?;
-            let (value, ready) = take_from_first(&self.place, &mut lists, first, process)?;
+            let (value, ready) =
+                take_from_first::<T, true>(&self.place, &mut lists, first, process)?;
             Waiter::put_value_of(node, value);
             Some(ready)
         }
@@ -272,7 +279,7 @@ impl<T> Channel<T> {
         unsafe {
             let mut lists = self.place.kept(process.home_number());
             let first = lists.receivers.first()?;
-            give_to_first(&self.place, &mut lists, first, node, process)
+            give_to_first::<T, true>(&self.place, &mut lists, first, node, process)
         }
     }
 

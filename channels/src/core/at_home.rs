@@ -6,12 +6,15 @@
 //!
 //! A node that was listed here says so ([`Waiter::begin_plain`]), and whoever finds it here knows that its process is of this very home: only the home
 //! that a lock favours comes here, and a lock favours no second one.
+//!
+//! A process that is recorded goes a way of its own, which is the same but for the events: so the others need not ask at each of them whether anybody records.
 
 use super::Channel;
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
 use luna_platform::current::{self, PlainReady, Process};
+use luna_platform::events;
 use luna_platform::home_lock::InsideGuard;
 use luna_platform::wait_list::WaitNode;
 use std::ptr::NonNull;
@@ -41,13 +44,13 @@ impl AtHome {
 }
 
 /// Gives the value of `offered` to the receiver that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has
-/// changed.
+/// changed. It is told as an event if it is `RECORDED`, as below.
 ///
 /// # Safety
 ///
 /// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
 #[inline(always)]
-pub(super) unsafe fn give_to_first<T>(
+pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     place: &Place,
     lists: &mut Lists,
     first: NonNull<WaitNode>,
@@ -58,7 +61,9 @@ pub(super) unsafe fn give_to_first<T>(
     unsafe {
         let receiver = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(receiver)?;
-        place.tell(|| [process.id().get().into(), user_number(first)]);
+        if RECORDED {
+            place.tell(|| [process.id().get().into(), user_number(first)]);
+        }
         lists.sender = LastUser::process(process.id());
         lists.receivers.remove_first(first);
         Waiter::put_value_of(receiver, Waiter::take_value_of(offered));
@@ -73,7 +78,7 @@ pub(super) unsafe fn give_to_first<T>(
 ///
 /// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
 #[inline(always)]
-pub(super) unsafe fn take_from_first<T>(
+pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
     place: &Place,
     lists: &mut Lists,
     first: NonNull<WaitNode>,
@@ -83,7 +88,9 @@ pub(super) unsafe fn take_from_first<T>(
     unsafe {
         let sender = first.cast::<Waiter<T>>();
         let ready = Waiter::take_plain_wakeup(sender)?;
-        place.tell(|| [user_number(first), process.id().get().into()]);
+        if RECORDED {
+            place.tell(|| [user_number(first), process.id().get().into()]);
+        }
         lists.receiver = LastUser::process(process.id());
         lists.senders.remove_first(first);
         let value = Waiter::take_value_of(sender);
@@ -107,9 +114,49 @@ impl<T> Channel<T> {
         if S::MAKE.is_some() {
             return AtHome::No;
         }
+        let Some(process) = current::unrecorded_turn(cx) else {
+            return match events::is_on() {
+                // SAFETY: the contract.
+                true => unsafe { self.send_recorded(offered, cx) },
+                false => AtHome::No,
+            };
+        };
+        // SAFETY: the contract.
+        unsafe { self.send_in_turn::<S, false>(offered, process) }
+    }
+
+    /// As [`send_at_home`](Self::send_at_home), for a process that is recorded. What it waits for is noted.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[cold]
+    #[inline(never)]
+    unsafe fn send_recorded<S: Source<T>>(
+        &self,
+        offered: NonNull<Offered<T, S>>,
+        cx: &Context<'_>,
+    ) -> AtHome {
         let Some(process) = current::plain_turn(cx) else {
             return AtHome::No;
         };
+        // SAFETY: the contract.
+        let came_to = unsafe { self.send_in_turn::<S, true>(offered, process) };
+        if came_to == AtHome::Waits {
+            self.place.waits();
+        }
+        came_to
+    }
+
+    /// # Safety
+    ///
+    /// As for [`send_at_home`](Self::send_at_home), by the process whose plain turn this is.
+    #[inline(always)]
+    unsafe fn send_in_turn<S: Source<T>, const RECORDED: bool>(
+        &self,
+        offered: NonNull<Offered<T, S>>,
+        process: &Process,
+    ) -> AtHome {
         let home = process.home_number();
         // SAFETY: this is the thread of the process' home. Under the lock a listed node may be changed, and is one of this channel's.
         unsafe {
@@ -118,15 +165,17 @@ impl<T> Channel<T> {
             };
             if !lists.is_plain {
                 return match lists.is_plain_but_registered {
-                    true => self.send_to_registered(lists, offered, process),
+                    true => self.send_to_registered::<S, RECORDED>(lists, offered, process),
                     false => AtHome::No,
                 };
             }
             let Some(first) = lists.receivers.first() else {
-                let capacity = self.capacity();
-                if !lists.is_rendezvous && self.store.with(|store| (*store).len() < capacity) {
+                if !lists.is_rendezvous && self.store.with(|store| (*store).len() < self.capacity())
+                {
                     lists.sender = LastUser::process(process.id());
-                    self.place.tell(|| [process.id().get().into(), 0]);
+                    if RECORDED {
+                        self.place.tell(|| [process.id().get().into(), 0]);
+                    }
                     let value = offered.as_ref().waiter.take_value();
                     self.store.with_mut(|store| (*store).push_back(value));
                     drop(lists);
@@ -141,11 +190,12 @@ impl<T> Channel<T> {
                 lists.senders.insert_alone(node.cast());
                 return AtHome::Waits;
             };
+            let node = offered.cast();
             let Some(ready) =
-                give_to_first::<T>(&self.place, &mut lists, first, offered.cast(), process)
+                give_to_first::<T, RECORDED>(&self.place, &mut lists, first, node, process)
             else {
                 return match lists.is_rendezvous {
-                    true => self.send_to_guard(lists, offered, process),
+                    true => self.send_to_guard::<S, RECORDED>(lists, offered, process),
                     false => AtHome::No,
                 };
             };
@@ -162,9 +212,45 @@ impl<T> Channel<T> {
     /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn recv_at_home(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
+        let Some(process) = current::unrecorded_turn(cx) else {
+            return match events::is_on() {
+                // SAFETY: the contract.
+                true => unsafe { self.recv_recorded(node, cx) },
+                false => AtHome::No,
+            };
+        };
+        // SAFETY: the contract.
+        unsafe { self.recv_in_turn::<false>(node, process) }
+    }
+
+    /// As [`recv_at_home`](Self::recv_at_home), for a process that is recorded. What it waits for is noted.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[cold]
+    #[inline(never)]
+    unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
         let Some(process) = current::plain_turn(cx) else {
             return AtHome::No;
         };
+        // SAFETY: the contract.
+        let came_to = unsafe { self.recv_in_turn::<true>(node, process) };
+        if came_to == AtHome::Waits {
+            self.place.waits();
+        }
+        came_to
+    }
+
+    /// # Safety
+    ///
+    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is.
+    #[inline(always)]
+    unsafe fn recv_in_turn<const RECORDED: bool>(
+        &self,
+        node: NonNull<Waiter<T>>,
+        process: &Process,
+    ) -> AtHome {
         let home = process.home_number();
         // SAFETY: as above.
         unsafe {
@@ -176,7 +262,7 @@ impl<T> Channel<T> {
             }
             // A rendezvous stores nothing, or it is not plain.
             if !lists.is_rendezvous && self.store.with(|store| !(*store).is_empty()) {
-                return self.recv_stored_at_home(node, process, lists);
+                return self.recv_stored::<RECORDED>(node, process, lists);
             }
             let Some(first) = lists.senders.first() else {
                 if !lists.receivers.is_empty() {
@@ -187,10 +273,11 @@ impl<T> Channel<T> {
                 lists.receivers.insert_alone(node.cast());
                 return AtHome::Waits;
             };
-            let Some((value, ready)) = take_from_first(&self.place, &mut lists, first, process)
+            let Some((value, ready)) =
+                take_from_first::<T, RECORDED>(&self.place, &mut lists, first, process)
             else {
                 return match lists.is_rendezvous {
-                    true => self.recv_from_guard(lists, node, process),
+                    true => self.recv_from_guard::<RECORDED>(lists, node, process),
                     false => AtHome::No,
                 };
             };
@@ -207,7 +294,7 @@ impl<T> Channel<T> {
     ///
     /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; not more is stored than there is room for.
     #[inline(never)]
-    unsafe fn recv_stored_at_home(
+    unsafe fn recv_stored<const RECORDED: bool>(
         &self,
         node: NonNull<Waiter<T>>,
         process: &Process,
@@ -227,13 +314,17 @@ impl<T> Channel<T> {
                 return AtHome::No;
             };
             Waiter::put_value_of(node, value);
-            self.place.tell(|| [0, process.id().get().into()]);
+            if RECORDED {
+                self.place.tell(|| [0, process.id().get().into()]);
+            }
             let Some((first, ready)) = moves_up else {
                 drop(lists);
                 return AtHome::done(process);
             };
             let sender = first.cast::<Waiter<T>>();
-            self.place.tell(|| [user_number(first), 0]);
+            if RECORDED {
+                self.place.tell(|| [user_number(first), 0]);
+            }
             lists.senders.remove_first(first);
             let next = Waiter::take_value_of(sender);
             self.store.with_mut(|store| (*store).push_back(next));

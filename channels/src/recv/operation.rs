@@ -203,6 +203,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
         }
+        self.waits_no_more();
         Poll::Ready(self.settled(outcome))
     }
 
@@ -211,6 +212,12 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     fn waits<R>(&self) -> Poll<R> {
         self.receiver.channel().place().waits();
         Poll::Pending
+    }
+
+    /// It is done, maybe in the turn in which it was to wait.
+    #[inline(always)]
+    fn waits_no_more(&self) {
+        self.receiver.channel().place().waits_no_more();
     }
 
     /// Whether it has not done anything yet.
@@ -428,7 +435,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return this.waits();
+                    return Poll::Pending;
                 }
                 AtHome::Done => {
                     this.phase = Phase::Settled(Outcome::Done);
@@ -440,6 +447,7 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
                 }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            this.waits_no_more();
             return Poll::Ready(this.settled(Outcome::Done));
         }
         this.poll_generally(cx)

@@ -214,6 +214,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 }
             }
         }
+        self.waits_no_more();
         Poll::Ready(self.settled(outcome))
     }
 
@@ -249,6 +250,12 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     fn waits<R>(&self) -> Poll<R> {
         self.sender.channel().place().waits();
         Poll::Pending
+    }
+
+    /// It is done, maybe in the turn in which it was to wait.
+    #[inline(always)]
+    fn waits_no_more(&self) {
+        self.sender.channel().place().waits_no_more();
     }
 
     /// Whether it has not done anything yet.
@@ -434,7 +441,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 AtHome::No => {}
                 AtHome::Waits => {
                     this.phase = Phase::Listed;
-                    return this.waits();
+                    return Poll::Pending;
                 }
                 AtHome::Done => {
                     this.phase = Phase::Over;
@@ -446,6 +453,7 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
                 }
             }
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
+            this.waits_no_more();
             this.phase = Phase::Over;
             return Poll::Ready(Ok(()));
         }

@@ -13,6 +13,8 @@ mod recording;
 
 use crate::args::{Convert, Format};
 use crate::failure::Failure;
+use crate::text::Count;
+use std::fmt;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -46,36 +48,48 @@ pub(crate) fn run(arguments: &Convert) -> Result<ExitCode, Failure> {
         #[cfg(feature = "mcap")]
         Format::Mcap => mcap::write(input, &output)?,
     };
-    print!(
-        "{}: {} samples of {} signals, {} messages",
-        output.display(),
-        converted.samples,
-        converted.signals,
-        converted.messages
-    );
-    match converted.events {
-        0 => println!(),
-        events => println!(", {events} events"),
-    }
-    if converted.lost_events > 0 {
-        println!(
-            "{} events were lost while it was recorded",
-            converted.lost_events
-        );
-    }
-    if converted.lost > 0 {
-        println!(
-            "{} samples and messages were lost while it was recorded",
-            converted.lost
-        );
-    }
-    if converted.lost_blocks > 0 {
-        println!(
-            "{} blocks were lost on the way to who received it",
-            converted.lost_blocks
-        );
-    }
+    print!("{}: {converted}", output.display());
     Ok(say_damage(input, &converted))
+}
+
+impl fmt::Display for Converted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let were = |number| if number == 1 { "was" } else { "were" };
+        write!(
+            f,
+            "{} of {}, {}",
+            Count(self.samples, "sample"),
+            Count(self.signals as u64, "signal"),
+            Count(self.messages, "message")
+        )?;
+        if self.events > 0 {
+            write!(f, ", {}", Count(self.events, "event"))?;
+        }
+        writeln!(f)?;
+        let lost = self.lost_events;
+        if lost > 0 {
+            let events = Count(lost, "event");
+            writeln!(f, "{events} {} lost while it was recorded", were(lost))?;
+        }
+        match self.lost {
+            0 => {}
+            1 => writeln!(f, "1 sample or message was lost while it was recorded")?,
+            lost => writeln!(
+                f,
+                "{lost} samples and messages were lost while it was recorded"
+            )?,
+        }
+        let lost = self.lost_blocks;
+        if lost > 0 {
+            let blocks = Count(lost, "block");
+            writeln!(
+                f,
+                "{blocks} {} lost on the way to who received it",
+                were(lost)
+            )?;
+        }
+        Ok(())
+    }
 }
 
 /// Says what is damaged, and what became of it.
@@ -134,10 +148,41 @@ fn create(path: &Path) -> Result<BufWriter<File>, Failure> {
 }
 
 /// The failure of writing `path`.
-fn broken<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> Failure {
+fn broken<E: fmt::Display>(path: &Path) -> impl Fn(E) -> Failure {
     let path = PathBuf::from(path);
     move |error| Failure::Converted {
         path: path.clone(),
         error: error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_of_each_is_no_plural() {
+        let one = Converted {
+            samples: 1,
+            signals: 1,
+            messages: 1,
+            events: 1,
+            lost: 1,
+            lost_events: 1,
+            lost_blocks: 1,
+            damage: Damage::default(),
+        };
+        assert_eq!(
+            one.to_string(),
+            "1 sample of 1 signal, 1 message, 1 event\n\
+             1 event was lost while it was recorded\n\
+             1 sample or message was lost while it was recorded\n\
+             1 block was lost on the way to who received it\n"
+        );
+        let none = Converted {
+            signals: 2,
+            ..Converted::default()
+        };
+        assert_eq!(none.to_string(), "0 samples of 2 signals, 0 messages\n");
     }
 }

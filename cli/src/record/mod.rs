@@ -9,6 +9,7 @@ mod signals;
 
 use crate::args::{Messages, Record};
 use crate::failure::Failure;
+use crate::text::Count;
 use file::File;
 use luna_logger::{Departure, FileSink, Handler, Peer, PeerError, Receiver, Sink};
 use luna_scope::Scope;
@@ -142,10 +143,13 @@ impl Handler for Desk {
         };
         let path = self.path(peer);
         say(format_args!(
-            "{} {how}: {samples} samples and {} messages are in {}; {missing} blocks are missing",
+            "{} {how}: {} and {} are in {}; {} {} missing",
             who(peer),
-            received.messages,
-            path.display()
+            Count(samples, "sample"),
+            Count(received.messages, "message"),
+            path.display(),
+            Count(*missing, "block"),
+            if *missing == 1 { "is" } else { "are" }
         ));
         if self.once && *has_ended {
             let _ = self.end.send(());

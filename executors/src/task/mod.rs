@@ -164,6 +164,9 @@ where
         this.process.set_owner(task.cast(), methods);
         if notices != 0 {
             this.process.notify(notices);
+            if notices & Notice::RECORDED != 0 {
+                this.process.set_recorded();
+            }
         }
         this.record.set_process(NonNull::from(&this.process));
         SEATS.with_borrow_mut(|seats| seats.fill(number, task));
@@ -308,7 +311,12 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
             true => this.process.methods().poll,
             false => this.methods.poll_attentively,
         };
-        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(task.cast(), cx));
+        let (has_ended, is_queued) = current::give_turn(&this.process, || {
+            if this.process.notices() & Notice::RECORDED != 0 {
+                this.process.keep_recorded();
+            }
+            poll(task.cast(), cx)
+        });
         interference::polled(id);
         if has_ended {
             end(task, is_queued);

@@ -1,6 +1,6 @@
 //! TCP connections of senders, a thread each.
 
-use super::receive::{Known, LOOK, Office, lock};
+use super::receive::{Known, LOOK, Office, Refusal, lock};
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
 };
@@ -34,7 +34,8 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
             continue;
         }
         if threads.len() >= MOST {
-            refuse(office, &stream, address, PeerError::Full);
+            answer_no(&stream, PeerError::Full);
+            office.handler.was_refused(address, &PeerError::Full);
             continue;
         }
         let inside = office.clone();
@@ -50,20 +51,26 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
     }
 }
 
-fn refuse(office: &Office, mut stream: &TcpStream, address: SocketAddr, error: PeerError) {
+fn answer_no(mut stream: &TcpStream, error: PeerError) {
     let _ = stream.set_write_timeout(Some(ACK_WITHIN));
     let _ = stream.write_all(&answer_bytes(Err(error)));
-    office.handler.was_refused(address, &error);
 }
 
 fn serve(office: &Office, stream: TcpStream, address: SocketAddr) {
     let stream = Stream { stream, office };
     let entered = stream
         .hello()
+        .map_err(Refusal::from)
         .and_then(|hello| office.enter(&hello, address));
     let (visit, known) = match entered {
         Ok(entered) => entered,
-        Err(error) => return refuse(office, &stream.stream, address, error),
+        Err(Refusal { error, is_told }) => {
+            answer_no(&stream.stream, error);
+            if !is_told {
+                office.handler.was_refused(address, &error);
+            }
+            return;
+        }
     };
     let outcome = stream.blocks(visit, &known);
     let error = match outcome {

@@ -130,7 +130,8 @@ impl Hall<'_> {
             process: 0,
             system: system.to_owned(),
         };
-        let (visit, known) = self.office.enter(&hello, from)?;
+        let entered = self.office.enter(&hello, from);
+        let (visit, known) = entered.map_err(|refusal| refusal.error)?;
         {
             let mut known = lock(&known);
             // The first that is heard of it: what was before was not meant for this receiver.

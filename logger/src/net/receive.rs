@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// How many senders are known at most: those that are there, and those that may come back.
 const MOST_KNOWN: usize = 64;
+/// For so long nobody is let in whose sink has no room. Who comes later may try one block: there may be room again.
+const NO_ROOM: Duration = Duration::from_secs(20);
 /// How often a thread looks whether it is to end.
 pub(super) const LOOK: Duration = Duration::from_millis(50);
 
@@ -79,13 +81,13 @@ pub trait Handler: Send + Sync + 'static {
     /// Its own: the sender is refused.
     fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>>;
 
-    /// A sender that was here before has come back.
+    /// A sender that was here before has come back. One whose sink had no room is back when the sink takes a block again.
     fn is_back(&self, _peer: &Peer) {}
 
-    /// A sender has gone.
+    /// A sender has gone. Of one whose sink has no room this is said once, however often it comes to try.
     fn has_gone(&self, _peer: &Peer, _departure: &Departure) {}
 
-    /// Somebody was refused, who is none to record with. Said once each by UDP.
+    /// Somebody was refused, who is none to record with. Said once each by UDP, and by TCP of who has no room.
     fn was_refused(&self, _address: SocketAddr, _error: &PeerError) {}
 }
 
@@ -147,6 +149,8 @@ impl Receiver {
         let office = Arc::new(Office {
             handler,
             known: Mutex::default(),
+            turned_away: Mutex::default(),
+            keeps_out: NO_ROOM,
             is_over: AtomicBool::new(false),
             visits: AtomicU64::new(0),
         });
@@ -238,6 +242,10 @@ impl fmt::Debug for Receiving {
 pub(super) struct Office {
     pub(super) handler: Arc<dyn Handler>,
     known: Mutex<HashMap<Key, Arc<Mutex<Known>>>>,
+    /// Who got no sink, and when it was last asked for one. At most as many as are known.
+    turned_away: Mutex<HashMap<Key, Instant>>,
+    /// For how long who has no room is not let in.
+    keeps_out: Duration,
     is_over: AtomicBool,
     visits: AtomicU64,
 }
@@ -254,7 +262,38 @@ pub(super) struct Known {
     /// Which visit has it: a later one takes it over. None while it is away.
     visit: Option<u64>,
     seen: Instant,
+    /// Its sink took the last block not.
+    without_room: Option<WithoutRoom>,
+    handler: Arc<dyn Handler>,
     pub(super) departure: Departure,
+}
+
+struct WithoutRoom {
+    since: Instant,
+    is_told: bool,
+}
+
+/// A sender is not let in.
+pub(super) struct Refusal {
+    pub(super) error: PeerError,
+    /// The handler knows of it.
+    pub(super) is_told: bool,
+}
+
+impl From<PeerError> for Refusal {
+    fn from(error: PeerError) -> Self {
+        Refusal {
+            error,
+            is_told: false,
+        }
+    }
+}
+
+impl Refusal {
+    const NO_ROOM_AS_BEFORE: Refusal = Refusal {
+        error: PeerError::NoRoom,
+        is_told: true,
+    };
 }
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -275,16 +314,20 @@ impl Office {
         &self,
         hello: &Hello,
         address: SocketAddr,
-    ) -> Result<(u64, Arc<Mutex<Known>>), PeerError> {
+    ) -> Result<(u64, Arc<Mutex<Known>>), Refusal> {
         let visit = self.visits.fetch_add(1, Ordering::Relaxed) + 1;
         let mut all = self.known();
         if let Some(known) = all.get(&hello.key) {
             let known = known.clone();
             drop(all);
             let mut inside = lock(&known);
+            let since = inside.without_room.as_ref().map(|room| room.since);
+            if since.is_some_and(|since| since.elapsed() < self.keeps_out) {
+                return Err(Refusal::NO_ROOM_AS_BEFORE);
+            }
             inside.visit = Some(visit);
             inside.seen = Instant::now();
-            if inside.sink.is_some() {
+            if inside.sink.is_some() && since.is_none() {
                 self.handler.is_back(&inside.peer);
             }
             drop(inside);
@@ -304,6 +347,8 @@ impl Office {
             sequence: 0,
             visit: Some(visit),
             seen: Instant::now(),
+            without_room: None,
+            handler: self.handler.clone(),
             departure: Departure {
                 has_ended: false,
                 received: Tally::default(),
@@ -315,17 +360,37 @@ impl Office {
         if hello.next != 0 {
             return Ok((visit, Arc::new(Mutex::new(known))));
         }
+        let asked = lock(&self.turned_away).get(&hello.key).copied();
+        if asked.is_some_and(|asked| asked.elapsed() < self.keeps_out) {
+            return Err(Refusal::NO_ROOM_AS_BEFORE);
+        }
         if all.len() >= MOST_KNOWN && !forget_one(&mut all) {
-            return Err(PeerError::Full);
+            return Err(PeerError::Full.into());
         }
         let opened = self.handler.open(&known.peer).and_then(|mut sink| {
             sink.is_of(&known.peer.system);
             sink.begin(&Encoder::head()).map(|()| sink)
         });
-        known.sink = Some(opened.map_err(|_| PeerError::NoRoom)?);
+        let Ok(sink) = opened else {
+            self.turn_away(hello.key);
+            return Err(PeerError::NoRoom.into());
+        };
+        known.sink = Some(sink);
+        lock(&self.turned_away).remove(&hello.key);
         let known = Arc::new(Mutex::new(known));
         all.insert(hello.key, known.clone());
         Ok((visit, known))
+    }
+
+    fn turn_away(&self, key: Key) {
+        let mut away = lock(&self.turned_away);
+        if away.len() >= MOST_KNOWN {
+            away.retain(|_, asked| asked.elapsed() < self.keeps_out);
+        }
+        // Of more than so many at once the others may ask again at once.
+        if away.len() < MOST_KNOWN {
+            away.insert(key, Instant::now());
+        }
     }
 
     /// A sender has gone, if it was not taken over.
@@ -344,6 +409,11 @@ impl Office {
         }
         if has_ended {
             known.end();
+        }
+        if let Some(room) = &mut known.without_room
+            && std::mem::replace(&mut room.is_told, true)
+        {
+            return;
         }
         self.handler.has_gone(&known.peer, &known.departure);
     }
@@ -377,7 +447,17 @@ impl Known {
             return Err(io::Error::other("the recording has ended before"));
         };
         seal(block, self.sequence);
-        sink.block(block)?;
+        if let Err(error) = sink.block(block) {
+            let before = self.without_room.as_ref();
+            self.without_room = Some(WithoutRoom {
+                since: Instant::now(),
+                is_told: before.is_some_and(|before| before.is_told),
+            });
+            return Err(error);
+        }
+        if self.without_room.take().is_some_and(|room| room.is_told) {
+            self.handler.is_back(&self.peer);
+        }
         self.sequence = self.sequence.wrapping_add(1);
         self.departure.received.add(block);
         Ok(())
@@ -401,3 +481,6 @@ impl Known {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -23,11 +23,13 @@ const CONNECT: Duration = Duration::from_secs(1);
 const STANDS: Duration = Duration::from_secs(2);
 /// From one attempt to the next: doubled each time, until the receiver has acknowledged something.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
+/// To the next attempt after a receiver has said that it has no room: longer than it keeps to that.
+const NO_ROOM: Duration = Duration::from_secs(30);
 
 /// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own: what it is given waits in at most 4 MiB until the receiver has acknowledged it, and the
 /// recorder never waits for the network. When there is no room, blocks are refused.
 ///
-/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something. The receiver then says what it has, and nothing is sent twice. One that does not know
+/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something; after 30 s if it has said that it has no room. The receiver then says what it has, and nothing is sent twice. One that does not know
 /// the recording (it was started again) begins a new file: what waits is lost, since it could not be read without what was declared before, and all is declared again. A peer that is
 /// no recorder of LUNA, or one of another version, is said on standard error, once, and is tried again.
 ///
@@ -276,7 +278,7 @@ impl Link {
         loop {
             match self.connection(&mut pause) {
                 Over::Done => return,
-                Over::Broken(error) => self.note(&error),
+                Over::Broken(error) => pause = self.note(&error).unwrap_or(pause),
             }
             let begin = Instant::now();
             let mut state = self.shared.state();
@@ -292,8 +294,8 @@ impl Link {
         }
     }
 
-    /// Keeps what went wrong, and says what a user has to mend.
-    fn note(&mut self, error: &io::Error) {
+    /// Keeps what went wrong, and says what a user has to mend. How long to wait, if the receiver has no room.
+    fn note(&mut self, error: &io::Error) -> Option<Duration> {
         let text = format!("tcp://{}: {error}", self.address);
         let peer = error
             .get_ref()
@@ -305,6 +307,7 @@ impl Link {
             let _ = writeln!(io::stderr().lock(), "luna: recording to {text}");
         }
         self.shared.state().error = Some(text);
+        (peer == Some(&PeerError::NoRoom)).then_some(NO_ROOM)
     }
 
     /// Connects, and sends as long as that goes well. The next pause is short again when the receiver has got on: one that lets in whom it then cannot serve (its disk is full) is not

@@ -381,11 +381,22 @@ pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
 /// being polled that failed or runs at another level. Nearly all polls are.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
+    turn(cx, Process::is_owned)
+}
+
+/// As [`plain_turn`], of a process whose events nobody records ([`Process::set_recorded`]): so who asks for this tells none of it.
+#[inline(always)]
+pub fn unrecorded_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
+    turn(cx, Process::is_owned_unrecorded)
+}
+
+#[inline(always)]
+fn turn<'a>(cx: &Context<'a>, is_owned: impl FnOnce(&Process) -> bool) -> Option<&'a Process> {
     let (current, branch) = THREAD.with(|thread| (thread.process.get(), thread.branch.get()));
     // SAFETY: the pointer is that of a process which is being polled, so it is live now. It is live for longer if its waker is what `cx`
     // borrows, since the waker lies in it.
     let process = unsafe { &*current?.as_ptr() };
-    (process.is_polled_by(cx) && branch.is_plain() && process.is_owned()).then_some(process)
+    (process.is_polled_by(cx) && branch.is_plain() && is_owned(process)).then_some(process)
 }
 
 /// Calls `f` with the current process, if there is one.

@@ -125,6 +125,8 @@ pub(super) mod state {
     pub(in super::super) const ENDED: u8 = 4;
     /// It was never polled.
     pub(in super::super) const NEW: u8 = 8;
+    /// Who readies it tells that.
+    pub(in super::super) const RECORDED: u8 = 16;
 }
 
 /// What a process is doing, seen from any thread.
@@ -149,6 +151,8 @@ enum Kind {
     Lone,
     /// It shares its thread with others, and has a run queue there.
     Owned,
+    /// As `Owned`, and its [events](crate::events) are recorded: it does in other functions what the others do, so that these need not ask.
+    Recorded,
 }
 
 /// What the framework knows of a process that runs or waits. It lies at one address for the process' whole life.
@@ -253,6 +257,24 @@ impl Process {
         unsafe { self.methods.get().unwrap_unchecked() }
     }
 
+    /// Says that what it does is recorded, if its thread is: from now on, at each [beginning of a turn](Self::keep_recorded) anew.
+    ///
+    /// # Safety
+    ///
+    /// This is the home's thread, which has an owner for it ([`set_owner`](Self::set_owner)) and has not readied it yet.
+    pub unsafe fn set_recorded(&self) {
+        debug_assert!(self.is_owned());
+        self.kind.set(Kind::Recorded);
+        self.keep_recorded();
+    }
+
+    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one: a turn begins with a store that forgets it. On the home's thread.
+    #[inline]
+    pub fn keep_recorded(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        self.state.store(now | state::RECORDED, Ordering::Relaxed);
+    }
+
     /// Takes the waker out, which breaks the circle of a process that holds a reference to itself.
     ///
     /// # Safety
@@ -329,6 +351,12 @@ impl Process {
     /// Whether it can be readied without its waker.
     #[inline]
     pub(super) fn is_owned(&self) -> bool {
+        matches!(self.kind.get(), Kind::Owned | Kind::Recorded)
+    }
+
+    /// Whether it can be readied without its waker, and is not [recorded](Self::set_recorded).
+    #[inline]
+    pub(super) fn is_owned_unrecorded(&self) -> bool {
         self.kind.get() == Kind::Owned
     }
 
@@ -383,14 +411,22 @@ impl Process {
     #[inline]
     pub unsafe fn ready_at(&self, level: u8, place: Place) {
         let now = self.state.load(Ordering::Relaxed);
-        if now & (state::QUEUED | state::ENDED) != 0 {
+        if now & (state::QUEUED | state::ENDED | state::RECORDED) != 0 {
             // SAFETY: the contract.
             return unsafe { self.ready_more(level, place) };
         }
+        // SAFETY: the contract; it is neither queued nor has it ended.
+        unsafe { self.queue_at(now, level, place) };
+    }
+
+    /// # Safety
+    ///
+    /// As for [`ready_at`](Self::ready_at), where the state is `now`: neither queued nor ended.
+    #[inline(always)]
+    unsafe fn queue_at(&self, now: u8, level: u8, place: Place) {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
         self.queued_level.set(level);
-        events::ready(|| self.id.get());
         // SAFETY: the contract.
         let link = unsafe { self.link() };
         // SAFETY: the contract; by the invariant it is in no queue.
@@ -408,8 +444,13 @@ impl Process {
     #[cold]
     unsafe fn ready_more(&self, level: u8, place: Place) {
         let queued = self.queued_level.get();
-        let is_queued = self.state.load(Ordering::Relaxed) & state::QUEUED != 0;
-        if is_queued && queued < level {
+        let now = self.state.load(Ordering::Relaxed);
+        if now & (state::QUEUED | state::ENDED) == 0 {
+            events::ready(|| self.id.get());
+            // SAFETY: the contract.
+            return unsafe { self.queue_at(now, level, place) };
+        }
+        if now & state::QUEUED != 0 && queued < level {
             // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
             self.queued_level.set(level);
             // SAFETY: the contract.

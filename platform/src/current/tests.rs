@@ -174,3 +174,47 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
         pretend_ready_levels(0);
     });
 }
+
+#[test]
+fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
+    let home = Home::new();
+    let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
+    let process = &Aligned(Process::new(ProcessId::new(), home, 0, 3)).0;
+    #[cfg(feature = "events")]
+    let mut reader = {
+        let (writer, reader) = crate::events::ring(16, 0, None);
+        crate::events::attach(writer);
+        reader
+    };
+    // SAFETY: the process lives on, and its methods ignore the owner. It is polled by this thread alone, with its own waker.
+    unsafe {
+        process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
+        process.set_owner(NonNull::from(process).cast(), &METHODS);
+        process.set_recorded();
+        process.ready_at(3, Place::Last);
+        process.ready_at(3, Place::Last);
+        for _ in 0..2 {
+            let next = next_ready().expect("it is ready").cast::<Process>();
+            assert_eq!(next_ready(), None, "it is queued once");
+            let cx = Context::from_waker(next.as_ref().waker().expect("it was set above"));
+            let ((), is_queued) = give_turn(next.as_ref(), || {
+                process.keep_recorded();
+                assert!(plain_turn(&cx).is_some());
+                assert!(unrecorded_turn(&cx).is_none());
+                ready_again(&cx, Place::Last);
+            });
+            assert!(is_queued);
+        }
+    }
+    #[cfg(feature = "events")]
+    {
+        use crate::events::code;
+        crate::events::detach();
+        let mut words = Vec::new();
+        reader.take(&mut words, 16);
+        let told: Vec<u64> = words.chunks(4).map(|event| event[0]).collect();
+        let ready = u64::from(process.id().get()) << 32 | u64::from(code::READY) << 16;
+        // Readied once from outside, and once in each turn.
+        assert_eq!(told, [ready; 3]);
+    }
+}

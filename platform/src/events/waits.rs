@@ -1,7 +1,7 @@
 //! What the process of the present turn waits for: noted by its operations as they return `Pending`, told at the end of the turn.
 //!
 //! Only one thing is told. Who waits for two waits for several, which nobody may take for one of them; so what waits for something that has no number notes that too. An
-//! operation that gives up in the turn takes its note back.
+//! operation that gives up in the turn, or is done in it all the same, takes its note back.
 
 use super::{Kind, code, is_on};
 use std::cell::Cell;

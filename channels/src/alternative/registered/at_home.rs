@@ -11,7 +11,7 @@ use std::task::{Context, Poll};
 impl<T> Alternative<'_, T> {
     /// Polls in the plain turn of `process`. `None`: the general way is to be gone.
     #[inline]
-    pub(super) fn poll_at_home(
+    pub(super) fn poll_at_home<const RECORDED: bool>(
         &mut self,
         process: &Process,
         cx: &Context<'_>,
@@ -50,7 +50,8 @@ impl<T> Alternative<'_, T> {
             }
         };
         // SAFETY: the process is polled, so this is its home's thread.
-        let (value, ready) = unsafe { channel.take_sender_if(process, is_first, note) }?;
+        let (value, ready) =
+            unsafe { channel.take_sender_if::<RECORDED>(process, is_first, note) }?;
         match self.is_fair {
             true => self.ready.choose(index, is_ready),
             false if !is_ready => self.ready.clear(index),

@@ -53,3 +53,15 @@ fn only_a_receiver_that_gets_on_is_soon_asked_again() {
     assert_eq!((pause, link.shared.state().first), (BACK_OFF.0, 1));
     receiver.join().unwrap();
 }
+
+#[test]
+fn a_receiver_without_room_is_asked_seldom() {
+    let (_sink, mut link, _) = link("localhost:1".to_owned());
+    let no_room = io::Error::other(PeerError::NoRoom);
+    assert_eq!(link.note(&no_room), Some(NO_ROOM));
+    assert!(NO_ROOM > BACK_OFF.1);
+    for other in [PeerError::Full, PeerError::Silent] {
+        assert_eq!(link.note(&io::Error::other(other)), None);
+    }
+    assert_eq!(link.note(&ErrorKind::ConnectionReset.into()), None);
+}

@@ -1,0 +1,95 @@
+//! Holds what is counted with CSP events compiled in, and recorded by nobody, against what is counted without them.
+
+use crate::gate::change;
+use crate::operations::Operations;
+use crate::recorded::Figures;
+use crate::{count_all, table};
+
+/// The feature of the operations' program.
+const FEATURE: &str = "events";
+
+/// How much more an operation may execute.
+const MOST: f64 = 0.05;
+
+/// An operation without the events, and with them.
+#[derive(Debug)]
+pub(crate) struct Pair {
+    pub(crate) name: String,
+    pub(crate) without: Figures,
+    pub(crate) with: Figures,
+}
+
+impl Pair {
+    /// How much more it executes, as a share.
+    pub(crate) fn change(&self) -> f64 {
+        change(self.without, self.with)
+    }
+
+    /// Whether it is more than may be. The events of what nobody records need no atomic instruction; a hundredth is what comes by chance.
+    pub(crate) fn is_too_much(&self) -> bool {
+        self.change() > MOST || self.with.atomics > self.without.atomics * 1.01 + 0.006
+    }
+}
+
+/// Counts both, and compares. Whether what was counted may be.
+///
+/// # Errors
+///
+/// As of [`count_all`].
+pub(crate) fn judge(parts: &[String]) -> Result<bool, String> {
+    // One after the other: they are built to one place.
+    let without = figures(&[], parts)?;
+    let with = figures(&[FEATURE], parts)?;
+    let pairs: Vec<Pair> = without
+        .into_iter()
+        .zip(with)
+        .map(|((name, without), (_, with))| Pair {
+            name,
+            without,
+            with,
+        })
+        .collect();
+    table::pairs(&pairs);
+    let failures = pairs.iter().filter(|pair| pair.is_too_much()).count();
+    println!(
+        "\nevents that nobody records: {} passed, {failures} failed",
+        pairs.len() - failures
+    );
+    Ok(failures == 0)
+}
+
+fn figures(features: &[&str], parts: &[String]) -> Result<Vec<(String, Figures)>, String> {
+    let operations = Operations::build(features)?;
+    let outcomes = count_all(&operations, &operations.select(parts)?)?;
+    let figure = |outcome: &crate::Outcome<'_>| (outcome.operation.name.clone(), outcome.figures());
+    Ok(outcomes.iter().map(figure).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pair(instructions: f64, atomics: f64) -> Pair {
+        let without = Figures {
+            instructions: 400.0,
+            atomics: 4.0,
+        };
+        let with = Figures {
+            instructions,
+            atomics,
+        };
+        Pair {
+            name: String::new(),
+            without,
+            with,
+        }
+    }
+
+    #[test]
+    fn a_twentieth_more_is_too_much_and_an_atomic_instruction_is() {
+        assert!(!pair(419.0, 4.0).is_too_much());
+        assert!(pair(421.0, 4.0).is_too_much());
+        assert!(!pair(300.0, 3.0).is_too_much());
+        assert!(pair(400.0, 5.0).is_too_much());
+    }
+}
