@@ -548,3 +548,17 @@ unsafe fn claim_selection(
         }
     }
 }
+
+#[cfg(all(test, not(loom), target_pointer_width = "64"))]
+mod tests {
+    use super::*;
+    use std::mem::offset_of;
+
+    /// A ring of many processes goes at the pace of its memory: what is added before the value is fetched at each hop.
+    #[test]
+    fn what_a_plain_operation_touches_lies_together() {
+        assert_eq!(offset_of!(Waiter<u64>, value), size_of::<Link>());
+        assert_eq!(size_of::<Link>(), 64);
+        assert_eq!(size_of::<Waiter<u64>>(), 88);
+    }
+}
