@@ -130,7 +130,6 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// As there.
-    #[cold]
     #[inline(never)]
     unsafe fn send_recorded<S: Source<T>>(
         &self,
@@ -228,7 +227,6 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// As there.
-    #[cold]
     #[inline(never)]
     unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
         let Some(process) = current::plain_turn(cx) else {

@@ -107,16 +107,19 @@ impl Branch {
 }
 
 /// What a thread that runs processes keeps beside the current one.
+///
+/// What each turn and each operation touches comes first, at the beginning of a cache line: so it lies on one, whatever other thread-locals a program has.
+#[repr(C, align(64))]
 struct Thread {
     process: Cell<Option<NonNull<Process>>>,
-    home: Cell<Option<Home>>,
-    queue: RunQueue,
-    operations_left: Cell<u32>,
     branch: Cell<Branch>,
+    home: Cell<Option<Home>>,
+    operations_left: Cell<u32>,
     branch_ended: Cell<bool>,
     may_block: Cell<bool>,
     on_path: Cell<bool>,
     abandons: Cell<bool>,
+    queue: RunQueue,
     tape: Cell<Option<NonNull<dyn Tape>>>,
 }
 

@@ -34,16 +34,19 @@ impl Link {
 /// Who is in the slot comes before all others: at its level as the first, and nobody is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
 /// slot is empty. In the levels, `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and the level's bit in `bits` says
 /// whether there is one. While there is none, they are not looked at. The first one's `previous` and the last one's `next` are not looked at either.
+///
+/// What is looked at most comes first.
 #[derive(Debug)]
+#[repr(C)]
 pub(super) struct RunQueue {
     slot: Cell<Option<NonNull<Link>>>,
     slot_bit: Cell<u32>,
     bits: Cell<u32>,
-    levels: [Level; LEVELS as usize],
+    pub(super) levels: [Level; LEVELS as usize],
 }
 
 #[derive(Debug)]
-struct Level {
+pub(super) struct Level {
     first: Cell<Option<NonNull<Link>>>,
     last: Cell<Option<NonNull<Link>>>,
 }

@@ -218,3 +218,11 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
         assert_eq!(told, [ready; 3]);
     }
 }
+
+#[test]
+#[cfg(target_pointer_width = "64")]
+fn what_each_turn_touches_of_its_thread_is_one_cache_line() {
+    let levels = std::mem::offset_of!(Thread, queue) + std::mem::offset_of!(RunQueue, levels);
+    assert!(levels <= 64, "{levels}");
+    THREAD.with(|thread| assert_eq!(std::ptr::from_ref(thread).addr() % 64, 0));
+}

@@ -110,7 +110,7 @@ fn of_a_sender_whose_file_is_full_it_is_said_once() {
     assert_eq!(said.take(), ["open", gone]);
     for _ in 0..3 {
         // It is not let in at first, and then to try.
-        let refusal = visit(&office).err().expect("there is no room");
+        let refusal = visit(&office).expect_err("there is no room");
         assert!(refusal.error == PeerError::NoRoom && refusal.is_told);
         office.keeps_out = OVER;
         assert!(matches!(visit(&office), Ok(false)));
@@ -131,10 +131,10 @@ fn who_gets_no_sink_does_not_ask_for_another_at_once() {
     let said = Arc::new(Said::default());
     let mut office = office(&said);
     said.takes.store(true, Ordering::Relaxed);
-    let refusal = visit(&office).err().expect("it gets no sink");
+    let refusal = visit(&office).expect_err("it gets no sink");
     assert!(refusal.error == PeerError::NoRoom && !refusal.is_told);
     assert_eq!(said.take(), ["open"]);
-    let refusal = visit(&office).err().expect("it gets none yet");
+    let refusal = visit(&office).expect_err("it gets none yet");
     assert!(refusal.error == PeerError::NoRoom && refusal.is_told);
     assert_eq!(said.take(), [""; 0]);
     said.opens.store(true, Ordering::Relaxed);
