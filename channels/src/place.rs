@@ -40,6 +40,8 @@ pub struct Lists {
     pub(crate) is_rendezvous: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
+    /// Whether anything is stored: said here, so that who receives where nothing is need not look beyond this line.
+    pub(crate) is_storing: bool,
     pub(crate) senders: WaitList,
     pub(crate) receivers: WaitList,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
@@ -178,6 +180,7 @@ impl Place {
                 may_be_plain: false,
                 is_rendezvous: false,
                 extends: false,
+                is_storing: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,

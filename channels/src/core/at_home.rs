@@ -8,11 +8,11 @@
 //! that a lock favours comes here, and a lock favours no second one.
 
 use super::Channel;
+use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
 use luna_platform::current::{self, PlainReady, Process};
-use luna_platform::home_lock::InsideGuard;
 use luna_platform::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -32,7 +32,7 @@ pub(crate) enum AtHome {
 
 impl AtHome {
     #[inline(always)]
-    fn done(process: &Process) -> AtHome {
+    pub(super) fn done(process: &Process) -> AtHome {
         match current::gives_way(process) {
             true => AtHome::GaveWay,
             false => AtHome::Done,
@@ -98,7 +98,7 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn send_at_home<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
@@ -107,52 +107,75 @@ impl<T> Channel<T> {
         if S::MAKE.is_some() {
             return AtHome::No;
         }
-        let Some(process) = current::plain_turn(cx) else {
-            return AtHome::No;
-        };
-        let home = process.home_number();
-        // SAFETY: this is the thread of the process' home. Under the lock a listed node may be changed, and is one of this channel's.
+        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible while the lock is held.
         unsafe {
-            let Some(mut lists) = self.place.lock_if_favoured(home) else {
-                return AtHome::No;
-            };
-            if !lists.is_plain {
-                return match lists.is_plain_but_registered {
-                    true => self.send_to_registered(lists, offered, process),
-                    false => AtHome::No,
-                };
+            match come_to_send(&self.place, offered.cast(), cx) {
+                Found::Partner(receiver) => {
+                    let value = Waiter::take_value_of(offered.cast::<Waiter<T>>());
+                    Waiter::put_value_of(receiver.cast::<Waiter<T>>(), value);
+                    part_from_receiver(&self.place, receiver)
+                }
+                Found::Nobody => AtHome::Waits,
+                Found::Buffer => self.store_at_home(offered.cast()),
+                found => self.send_otherwise(found, offered),
             }
-            let Some(first) = lists.receivers.first() else {
-                let capacity = self.capacity();
-                if capacity != 0 && self.store.with(|store| (*store).len() < capacity) {
-                    lists.sender = LastUser::process(process.id());
-                    self.place.tell(|| [process.id().get().into(), 0]);
-                    let value = offered.as_ref().waiter.take_value();
-                    self.store.with_mut(|store| (*store).push_back(value));
-                    drop(lists);
-                    return AtHome::done(process);
-                }
-                if !lists.senders.is_empty() {
-                    return AtHome::No;
-                }
-                lists.sender = LastUser::process(process.id());
-                let node = offered.cast::<Waiter<T>>();
-                Waiter::begin_plain(node, process);
-                lists.senders.insert_alone(node.cast());
-                return AtHome::Waits;
-            };
-            let Some(ready) =
-                give_to_first::<T>(&self.place, &mut lists, first, offered.cast(), process)
-            else {
-                return match lists.is_rendezvous {
-                    true => self.send_to_guard(lists, offered, process),
-                    false => AtHome::No,
-                };
-            };
-            drop(lists);
-            ready.wake();
         }
-        AtHome::done(process)
+    }
+
+    /// Sends where an alternative may be met; or says that the general way is to be gone.
+    ///
+    /// # Safety
+    ///
+    /// As for [`send_at_home`](Self::send_at_home); `found` is what the sender has found.
+    #[inline(never)]
+    unsafe fn send_otherwise<S: Source<T>>(
+        &self,
+        found: Found,
+        offered: NonNull<Offered<T, S>>,
+    ) -> AtHome {
+        if found != Found::More {
+            return AtHome::No;
+        }
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let lists = self.place.kept(process.home_number());
+            match (lists.is_plain, lists.is_plain_but_registered) {
+                (false, true) => self.send_to_registered(lists, offered, process),
+                (true, _) if lists.is_rendezvous => self.send_to_guard(lists, offered, process),
+                _ => AtHome::No,
+            }
+        }
+    }
+
+    /// Stores the value of a sender who has found nobody but a [buffer](Found::Buffer), or lists the sender.
+    ///
+    /// # Safety
+    ///
+    /// `node` holds a value; as for [`send_at_home`](Self::send_at_home).
+    #[inline(never)]
+    unsafe fn store_at_home(&self, node: NonNull<Waiter<T>>) -> AtHome {
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let mut lists = self.place.kept(process.home_number());
+            if self.store.with(|store| (*store).len() < self.capacity()) {
+                lists.sender = LastUser::process(process.id());
+                self.place.tell(|| [process.id().get().into(), 0]);
+                let value = Waiter::take_value_of(node);
+                self.store.with_mut(|store| (*store).push_back(value));
+                lists.is_storing = true;
+                drop(lists);
+                return AtHome::done(process);
+            }
+            if !lists.senders.is_empty() {
+                return AtHome::No;
+            }
+            lists.sender = LastUser::process(process.id());
+            Waiter::begin_plain(node, process);
+            lists.senders.insert_alone(node.cast());
+            AtHome::Waits
+        }
     }
 
     /// Receives into the node, or lists the receiver. O(1), without atomic read-modify-writes.
@@ -160,66 +183,60 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn recv_at_home(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
-        let Some(process) = current::plain_turn(cx) else {
-            return AtHome::No;
-        };
-        let home = process.home_number();
-        // SAFETY: as above.
+        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible while the lock is held.
         unsafe {
-            let Some(mut lists) = self.place.lock_if_favoured(home) else {
-                return AtHome::No;
-            };
-            if !lists.is_plain {
-                return AtHome::No;
-            }
-            let stored = self.store.with(|store| (*store).len());
-            if stored != 0 {
-                return self.recv_stored_at_home(node, process, lists, stored);
-            }
-            let Some(first) = lists.senders.first() else {
-                if !lists.receivers.is_empty() {
-                    return AtHome::No;
+            match come_to_receive(&self.place, node.cast(), cx) {
+                Found::Partner(sender) => {
+                    let value = Waiter::take_value_of(sender.cast::<Waiter<T>>());
+                    Waiter::put_value_of(node, value);
+                    part_from_sender(&self.place, sender)
                 }
-                lists.receiver = LastUser::process(process.id());
-                Waiter::begin_plain(node, process);
-                lists.receivers.insert_alone(node.cast());
-                return AtHome::Waits;
-            };
-            let Some((value, ready)) = take_from_first(&self.place, &mut lists, first, process)
-            else {
-                return match lists.is_rendezvous {
-                    true => self.recv_from_guard(lists, node, process),
-                    false => AtHome::No,
-                };
-            };
-            Waiter::put_value_of(node, value);
-            drop(lists);
-            ready.wake();
+                Found::Nobody => AtHome::Waits,
+                Found::Buffer => self.recv_stored_at_home(node),
+                found => self.recv_otherwise(found, node),
+            }
         }
-        AtHome::done(process)
+    }
+
+    /// As [`send_otherwise`](Self::send_otherwise), for who receives.
+    ///
+    /// # Safety
+    ///
+    /// As for [`recv_at_home`](Self::recv_at_home); `found` is what the receiver has found.
+    #[inline(never)]
+    unsafe fn recv_otherwise(&self, found: Found, node: NonNull<Waiter<T>>) -> AtHome {
+        if found != Found::More {
+            return AtHome::No;
+        }
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let lists = self.place.kept(process.home_number());
+            match lists.is_rendezvous {
+                true => self.recv_from_guard(lists, node, process),
+                false => AtHome::No,
+            }
+        }
     }
 
     /// Receives what is stored; a sender that waits moves up.
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; so much is stored.
+    /// As for [`recv_at_home`](Self::recv_at_home), by who has found a [buffer](Found::Buffer).
     #[inline(never)]
-    unsafe fn recv_stored_at_home(
-        &self,
-        node: NonNull<Waiter<T>>,
-        process: &Process,
-        mut lists: InsideGuard<'_, Lists>,
-        stored: usize,
-    ) -> AtHome {
-        // More than there is room for is what came back from futures that were dropped.
-        if stored > self.capacity() {
-            return AtHome::No;
-        }
-        // SAFETY: the contract; the lock is held, which guards the store too.
+    unsafe fn recv_stored_at_home(&self, node: NonNull<Waiter<T>>) -> AtHome {
+        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.
         unsafe {
+            let process = current::this_process();
+            let mut lists = self.place.kept(process.home_number());
+            let stored = self.store.with(|store| (*store).len());
+            // More than there is room for is what came back from futures that were dropped.
+            if stored > self.capacity() {
+                return AtHome::No;
+            }
             let mut moves_up = None;
             if let Some(first) = lists.senders.first() {
                 let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
@@ -234,6 +251,7 @@ impl<T> Channel<T> {
             Waiter::put_value_of(node, value);
             self.place.tell(|| [0, process.id().get().into()]);
             let Some((first, ready)) = moves_up else {
+                lists.is_storing = stored > 1;
                 drop(lists);
                 return AtHome::done(process);
             };
@@ -245,7 +263,7 @@ impl<T> Channel<T> {
             Waiter::settle_plain(sender);
             drop(lists);
             ready.wake();
+            AtHome::done(process)
         }
-        AtHome::done(process)
     }
 }

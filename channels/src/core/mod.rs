@@ -17,6 +17,7 @@
 
 mod alternatives_at_home;
 mod at_home;
+mod meeting;
 mod on_spots;
 mod section;
 

@@ -95,7 +95,7 @@ impl<T> Channel<T> {
         // SAFETY: as above; a sender's node holds its value, and with room the spot does.
         unsafe {
             // What came back from a receive that was dropped comes first.
-            if lists.may_meet_on_spots() && self.store.with(|store| (*store).is_empty()) {
+            if lists.may_meet_on_spots() && !lists.is_storing {
                 if spots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.on_spots.get(Side::Sender)
                 {

@@ -73,17 +73,19 @@ pub(crate) type Locked<'a, T> = Section<'a, T, HomeGuard<'a, Lists>>;
 impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
-        // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
-        self.channel
-            .store
-            .with_mut(|store| f(unsafe { &mut *store }))
+        let lists = &mut *self.lists;
+        self.channel.store.with_mut(|store| {
+            // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
+            let store = unsafe { &mut *store };
+            let done = f(store);
+            lists.is_storing = !store.is_empty();
+            done
+        })
     }
 
     /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
     pub(crate) fn is_ready(&mut self) -> bool {
-        self.lists.ending != Ending::Open
-            || !self.lists.senders.is_empty()
-            || self.with_store(|store| !store.is_empty())
+        self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
     }
 
     /// Tells the registered alternatives that the channel is ready. They are then to be [rung](Channel::ring) for. O(those who do not

@@ -219,7 +219,7 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 /// As for [`body`]; and the body has not ended.
 unsafe fn poll<F: Future<Output = ()>>(task: NonNull<Task>, cx: &mut Context<'_>) -> bool {
     // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_unended(task.as_ref().of(), cx) }
+    unsafe { body::<F>(task).poll_unended(|| task.as_ref().of(), cx) }
 }
 
 /// # Safety
