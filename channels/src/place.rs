@@ -38,10 +38,10 @@ pub struct Lists {
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
-    /// Whether more is stored than there is room for: what came back from receives that were dropped. So who finds the place plain need not look at what is stored.
-    pub(crate) is_overfull: bool,
     /// Whether anybody has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
+    /// Whether anything is stored: said here, so that who receives where nothing is need not look beyond this line.
+    pub(crate) is_storing: bool,
     pub(crate) senders: WaitList,
     pub(crate) receivers: WaitList,
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
@@ -83,7 +83,6 @@ impl Lists {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
             && !self.extends
-            && !self.is_overfull
             && self.server.is_none()
             && !self.taped.is_used();
         let registered = self.registered.first();
@@ -180,8 +179,8 @@ impl Place {
                 is_plain_but_registered: false,
                 may_be_plain: false,
                 is_rendezvous: false,
-                is_overfull: false,
                 extends: false,
+                is_storing: false,
                 tickets: 0,
                 sender: LastUser::NOBODY,
                 receiver: LastUser::NOBODY,

@@ -127,6 +127,23 @@ impl<T> Waiter<T> {
         }
     }
 
+    /// Makes the waiter at `place` one with a value, which is all that is written.
+    ///
+    /// # Safety
+    ///
+    /// It is room for one, and nobody else's.
+    #[inline(always)]
+    pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
+        // SAFETY: the contract.
+        unsafe {
+            // A pointer right before the value: without it the compiler takes the two for one piece of memory, and moves what is not written with what is.
+            (*Self::link(NonNull::new_unchecked(place)))
+                .selection
+                .write(None);
+            (&raw mut (*place).value).write(UnsafeCell::new(MaybeUninit::new(value)));
+        }
+    }
+
     /// A node that holds no value.
     #[inline]
     pub(crate) fn empty() -> Self {
@@ -234,6 +251,20 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn is_plain(node: NonNull<Waiter<T>>) -> bool {
         // SAFETY: the contract.
         unsafe { (*Self::link(node)).begun == Begun::Plainly }
+    }
+
+    /// Whether [`take_plain_wakeup`](Self::take_plain_wakeup) will find one.
+    ///
+    /// # Safety
+    ///
+    /// As there.
+    #[inline(always)]
+    pub(crate) unsafe fn has_plain_wakeup(node: NonNull<Waiter<T>>) -> bool {
+        // SAFETY: the contract.
+        unsafe {
+            let link = Self::link(node);
+            (*link).begun == Begun::Plainly && Wakeup::is_plain((*link).wait.wakeup_mut())
+        }
     }
 
     /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which

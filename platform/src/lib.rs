@@ -36,6 +36,7 @@ pub mod current;
 pub mod events;
 #[cfg(not(loom))]
 pub mod facts;
+mod fetch;
 #[cfg(all(unix, not(loom)))]
 pub mod file;
 pub mod home_lock;

@@ -18,6 +18,7 @@ use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
 use std::fmt;
 use std::future::Future;
+use std::hint::cold_path;
 use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -459,7 +460,7 @@ impl<F> Supervised<F> {
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.enter_thread();
         frame.common.log.enter_home();
-        let alarm = Alarm(&frame.common.emergency);
+        let alarm = Alarm(&frame);
         let body = make();
         std::mem::forget(alarm);
         Self {
@@ -479,12 +480,13 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             let this = self.get_unchecked_mut();
             (Pin::new_unchecked(&mut *this.body), &this.frame)
         };
-        let alarm = Alarm(&frame.common.emergency);
+        let alarm = Alarm(frame);
         let polled = poll_until_failure(body, cx);
         std::mem::forget(alarm);
         match polled {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
+                cold_path();
                 // That it returned without an error is what nothing said means.
                 if !matches!(ended, Ok(Ok(()))) {
                     events::note_failure();
@@ -503,7 +505,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
         // Also a panic of what a cancelled body leaves.
-        let alarm = Alarm(&self.frame.common.emergency);
+        let alarm = Alarm(&self.frame);
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
         std::mem::forget(alarm);
@@ -511,11 +513,11 @@ impl<F> Drop for Supervised<F> {
 }
 
 /// A panic in a process is an emergency: triggered here, as it leaves the body, not when somebody finds the process ended.
-struct Alarm<'a>(&'a Emergency);
+struct Alarm<'a>(&'a Frame);
 
 impl Drop for Alarm<'_> {
     fn drop(&mut self) {
-        self.0.trigger(Cause::Panic);
+        self.0.common.emergency.trigger(Cause::Panic);
     }
 }
 
@@ -529,7 +531,10 @@ fn poll_until_failure<F: Future>(
     let polled = body.poll(cx);
     // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
     match FAILURE.take() {
-        Some(failure) => Poll::Ready(Err(failure)),
+        Some(failure) => {
+            cold_path();
+            Poll::Ready(Err(failure))
+        }
         None => polled.map(Ok),
     }
 }

@@ -179,7 +179,7 @@ impl<T> Channel<T> {
             let Some(lists) = self.place.lock_if_free(home) else {
                 return Look::No;
             };
-            if !lists.is_plain_rendezvous() {
+            if !lists.is_plain_rendezvous() || lists.is_storing {
                 return Look::No;
             }
             look_at::<T>(lists.senders.first(), lists)
@@ -232,7 +232,7 @@ impl<T> Channel<T> {
         // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
         unsafe {
             let mut lists = self.place.lock_if_favoured(process.home_number())?;
-            if !lists.is_plain_but_registered || !still() {
+            if !lists.is_plain_but_registered || lists.is_storing || !still() {
                 return None;
             }
             let first = lists.senders.first()?;

@@ -10,12 +10,12 @@
 //! A process that is recorded goes a way of its own, which is the same but for the events: so the others need not ask at each of them whether anybody records.
 
 use super::Channel;
+use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
 use luna_platform::current::{self, PlainReady, Process};
 use luna_platform::events;
-use luna_platform::home_lock::InsideGuard;
 use luna_platform::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
@@ -35,7 +35,7 @@ pub(crate) enum AtHome {
 
 impl AtHome {
     #[inline(always)]
-    fn done(process: &Process) -> AtHome {
+    pub(super) fn done(process: &Process) -> AtHome {
         match current::gives_way(process) {
             true => AtHome::GaveWay,
             false => AtHome::Done,
@@ -44,7 +44,7 @@ impl AtHome {
 }
 
 /// Gives the value of `offered` to the receiver that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has
-/// changed. It is told as an event if it is `RECORDED`, as below.
+/// changed.
 ///
 /// # Safety
 ///
@@ -105,7 +105,7 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn send_at_home<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
@@ -114,15 +114,32 @@ impl<T> Channel<T> {
         if S::MAKE.is_some() {
             return AtHome::No;
         }
-        let Some(process) = current::unrecorded_turn(cx) else {
-            return match events::is_on() {
-                // SAFETY: the contract.
-                true => unsafe { self.send_recorded(offered, cx) },
-                false => AtHome::No,
-            };
-        };
         // SAFETY: the contract.
-        unsafe { self.send_in_turn::<S, false>(offered, process) }
+        unsafe { self.send_in_turn::<S, false>(offered, cx) }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`send_at_home`](Self::send_at_home).
+    #[inline(always)]
+    unsafe fn send_in_turn<S: Source<T>, const RECORDED: bool>(
+        &self,
+        offered: NonNull<Offered<T, S>>,
+        cx: &Context<'_>,
+    ) -> AtHome {
+        // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible while the lock is held.
+        unsafe {
+            match come_to_send::<RECORDED>(&self.place, offered.cast(), cx) {
+                Found::Partner(receiver) => {
+                    let value = Waiter::take_value_of(offered.cast::<Waiter<T>>());
+                    Waiter::put_value_of(receiver.cast::<Waiter<T>>(), value);
+                    part_from_receiver::<RECORDED>(&self.place, receiver)
+                }
+                Found::Nobody => AtHome::Waits,
+                Found::Buffer => self.store_at_home::<RECORDED>(offered.cast()),
+                found => self.send_otherwise::<S, RECORDED>(found, offered, cx),
+            }
+        }
     }
 
     /// As [`send_at_home`](Self::send_at_home), for a process that is recorded. What it waits for is noted.
@@ -130,78 +147,83 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// As there.
-    #[inline(never)]
+    #[cold]
     unsafe fn send_recorded<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
     ) -> AtHome {
-        let Some(process) = current::plain_turn(cx) else {
-            return AtHome::No;
-        };
         // SAFETY: the contract.
-        let came_to = unsafe { self.send_in_turn::<S, true>(offered, process) };
+        let came_to = unsafe { self.send_in_turn::<S, true>(offered, cx) };
         if came_to == AtHome::Waits {
             self.place.waits();
         }
         came_to
     }
 
+    /// Sends where an alternative may be met, or for a process that is recorded; or says that the general way is to be gone.
+    ///
     /// # Safety
     ///
-    /// As for [`send_at_home`](Self::send_at_home), by the process whose plain turn this is.
-    #[inline(always)]
-    unsafe fn send_in_turn<S: Source<T>, const RECORDED: bool>(
+    /// As for [`send_at_home`](Self::send_at_home); `found` is what the sender has found.
+    #[inline(never)]
+    unsafe fn send_otherwise<S: Source<T>, const RECORDED: bool>(
         &self,
+        found: Found,
         offered: NonNull<Offered<T, S>>,
-        process: &Process,
+        cx: &Context<'_>,
     ) -> AtHome {
-        let home = process.home_number();
-        // SAFETY: this is the thread of the process' home. Under the lock a listed node may be changed, and is one of this channel's.
-        unsafe {
-            let Some(mut lists) = self.place.lock_if_favoured(home) else {
-                return AtHome::No;
+        if found != Found::More {
+            return match !RECORDED && events::is_on() {
+                // SAFETY: the contract: nothing has changed.
+                true => unsafe { self.send_recorded(offered, cx) },
+                false => AtHome::No,
             };
-            if !lists.is_plain {
-                return match lists.is_plain_but_registered {
-                    true => self.send_to_registered::<S, RECORDED>(lists, offered, process),
-                    false => AtHome::No,
-                };
-            }
-            let Some(first) = lists.receivers.first() else {
-                if !lists.is_rendezvous && self.store.with(|store| (*store).len() < self.capacity())
-                {
-                    lists.sender = LastUser::process(process.id());
-                    if RECORDED {
-                        self.place.tell(|| [process.id().get().into(), 0]);
-                    }
-                    let value = offered.as_ref().waiter.take_value();
-                    self.store.with_mut(|store| (*store).push_back(value));
-                    drop(lists);
-                    return AtHome::done(process);
-                }
-                if !lists.senders.is_empty() {
-                    return AtHome::No;
-                }
-                lists.sender = LastUser::process(process.id());
-                let node = offered.cast::<Waiter<T>>();
-                Waiter::begin_plain(node, process);
-                lists.senders.insert_alone(node.cast());
-                return AtHome::Waits;
-            };
-            let node = offered.cast();
-            let Some(ready) =
-                give_to_first::<T, RECORDED>(&self.place, &mut lists, first, node, process)
-            else {
-                return match lists.is_rendezvous {
-                    true => self.send_to_guard::<S, RECORDED>(lists, offered, process),
-                    false => AtHome::No,
-                };
-            };
-            drop(lists);
-            ready.wake();
         }
-        AtHome::done(process)
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let lists = self.place.kept(process.home_number());
+            match (lists.is_plain, lists.is_plain_but_registered) {
+                (false, true) => self.send_to_registered::<S, RECORDED>(lists, offered, process),
+                (true, _) if lists.is_rendezvous => {
+                    self.send_to_guard::<S, RECORDED>(lists, offered, process)
+                }
+                _ => AtHome::No,
+            }
+        }
+    }
+
+    /// Stores the value of a sender who has found nobody but a [buffer](Found::Buffer), or lists the sender.
+    ///
+    /// # Safety
+    ///
+    /// `node` holds a value; as for [`send_at_home`](Self::send_at_home).
+    #[inline(never)]
+    unsafe fn store_at_home<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> AtHome {
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let mut lists = self.place.kept(process.home_number());
+            if self.store.with(|store| (*store).len() < self.capacity()) {
+                lists.sender = LastUser::process(process.id());
+                if RECORDED {
+                    self.place.tell(|| [process.id().get().into(), 0]);
+                }
+                let value = Waiter::take_value_of(node);
+                self.store.with_mut(|store| (*store).push_back(value));
+                lists.is_storing = true;
+                drop(lists);
+                return AtHome::done(process);
+            }
+            if !lists.senders.is_empty() {
+                return AtHome::No;
+            }
+            lists.sender = LastUser::process(process.id());
+            Waiter::begin_plain(node, process);
+            lists.senders.insert_alone(node.cast());
+            AtHome::Waits
+        }
     }
 
     /// Receives into the node, or lists the receiver. O(1), without atomic read-modify-writes.
@@ -209,17 +231,34 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn recv_at_home(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
-        let Some(process) = current::unrecorded_turn(cx) else {
-            return match events::is_on() {
-                // SAFETY: the contract.
-                true => unsafe { self.recv_recorded(node, cx) },
-                false => AtHome::No,
-            };
-        };
         // SAFETY: the contract.
-        unsafe { self.recv_in_turn::<false>(node, process) }
+        unsafe { self.recv_in_turn::<false>(node, cx) }
+    }
+
+    /// # Safety
+    ///
+    /// As for [`recv_at_home`](Self::recv_at_home).
+    #[inline(always)]
+    unsafe fn recv_in_turn<const RECORDED: bool>(
+        &self,
+        node: NonNull<Waiter<T>>,
+        cx: &Context<'_>,
+    ) -> AtHome {
+        // SAFETY: the contract. A sender that is found holds its value, and its node is accessible while the lock is held.
+        unsafe {
+            match come_to_receive::<RECORDED>(&self.place, node.cast(), cx) {
+                Found::Partner(sender) => {
+                    let value = Waiter::take_value_of(sender.cast::<Waiter<T>>());
+                    Waiter::put_value_of(node, value);
+                    part_from_sender::<RECORDED>(&self.place, sender)
+                }
+                Found::Nobody => AtHome::Waits,
+                Found::Buffer => self.recv_stored::<RECORDED>(node),
+                found => self.recv_otherwise::<RECORDED>(found, node, cx),
+            }
+        }
     }
 
     /// As [`recv_at_home`](Self::recv_at_home), for a process that is recorded. What it waits for is noted.
@@ -227,79 +266,62 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// As there.
-    #[inline(never)]
+    #[cold]
     unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
-        let Some(process) = current::plain_turn(cx) else {
-            return AtHome::No;
-        };
         // SAFETY: the contract.
-        let came_to = unsafe { self.recv_in_turn::<true>(node, process) };
+        let came_to = unsafe { self.recv_in_turn::<true>(node, cx) };
         if came_to == AtHome::Waits {
             self.place.waits();
         }
         came_to
     }
 
+    /// As [`send_otherwise`](Self::send_otherwise), for who receives.
+    ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is.
-    #[inline(always)]
-    unsafe fn recv_in_turn<const RECORDED: bool>(
+    /// As for [`recv_at_home`](Self::recv_at_home); `found` is what the receiver has found.
+    #[inline(never)]
+    unsafe fn recv_otherwise<const RECORDED: bool>(
         &self,
+        found: Found,
         node: NonNull<Waiter<T>>,
-        process: &Process,
+        cx: &Context<'_>,
     ) -> AtHome {
-        let home = process.home_number();
-        // SAFETY: as above.
-        unsafe {
-            let Some(mut lists) = self.place.lock_if_favoured(home) else {
-                return AtHome::No;
+        if found != Found::More {
+            return match !RECORDED && events::is_on() {
+                // SAFETY: the contract: nothing has changed.
+                true => unsafe { self.recv_recorded(node, cx) },
+                false => AtHome::No,
             };
-            if !lists.is_plain {
-                return AtHome::No;
-            }
-            // A rendezvous stores nothing, or it is not plain.
-            if !lists.is_rendezvous && self.store.with(|store| !(*store).is_empty()) {
-                return self.recv_stored::<RECORDED>(node, process, lists);
-            }
-            let Some(first) = lists.senders.first() else {
-                if !lists.receivers.is_empty() {
-                    return AtHome::No;
-                }
-                lists.receiver = LastUser::process(process.id());
-                Waiter::begin_plain(node, process);
-                lists.receivers.insert_alone(node.cast());
-                return AtHome::Waits;
-            };
-            let Some((value, ready)) =
-                take_from_first::<T, RECORDED>(&self.place, &mut lists, first, process)
-            else {
-                return match lists.is_rendezvous {
-                    true => self.recv_from_guard::<RECORDED>(lists, node, process),
-                    false => AtHome::No,
-                };
-            };
-            Waiter::put_value_of(node, value);
-            drop(lists);
-            ready.wake();
         }
-        AtHome::done(process)
+        // SAFETY: the contract: this is a process' turn, and it has the lock.
+        unsafe {
+            let process = current::this_process();
+            let lists = self.place.kept(process.home_number());
+            match lists.is_rendezvous {
+                true => self.recv_from_guard::<RECORDED>(lists, node, process),
+                false => AtHome::No,
+            }
+        }
     }
 
     /// Receives what is stored; a sender that waits moves up.
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), by the process whose plain turn this is; not more is stored than there is room for.
+    /// As for [`recv_at_home`](Self::recv_at_home), by who has found a [buffer](Found::Buffer).
     #[inline(never)]
-    unsafe fn recv_stored<const RECORDED: bool>(
-        &self,
-        node: NonNull<Waiter<T>>,
-        process: &Process,
-        mut lists: InsideGuard<'_, Lists>,
-    ) -> AtHome {
-        // SAFETY: the contract; the lock is held, which guards the store too.
+    unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> AtHome {
+        // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.
         unsafe {
+            let process = current::this_process();
+            let mut lists = self.place.kept(process.home_number());
+            let stored = self.store.with(|store| (*store).len());
+            // More than there is room for is what came back from futures that were dropped.
+            if stored > self.capacity() {
+                return AtHome::No;
+            }
             let mut moves_up = None;
             if let Some(first) = lists.senders.first() {
                 let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
@@ -316,6 +338,7 @@ impl<T> Channel<T> {
                 self.place.tell(|| [0, process.id().get().into()]);
             }
             let Some((first, ready)) = moves_up else {
+                lists.is_storing = stored > 1;
                 drop(lists);
                 return AtHome::done(process);
             };
@@ -329,7 +352,7 @@ impl<T> Channel<T> {
             Waiter::settle_plain(sender);
             drop(lists);
             ready.wake();
+            AtHome::done(process)
         }
-        AtHome::done(process)
     }
 }

@@ -17,6 +17,7 @@
 
 mod alternatives_at_home;
 mod at_home;
+mod meeting;
 mod on_spots;
 mod section;
 
@@ -296,7 +297,6 @@ impl<T> Channel<T> {
                 _ => None,
             }
         });
-        section.find_whether_overfull();
         section.announce();
         section.release();
         // The user's code, so not under the lock.

@@ -94,7 +94,8 @@ impl<T> Channel<T> {
         let mut lists = self.place.lock();
         // SAFETY: as above; a sender's node holds its value, and with room the spot does.
         unsafe {
-            if lists.may_meet_on_spots() {
+            // What came back from a receive that was dropped comes first.
+            if lists.may_meet_on_spots() && !lists.is_storing {
                 if spots.is_waiting(Side::Sender)
                     && let Some(sender) = lists.on_spots.get(Side::Sender)
                 {

@@ -73,25 +73,19 @@ pub(crate) type Locked<'a, T> = Section<'a, T, HomeGuard<'a, Lists>>;
 impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
-        // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
-        self.channel
-            .store
-            .with_mut(|store| f(unsafe { &mut *store }))
-    }
-
-    /// To be called when a value has come back, and after a receive where one had.
-    #[cold]
-    pub(super) fn find_whether_overfull(&mut self) {
-        let capacity = self.channel.capacity();
-        self.lists.is_overfull = self.with_store(|store| store.len() > capacity);
-        self.lists.find_whether_plain();
+        let lists = &mut *self.lists;
+        self.channel.store.with_mut(|store| {
+            // SAFETY: the lock is held for as long as this section is, and the section is borrowed exclusively.
+            let store = unsafe { &mut *store };
+            let done = f(store);
+            lists.is_storing = !store.is_empty();
+            done
+        })
     }
 
     /// Whether a receive would not have to wait. A sender that has chosen otherwise may still count.
     pub(crate) fn is_ready(&mut self) -> bool {
-        self.lists.ending != Ending::Open
-            || !self.lists.senders.is_empty()
-            || self.with_store(|store| !store.is_empty())
+        self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
     }
 
     /// Tells the registered alternatives that the channel is ready. They are then to be [rung](Channel::ring) for. O(those who do not
@@ -455,9 +449,6 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
                     let stored = self.with_store(|store| store.len());
                     self.lists.note_taken(stored + 1, stamp);
                 }
-            }
-            if self.lists.is_overfull {
-                self.find_whether_overfull();
             }
             let place = &self.channel.place;
             place.tell(|| [0, events::current_process()]);

@@ -14,6 +14,7 @@ use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
+use std::hint::cold_path;
 use std::marker::{PhantomData, PhantomPinned};
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -240,6 +241,20 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         unsafe { Waiter::order(self.node()) }
     }
 
+    /// Goes on with what did not simply come to its end at home.
+    #[inline(never)]
+    fn poll_away(
+        &mut self,
+        at_home: AtHome,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        if at_home == AtHome::GaveWay {
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        self.poll_generally(cx)
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(
@@ -431,25 +446,23 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
         if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
             let channel = this.receiver.channel();
             // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
-            match unsafe { channel.recv_at_home(this.node(), cx) } {
-                AtHome::No => {}
-                AtHome::Waits => {
-                    this.phase = Phase::Listed;
-                    return Poll::Pending;
-                }
-                AtHome::Done => {
-                    this.phase = Phase::Settled(Outcome::Done);
-                    return Poll::Ready(this.settled(Outcome::Done));
-                }
-                AtHome::GaveWay => {
-                    this.phase = Phase::GaveWay;
-                    return Poll::Pending;
-                }
+            let at_home = unsafe { channel.recv_at_home(this.node(), cx) };
+            // As for a send: the two usual ways alone.
+            if at_home == AtHome::Waits {
+                this.phase = Phase::Listed;
+                return Poll::Pending;
             }
+            if at_home == AtHome::Done {
+                this.phase = Phase::Settled(Outcome::Done);
+                return Poll::Ready(this.settled(Outcome::Done));
+            }
+            cold_path();
+            return this.poll_away(at_home, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             return Poll::Ready(this.settled(Outcome::Done));
         }
+        cold_path();
         this.poll_generally(cx)
     }
 }
@@ -458,6 +471,7 @@ impl<T, M: Mode> Drop for RecvOp<'_, T, M> {
     #[inline(always)]
     fn drop(&mut self) {
         if self.phase != Phase::Over {
+            cold_path();
             self.drop_unfinished();
         }
     }

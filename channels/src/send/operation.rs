@@ -14,7 +14,9 @@ use luna_platform::tape::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;
+use std::hint::cold_path;
 use std::marker::PhantomPinned;
+use std::mem::MaybeUninit;
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -61,6 +63,23 @@ pub struct SendOp<'a, T, S: Source<T> = InNode> {
 unsafe impl<T: Send, S: Source<T> + Send> Send for SendOp<'_, T, S> {}
 // SAFETY: `&SendOp` gives access to nothing.
 unsafe impl<T: Send, S: Source<T> + Send> Sync for SendOp<'_, T, S> {}
+
+impl<'a, T> SendOp<'a, T> {
+    /// A send of `value`, which is written where it is to lie: to make the node first and move it would be to copy also what is not written before it is listed.
+    #[inline(always)]
+    pub(super) fn of_value(sender: &'a Sender<T>, value: T) -> Self {
+        let mut send = MaybeUninit::<Self>::uninit();
+        let place = send.as_mut_ptr();
+        // SAFETY: the place is this function's. What is left unwritten may be: the node of a send that is not listed.
+        unsafe {
+            (&raw mut (*place).sender).write(sender);
+            let offered = UnsafeCell::raw_get(&raw const (*place).offered);
+            Waiter::write_value(&raw mut (*offered).waiter, value);
+            (&raw mut (*place).phase).write(Phase::New);
+            send.assume_init()
+        }
+    }
+}
 
 impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline]
@@ -278,6 +297,20 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         unsafe { Waiter::order(self.node()) }
     }
 
+    /// Goes on with what did not simply come to its end at home.
+    #[inline(never)]
+    fn poll_away(
+        &mut self,
+        at_home: AtHome,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<(), SendError<S::Unsent>>> {
+        if at_home == AtHome::GaveWay {
+            self.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
+        self.poll_generally(cx)
+    }
+
     /// Polls wherever the process is, and whatever is asked of the channel.
     #[inline(never)]
     fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
@@ -437,26 +470,24 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
         if this.phase == Phase::New && this.offered().source.is_open() {
             let channel = this.sender.channel();
             // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
-            match unsafe { channel.send_at_home(this.place_of_offer(), cx) } {
-                AtHome::No => {}
-                AtHome::Waits => {
-                    this.phase = Phase::Listed;
-                    return Poll::Pending;
-                }
-                AtHome::Done => {
-                    this.phase = Phase::Over;
-                    return Poll::Ready(Ok(()));
-                }
-                AtHome::GaveWay => {
-                    this.phase = Phase::GaveWay;
-                    return Poll::Pending;
-                }
+            let at_home = unsafe { channel.send_at_home(this.place_of_offer(), cx) };
+            // The two usual ways alone: with more the compiler jumps by a table, which a processor that has done something else meanwhile cannot foresee.
+            if at_home == AtHome::Done {
+                this.phase = Phase::Over;
+                return Poll::Ready(Ok(()));
             }
+            if at_home == AtHome::Waits {
+                this.phase = Phase::Listed;
+                return Poll::Pending;
+            }
+            cold_path();
+            return this.poll_away(at_home, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             this.phase = Phase::Over;
             return Poll::Ready(Ok(()));
         }
+        cold_path();
         this.poll_generally(cx)
     }
 }
@@ -465,6 +496,7 @@ impl<T, S: Source<T>> Drop for SendOp<'_, T, S> {
     #[inline(always)]
     fn drop(&mut self) {
         if self.phase != Phase::Over {
+            cold_path();
             self.drop_unfinished();
         }
     }

@@ -67,7 +67,7 @@ impl<T> Sender<T> {
     /// ```
     #[inline]
     pub fn send(&self, value: T) -> SendOp<'_, T> {
-        SendOp::new(self, Offered::value(value))
+        SendOp::of_value(self, value)
     }
 
     /// Like [`send`](Self::send), with a value that stays in `slot` until it is taken: in an alternative that chooses another guard it is

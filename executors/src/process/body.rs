@@ -30,15 +30,16 @@ impl<F: Future<Output = ()>> Body<F> {
         }
     }
 
-    /// Polls the future and nothing else; `true` if that has ended it. If it panics, [`end_panicked`](Self::end_panicked) is to be called.
+    /// Polls the future and nothing else; `true` if that has ended it. If it panics, [`end_panicked`](Self::end_panicked) is to be called. Whose it is, is asked for only when
+    /// it has ended: most polls touch nothing of that.
     ///
     /// # Safety
     ///
     /// It has not ended before.
     #[inline(always)]
-    pub(crate) unsafe fn poll_unended(
+    pub(crate) unsafe fn poll_unended<'a>(
         self: Pin<&mut Self>,
-        of: Of<'_>,
+        of: impl FnOnce() -> Of<'a>,
         cx: &mut Context<'_>,
     ) -> bool {
         // SAFETY: `future` is never moved: it is polled pinned, and dropped in place; by the contract it is there.
@@ -47,7 +48,7 @@ impl<F: Future<Output = ()>> Body<F> {
             let future = this.future.as_mut().unwrap_unchecked();
             let has_ended = Pin::new_unchecked(future).poll(cx).is_ready();
             if has_ended {
-                this.end(of, RawExit::Completed);
+                this.end(of(), RawExit::Completed);
             }
             has_ended
         }
@@ -100,6 +101,7 @@ impl<F: Future<Output = ()>> Body<F> {
 }
 
 impl<F> Body<F> {
+    #[cold]
     fn end(&mut self, of: Of<'_>, exit: RawExit) {
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.

@@ -222,7 +222,7 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool {
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_unended(task.as_ref().of(), cx) }
+    unsafe { body::<F>(task).poll_unended(|| task.as_ref().of(), cx) }
 }
 
 /// # Safety

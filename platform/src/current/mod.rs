@@ -402,6 +402,18 @@ fn turn<'a>(cx: &Context<'a>, is_owned: impl FnOnce(&Process) -> bool) -> Option
     (process.is_polled_by(cx) && branch.is_plain() && is_owned(process)).then_some(process)
 }
 
+/// The process whose turn this is, for who knows that there is one.
+///
+/// # Safety
+///
+/// There is one, and its turn lasts as long as the reference is used.
+#[inline(always)]
+pub unsafe fn this_process<'a>() -> &'a Process {
+    let current = THREAD.with(|thread| thread.process.get());
+    // SAFETY: the contract; a process that is being polled is live.
+    unsafe { &*current.unwrap_unchecked().as_ptr() }
+}
+
 /// Calls `f` with the current process, if there is one.
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {

@@ -5,7 +5,7 @@
 //! finds itself not favoured any more afterwards puts both back, if the word is still 0, and lets the kernel hand over; if it is not, who
 //! waited has come through already. A wait that begins after the store finds 0, and does not wait.
 
-use super::lock::{futex_pi, lock_pi, thread_id};
+use super::lock::{futex_pi, known_thread_id, lock_pi, thread_id};
 use std::hint::spin_loop;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -33,10 +33,15 @@ impl Inside {
     /// The favoured home's thread enters.
     #[inline(always)]
     pub(crate) fn enter(&self) {
+        let me = known_thread_id();
         if self.word.load(Ordering::Relaxed) != 0 {
             entered_twice();
         }
-        self.word.store(thread_id(), Ordering::Relaxed);
+        // Not asked for here: then all that the way at home has in its hands would have to be kept across a call, each time.
+        if me == 0 {
+            unknown();
+        }
+        self.word.store(me, Ordering::Relaxed);
     }
 
     /// Panics if this thread is inside.
@@ -86,4 +91,10 @@ impl Inside {
 #[inline(never)]
 fn entered_twice() -> ! {
     panic!("a thread locked a lock that it holds already")
+}
+
+#[cold]
+#[inline(never)]
+fn unknown() -> ! {
+    panic!("a thread that has never locked is the home of a lock")
 }

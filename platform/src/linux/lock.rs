@@ -173,18 +173,25 @@ pub(super) fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
     Errno::result(outcome).map(drop)
 }
 
+thread_local! {
+    static THREAD_ID: Cell<u32> = const { Cell::new(0) };
+}
+
 /// The kernel's id of this thread, asked for once. A process that was forked without exec must not use locks of its parent.
 #[inline]
 pub(super) fn thread_id() -> u32 {
-    thread_local! {
-        static THREAD_ID: Cell<u32> = const { Cell::new(0) };
-    }
     THREAD_ID.with(|id| {
         if id.get() == 0 {
             id.set(nix::unistd::gettid().as_raw() as u32);
         }
         id.get()
     })
+}
+
+/// The id as far as it was asked for already, 0 if it was not: for who has locked before, as every thread that becomes a home has.
+#[inline(always)]
+pub(super) fn known_thread_id() -> u32 {
+    THREAD_ID.get()
 }
 
 impl<T> Drop for PiGuard<'_, T> {
