@@ -4,7 +4,7 @@
 //! event's code, its subject and two numbers; a time stamp is added. What an event means is said in the logger's documentation.
 //!
 //! Without the feature `events` all of this is nothing: no code, no memory. With it, a thread that is not recorded executes one branch an event, which is always the
-//! same. Where it counts there is none: turns, wakes and what processes of one executor send each other go other ways in a process that is
+//! same. Where it counts there is one, when an operation that has waited goes on, and no other: turns, wakes and what processes of one executor send each other go other ways in a process that is
 //! [recorded](crate::current::Process::set_recorded), which bytes say that are looked at anyway.
 //!
 //! The other half are names: who makes a process, a channel or a loop [names](name) it, if anybody listens (`listen`). Not for the real-time path, as making one is not.
