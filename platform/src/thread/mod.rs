@@ -181,6 +181,15 @@ pub fn current_number() -> ThreadNumber {
     ThreadNumber(backend::current_number())
 }
 
+/// Lets the calling thread run on all cores of the process again. One system call. Does nothing where threads cannot be pinned.
+///
+/// ```
+/// luna_platform::thread::unpin_current();
+/// ```
+pub fn unpin_current() {
+    backend::unpin();
+}
+
 /// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For one that does not come to its end; it can be done without a
 /// privilege. Three system calls at most. Does nothing where threads have no priorities, or to one that has ended.
 ///

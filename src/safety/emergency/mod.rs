@@ -2,6 +2,7 @@
 
 mod crew;
 mod functions;
+mod rouser;
 mod trigger;
 
 pub(crate) use crew::EmergencyThread;
@@ -146,11 +147,13 @@ impl Emergency {
         });
     }
 
-    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), one system call, and the wait until the functions begin that
+    /// Wakes one of the crew; the first trigger counts. From any thread, on the real-time path too: O(1), one system call, and the wait until the functions begin that
     /// [`emergency`] tells of.
     pub(crate) fn trigger(&self, cause: Cause) {
         self.begin(cause);
-        signals::announce_event();
+        if !self.crew.call_here() {
+            signals::announce_event();
+        }
         self.look_on();
     }
 
