@@ -13,12 +13,11 @@
 //! assert_ne!(signals::wait_for_event(seen, Instant::now() + Duration::from_secs(10)), seen);
 //! ```
 
-use crate::backend::crash::current_thread;
 use crate::backend::signals as backend;
 use crate::clock::Instant;
 use crate::event_count::EventCount;
 use std::fmt;
-use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -32,7 +31,7 @@ pub const SAME_REQUEST: Duration = Duration::from_millis(50);
 static EVENTS: EventCount = EventCount::new();
 
 /// The threads that wait for events, as far as there is room: a handler that interrupts one of them has told it already.
-static WAITING: [AtomicI32; 16] = [const { AtomicI32::new(0) }; 16];
+static WAITING: [AtomicUsize; 16] = [const { AtomicUsize::new(0) }; 16];
 
 /// The number of the signal received, 0 for none. Written by the handler (0 to a number) and by the last watch's drop (back to 0).
 static RECEIVED: AtomicI32 = AtomicI32::new(0);
@@ -259,7 +258,7 @@ pub(crate) fn note(number: i32) -> Noted {
 /// Whether the thread that a handler runs on was interrupted while it waits for events. Without thread-local storage, which may allocate where this is part of a library that is loaded late.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn waits_here() -> bool {
-    let me = current_thread();
+    let me = backend::current_thread();
     let mut waiting = WAITING.iter();
     waiting.any(|thread| thread.load(Ordering::Relaxed) == me)
 }
@@ -291,11 +290,11 @@ pub fn event_count() -> u32 {
 
 /// Waits until there was an event after `seen` was read, or until `deadline`; returns the count as it is then.
 ///
-/// The same number as `seen` means that the deadline came. Two system calls, and one more for each wake without a cause. Of a signal that is handled on this thread meanwhile nobody else of its
+/// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause. Of a signal that is handled on this thread meanwhile nobody else of its
 /// [`Listeners`] is told.
 pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
-    let me = current_thread();
-    let free = |place: &&AtomicI32| {
+    let me = backend::current_thread();
+    let free = |place: &&AtomicUsize| {
         let taken = place.compare_exchange(0, me, Ordering::Relaxed, Ordering::Relaxed);
         taken.is_ok()
     };

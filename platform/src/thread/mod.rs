@@ -176,6 +176,12 @@ pub fn available_cores() -> Vec<usize> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ThreadNumber(i32);
 
+impl ThreadNumber {
+    pub(crate) fn get(self) -> i32 {
+        self.0
+    }
+}
+
 /// The calling thread's number: 0 where the system tells none. One system call.
 pub fn current_number() -> ThreadNumber {
     ThreadNumber(backend::current_number())

@@ -258,6 +258,8 @@ impl EmergencyThread {
                 // Each number is given once.
                 let _ = crew.numbers[usize::from(member)].set(thread::current_number());
                 crew.members.fetch_add(1, Ordering::Relaxed);
+                // A thread's first lock asks the kernel for its number: not in an emergency.
+                prepared.bound_crashes();
                 Ok::<_, Infallible>(())
             },
             move |()| serve(&emergency, member, &living),
@@ -404,8 +406,9 @@ fn step(emergency: &Emergency, member: u8) -> Task {
     let around = |moment| match moment {
         Moment::Begins(look) => {
             emergency.crew.accept_signals(false);
-            if let Some(crash) = crash {
-                crash.enter(member);
+            let number = emergency.crew.numbers[usize::from(member)].get();
+            if let Some((crash, number)) = crash.zip(number) {
+                crash.enter(member, *number);
             }
             // Behind the signals: one that this thread has taken before is soon known to the others.
             if let Some(at) = look {
