@@ -8,32 +8,16 @@ use crate::sync::atomic::AtomicBool;
 struct Crew {
     events: EventCount,
     relay: Relay,
-    /// The others are to look after who runs: what the timer says when it expires.
-    is_due: AtomicBool,
 }
 
 impl Crew {
-    fn new() -> Arc<Self> {
-        let crew = Self {
-            events: EventCount::new(),
-            relay: Relay::new(),
-            is_due: AtomicBool::new(false),
-        };
-        crew.relay.add();
-        crew.events.join();
-        Arc::new(crew)
-    }
-
-    /// A member that hangs in its job for ever, or leaves behind who does; says which.
-    fn serve(&self, interrupt: impl FnOnce()) -> bool {
+    /// A member that hangs in the job for ever, or leaves behind who does; says whether it hangs. It is interrupted as it is about to wait.
+    fn serve(&self, member: u8, interrupt: impl FnOnce()) -> bool {
         let mut interrupt = Some(interrupt);
         loop {
             let seen = self.events.get();
-            match self.relay.take(u8::from(interrupt.is_none())) {
-                Leg::Run(_) => {
-                    self.is_due.store(true, Ordering::Release);
-                    return true;
-                }
+            match self.relay.take(member) {
+                Leg::Run(_) => return true,
                 Leg::Watch(turn) => {
                     assert!(self.relay.leave_behind(turn));
                     return false;
@@ -49,25 +33,27 @@ impl Crew {
     }
 }
 
-/// A handler interrupts the wait of one, who alone hears of it, and hangs: the timer wakes the other.
+/// A handler interrupts the wait of one, who alone hears of it. Should it hang, the timer wakes the other.
 #[test]
 fn one_who_is_interrupted_acts_and_is_watched() {
     loom::model(|| {
-        let crew = Crew::new();
-        let (first, second, timer) = (crew.clone(), crew.clone(), crew.clone());
-        let second = loom::thread::spawn(move || second.serve(|| ()));
-        let timer = loom::thread::spawn(move || {
-            while !timer.is_due.load(Ordering::Acquire) {
-                loom::thread::yield_now();
-            }
-            timer.events.announce();
+        let crew = Arc::new(Crew {
+            events: EventCount::new(),
+            relay: Relay::new(),
         });
-        let has_run = first.serve(|| {
+        crew.relay.add();
+        crew.events.join();
+        let other = crew.clone();
+        let second = loom::thread::spawn(move || other.serve(1, || ()));
+        let hangs = crew.serve(0, || {
             crew.relay.begin();
             crew.events.announce_here();
         });
-        assert_ne!(has_run, second.join().unwrap());
-        timer.join().unwrap();
+        if hangs {
+            // The timer.
+            crew.events.announce();
+        }
+        assert_ne!(hangs, second.join().unwrap());
         assert!(crew.relay.is_done());
     });
 }
