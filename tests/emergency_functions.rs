@@ -56,7 +56,11 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
     }
     let main = main.build().unwrap();
     main.process("raiser")
-        .spawn(async { Err(luna::emergency(Error::other("now"))) })
+        .spawn(async {
+            let _raised = luna::emergency(Error::other("now"));
+            // The functions alone end the run, or else who hangs might be found by the end.
+            std::future::pending().await
+        })
         .unwrap();
     assert_eq!(
         system.run().unwrap_err().to_string(),

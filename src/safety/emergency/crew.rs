@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::Living;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
+use luna_platform::path::{self, Call};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{Listeners, Signal, SignalError, SignalWatch};
 use luna_platform::summons::Summons;
@@ -134,7 +135,8 @@ impl Crew {
         });
         place.is_some_and(|place| {
             // A thread with a deadline gives way to nobody.
-            !thread::current_policy().is_deadline() && self.summons[ON_DUTY as usize + place].call()
+            !path::expected(Call::Wake, thread::current_policy).is_deadline()
+                && self.summons[ON_DUTY as usize + place].call()
         })
     }
 }
