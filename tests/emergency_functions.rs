@@ -37,9 +37,30 @@ fn outcomes(safety: &SafetyReport) -> Vec<FunctionOutcome> {
 
 /// Raises an emergency in a process, and gives what the report says of safety.
 fn raise_in(system: &mut System) -> SafetyReport {
-    let main = system.executor("main").build().unwrap();
+    raise_on(None, system)
+}
+
+/// Nowhere in particular, and on the core of a real-time thread, where somebody waits for that.
+fn places() -> [Option<usize>; 2] {
+    [
+        None,
+        luna_platform::thread::available_cores().first().copied(),
+    ]
+}
+
+/// As [`raise_in`], on a real-time thread of that core if one is named.
+fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
+    let mut main = system.executor("main");
+    if let Some(core) = core {
+        main = main.core(core).policy(Policy::fifo(50));
+    }
+    let main = main.build().unwrap();
     main.process("raiser")
-        .spawn(async { Err(luna::emergency(Error::other("now"))) })
+        .spawn(async {
+            let _raised = luna::emergency(Error::other("now"));
+            // The functions alone end the run, or else who hangs might be found by the end.
+            std::future::pending().await
+        })
         .unwrap();
     assert_eq!(
         system.run().unwrap_err().to_string(),
@@ -92,24 +113,51 @@ fn one_that_hangs_is_left_behind_and_the_others_run() {
 #[test]
 fn all_but_one_thread_may_hang() {
     let _watch = watchdog();
-    let log = Log::default();
-    let mut system = System::new("all hang");
-    let mut kept = Vec::new();
-    for number in 0..7 {
-        let name = format!("hangs {number}");
-        let (hangs, let_go) = hang(&log, &name);
-        kept.push(let_go);
-        system.on_emergency_within(&name, SHORT, hangs);
+    for core in places() {
+        let log = Log::default();
+        let mut system = System::new("all hang");
+        let mut kept = Vec::new();
+        for number in 0..7 {
+            let name = format!("hangs {number}");
+            let (hangs, let_go) = hang(&log, &name);
+            kept.push(let_go);
+            system.on_emergency_within(&name, SHORT, hangs);
+        }
+        system.on_emergency_within("last", LONG, log.noter("last"));
+        let safety = raise_on(core, &mut system);
+        let mut expected: Vec<String> = (0..7).map(|number| format!("hangs {number}")).collect();
+        expected.push("last".to_owned());
+        assert_eq!(log.all(), expected, "{core:?}");
+        assert_eq!(
+            outcomes(&safety)[6..],
+            [FunctionOutcome::LeftBehind, FunctionOutcome::Ran]
+        );
     }
-    system.on_emergency_within("last", LONG, log.noter("last"));
-    let safety = raise_in(&mut system);
-    let mut expected: Vec<String> = (0..7).map(|number| format!("hangs {number}")).collect();
-    expected.push("last".to_owned());
-    assert_eq!(log.all(), expected);
-    assert_eq!(
-        outcomes(&safety)[6..],
-        [FunctionOutcome::LeftBehind, FunctionOutcome::Ran]
-    );
+}
+
+/// One that may hang is not to be interrupted, nor to be who hears of the next signal.
+#[test]
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
+    use nix::sys::signal::{SigSet, Signal};
+    let _watch = watchdog();
+    for core in places() {
+        let (told, masks) = mpsc::channel();
+        let mut system = System::new("masked");
+        for name in ["first", "second"] {
+            let told = told.clone();
+            system.on_emergency(name, move || {
+                told.send(SigSet::thread_get_mask().unwrap()).unwrap();
+            });
+        }
+        let _ = raise_on(core, &mut system);
+        for _ in 0..2 {
+            let mask = masks.recv().unwrap();
+            for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
+                assert!(mask.contains(signal), "{signal} on {core:?}");
+            }
+        }
+    }
 }
 
 /// A function of the safe state and one of the emergency at the same time: there is still somebody who watches both.
@@ -241,38 +289,41 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
 #[test]
 fn one_that_computes_for_ever_loses_its_priority() {
     let _watch = watchdog();
-    let log = Log::default();
-    let is_over = Arc::new(AtomicBool::new(false));
-    let (told, policy_after) = mpsc::channel();
-    let mut system = System::new("computing");
-    system
-        .executor("control")
-        .policy(Policy::fifo(80))
-        .build()
-        .unwrap();
-    let over = is_over.clone();
-    system.on_emergency_within("computes", SHORT, move || {
-        let before = luna_platform::thread::current_policy();
-        while !over.load(Ordering::Relaxed) {
-            std::hint::spin_loop();
+    for core in places() {
+        let log = Log::default();
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (told, policy_after) = mpsc::channel();
+        let mut system = System::new("computing");
+        system
+            .executor("control")
+            .policy(Policy::fifo(80))
+            .build()
+            .unwrap();
+        let over = is_over.clone();
+        system.on_emergency_within("computes", SHORT, move || {
+            let before = luna_platform::thread::current_policy();
+            while !over.load(Ordering::Relaxed) {
+                std::hint::spin_loop();
+            }
+            let _ = told.send((before, luna_platform::thread::current_policy()));
+        });
+        let over = is_over.clone();
+        let mut note = log.noter("last");
+        system.on_emergency_within("last", LONG, move || {
+            note();
+            over.store(true, Ordering::Relaxed);
+        });
+        let safety = raise_on(core, &mut system);
+        assert_eq!(log.all(), ["last"]);
+        assert_eq!(safety.functions[0].outcome, FunctionOutcome::LeftBehind);
+        let (before, after) = policy_after.recv().unwrap();
+        assert_eq!(after, Policy::Other);
+        if !has_real_time() {
+            skip("its priority before: no privilege");
+            continue;
         }
-        let _ = told.send((before, luna_platform::thread::current_policy()));
-    });
-    let over = is_over.clone();
-    let mut note = log.noter("last");
-    system.on_emergency_within("last", LONG, move || {
-        note();
-        over.store(true, Ordering::Relaxed);
-    });
-    let safety = raise_in(&mut system);
-    assert_eq!(log.all(), ["last"]);
-    assert_eq!(safety.functions[0].outcome, FunctionOutcome::LeftBehind);
-    let (before, after) = policy_after.recv().unwrap();
-    assert_eq!(after, Policy::Other);
-    if !has_real_time() {
-        return skip("its priority before: no privilege");
+        assert_eq!(before.priority(), 99);
     }
-    assert_eq!(before.priority(), 99);
 }
 
 #[test]

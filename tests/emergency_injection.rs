@@ -102,11 +102,18 @@ fn add(
         record.is_certain.fetch_or(is_certain, Ordering::SeqCst);
         record.triggers.fetch_add(1, Ordering::SeqCst);
     };
-    let place = match random.below(2) {
-        0 => common::Place::Executor,
-        _ => common::Place::Thread,
+    let place = random.below(4);
+    let process = |system: &mut System| match place {
+        0 => common::Place::Executor.process(system, &name, &name),
+        1 => common::Place::Thread.process(system, &name, &name),
+        // On a real-time core, where somebody of the emergency manager waits.
+        _ => {
+            let cores = luna_platform::thread::available_cores();
+            let core = cores[(place as usize) % cores.len()];
+            let executor = system.executor(&name).core(core).policy(Policy::fifo(10));
+            executor.build().unwrap().process(&name)
+        }
     };
-    let process = |system: &mut System| place.process(system, &name, &name);
     match kind {
         Kind::Panic => {
             let body = async move {

@@ -126,6 +126,18 @@ fn part() {
             });
             let _ = system.run();
         }
+        "all hang" => {
+            let mut system = looping_system();
+            for _ in 0..9 {
+                system.on_emergency_within("hanging", Duration::from_millis(1), || {
+                    println!("hanging");
+                    loop {
+                        std::thread::park();
+                    }
+                });
+            }
+            let _ = system.run();
+        }
         "preparing" => {
             struct Slow(std::sync::mpsc::Receiver<()>);
             impl Process for Slow {
@@ -244,6 +256,24 @@ fn a_second_one_ends_the_program_at_once() {
             "{ended:?}"
         );
     }
+}
+
+/// Also if no thread is left to run functions.
+#[test]
+fn a_second_one_ends_the_program_when_all_hang() {
+    if has_no_signals() {
+        return;
+    }
+    let mut program = Program::start("all hang");
+    program.wait_for("ready");
+    program.signal(INTERRUPT);
+    for _ in 0..9 {
+        program.wait_for("hanging");
+    }
+    std::thread::sleep(SAME_REQUEST);
+    program.signal(TERMINATE);
+    let ended = program.end();
+    assert_eq!(ended.status.code(), Some(128 + TERMINATE), "{ended:?}");
 }
 
 #[test]

@@ -51,16 +51,27 @@ enum Trigger {
     Process,
     Panic,
     Signal,
+    /// A signal by a thread without a real-time policy, as of who types `kill`.
+    OrdinarySignal,
     /// A thread that is no process.
     Driver,
 }
 
-const TRIGGERS: [(Trigger, &str); 4] = [
+const TRIGGERS: [(Trigger, &str); 5] = [
     (Trigger::Process, "LUNA, luna::emergency"),
     (Trigger::Panic, "LUNA, a panic"),
     (Trigger::Signal, "LUNA, SIGTERM"),
+    (
+        Trigger::OrdinarySignal,
+        "LUNA, SIGTERM of an ordinary thread",
+    ),
     (Trigger::Driver, "LUNA, a driver's thread"),
 ];
+
+fn terminate() {
+    // SAFETY: a signal to this process, which the system watches for.
+    unsafe { libc::kill(libc::getpid(), libc::SIGTERM) };
+}
 
 /// The time of one trigger, in nanoseconds.
 fn triggered(by: Trigger) -> u64 {
@@ -92,9 +103,18 @@ fn triggered(by: Trigger) -> u64 {
             }
             Trigger::Signal => {
                 note();
-                // SAFETY: a signal to this process, which the system watches for.
-                unsafe { libc::kill(libc::getpid(), libc::SIGTERM) };
+                terminate();
                 std::future::pending().await
+            }
+            Trigger::OrdinarySignal => {
+                let sender = std::thread::spawn(move || {
+                    std::thread::sleep(REST);
+                    note();
+                    terminate();
+                });
+                std::future::pending::<()>().await;
+                drop(sender);
+                Ok(())
             }
             Trigger::Driver => {
                 let driver = std::thread::spawn(move || {
@@ -116,7 +136,7 @@ fn triggered(by: Trigger) -> u64 {
     let outcome = system.run();
     assert_eq!(
         outcome.is_ok(),
-        by == Trigger::Signal,
+        matches!(by, Trigger::Signal | Trigger::OrdinarySignal),
         "it ended for another reason"
     );
     let (before, began) = (

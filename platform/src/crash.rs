@@ -17,6 +17,7 @@
 use crate::backend::crash as backend;
 use crate::futex::Futex;
 use crate::signals::SignalError;
+use crate::thread::ThreadNumber;
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 use crate::{clock::Instant, signals};
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
@@ -133,14 +134,13 @@ impl CrashSlot {
         self.0.bound.store(nanos, Ordering::Relaxed);
     }
 
-    /// The calling thread is `member`, and begins what a crash waits for. O(1).
+    /// The calling thread, whose number is `thread`, is `member`, and begins what a crash waits for. O(1).
     ///
     /// # Panics
     ///
     /// If `member` is not below [`MOST_MEMBERS`].
-    pub fn enter(self, member: u8) {
-        let thread = backend::current_thread();
-        self.0.members[usize::from(member)].store(thread, Ordering::Relaxed);
+    pub fn enter(self, member: u8, thread: ThreadNumber) {
+        self.0.members[usize::from(member)].store(thread.get(), Ordering::Relaxed);
     }
 
     /// `member` has ended it. O(1).

@@ -33,6 +33,7 @@ pub mod clock;
 #[cfg(not(loom))]
 pub mod crash;
 pub mod current;
+pub mod event_count;
 pub mod events;
 #[cfg(not(loom))]
 pub mod facts;
@@ -60,6 +61,7 @@ pub mod spare;
 pub mod spin;
 #[cfg(not(loom))]
 pub mod steal;
+pub mod summons;
 pub mod sync;
 pub mod tape;
 #[cfg(not(loom))]

@@ -1,6 +1,6 @@
 //! Signals that ask the program to end, as an event that threads can wait for.
 //!
-//! The handler does no more than a handler may: it stores the signal's number, counts an event, and wakes who waits for one. Other
+//! The handler does no more than a handler may: it stores the signal's number, counts an event, and wakes who waits for one; nobody if it runs on a thread that waits itself. Other
 //! triggers, such as a panic, count events too with [`announce_event`], so one waiting thread hears of all.
 //!
 //! ```
@@ -15,10 +15,9 @@
 
 use crate::backend::signals as backend;
 use crate::clock::Instant;
-use crate::futex::{Futex, Waited};
-use crate::path::{self, Call};
+use crate::event_count::EventCount;
 use std::fmt;
-use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -28,8 +27,11 @@ use std::time::Duration;
 /// is slower than this.
 pub const SAME_REQUEST: Duration = Duration::from_millis(50);
 
-/// Counts events. Futex word: whoever waits sees a change or is woken.
-static EVENTS: Futex = Futex::new(0);
+/// What has happened: whoever waits sees a change or is woken.
+static EVENTS: EventCount = EventCount::new();
+
+/// The threads that wait for events, as far as there is room: a handler that interrupts one of them has told it already.
+static WAITING: [AtomicUsize; 16] = [const { AtomicUsize::new(0) }; 16];
 
 /// The number of the signal received, 0 for none. Written by the handler (0 to a number) and by the last watch's drop (back to 0).
 static RECEIVED: AtomicI32 = AtomicI32::new(0);
@@ -181,9 +183,14 @@ pub fn received() -> Option<i32> {
 }
 
 /// Lets SIGINT, SIGTERM and SIGHUP be handled on the calling thread, which blocked them since it was [made here](crate::thread): for a thread of high priority that is to
-/// hear of them at once. Not for the real-time path.
+/// hear of them at once. One system call.
 pub fn accept_here() {
     backend::accept_here();
+}
+
+/// Blocks them again, so that the kernel chooses another thread. One system call.
+pub fn refuse_here() {
+    backend::hold_back();
 }
 
 /// While it lives, the thread that made it blocks SIGINT, SIGTERM and SIGHUP, so that another takes them: the kernel prefers the main thread to all others, though it may
@@ -235,7 +242,10 @@ pub(crate) fn note(number: i32) -> Noted {
         .is_ok()
     {
         RECEIVED_AT.store(now.as_nanos(), Ordering::Relaxed);
-        announce_event();
+        match waits_here() {
+            true => EVENTS.announce_here(),
+            false => EVENTS.announce(),
+        }
         return Noted::Event;
     }
     match RECEIVED_AT.load(Ordering::Relaxed) {
@@ -245,27 +255,60 @@ pub(crate) fn note(number: i32) -> Noted {
     }
 }
 
+/// Whether the thread that a handler runs on was interrupted while it waits for events. Without thread-local storage, which may allocate where this is part of a library that is loaded late.
+#[cfg(all(target_os = "linux", not(luna_portable)))]
+fn waits_here() -> bool {
+    let me = backend::current_thread();
+    let mut waiting = WAITING.iter();
+    waiting.any(|thread| thread.load(Ordering::Relaxed) == me)
+}
+
+/// Threads that wait for events together: of a signal that is handled on one of them while it waits, nobody else is told. It does what there is to do, and wakes the others if they are needed.
+#[derive(Debug)]
+#[must_use = "its threads may miss signals when it is dropped"]
+pub struct Listeners(());
+
+impl Listeners {
+    /// To be made before the first of them waits, and dropped when the last has. Several may live at a time, of several systems: then all threads are told.
+    #[expect(clippy::new_without_default, reason = "it is made for what it does")]
+    pub fn new() -> Listeners {
+        EVENTS.join();
+        Listeners(())
+    }
+}
+
+impl Drop for Listeners {
+    fn drop(&mut self) {
+        EVENTS.leave();
+    }
+}
+
 /// How many events there were; wraps. To be read before looking at what the events are about, and given to [`wait_for_event`].
 pub fn event_count() -> u32 {
-    EVENTS.word().load(Ordering::Acquire)
+    EVENTS.get()
 }
 
 /// Waits until there was an event after `seen` was read, or until `deadline`; returns the count as it is then.
 ///
-/// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause.
+/// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause. Of a signal that is handled on this thread meanwhile nobody else of its
+/// [`Listeners`] is told.
 pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
-    loop {
-        let count = event_count();
-        if count != seen || EVENTS.wait(seen, deadline) == Waited::TimedOut {
-            return event_count();
-        }
+    let me = backend::current_thread();
+    let free = |place: &&AtomicUsize| {
+        let taken = place.compare_exchange(0, me, Ordering::Relaxed, Ordering::Relaxed);
+        taken.is_ok()
+    };
+    let place = WAITING.iter().find(free);
+    let count = EVENTS.wait(seen, deadline);
+    if let Some(place) = place {
+        place.store(0, Ordering::Relaxed);
     }
+    count
 }
 
 /// Counts an event and wakes who waits for one. One system call. On Linux async-signal-safe.
 pub fn announce_event() {
-    EVENTS.word().fetch_add(1, Ordering::AcqRel);
-    path::expected(Call::Wake, || EVENTS.wake_all());
+    EVENTS.announce();
 }
 
 /// Why a signal cannot be watched for.

@@ -148,7 +148,13 @@ fn launch_described(
         )?),
         None => None,
     };
-    let guard = EmergencyThread::start(emergency.clone(), living.clone(), real_time)?;
+    let cores = real_time_cores(&executor_plans, &waiting);
+    let guard = EmergencyThread::start(
+        emergency.clone(),
+        living.clone(),
+        real_time,
+        if real_time { &cores } else { &[] },
+    )?;
     shortfalls.extend_from_slice(guard.shortfalls());
     let parent = if settings.parents_death {
         watch_parent(&emergency, real_time, settings.strict)?
@@ -279,6 +285,25 @@ fn policy_of(process: &ProcessPlan) -> Policy {
         Place::Thread { attributes, .. } => attributes.asked_policy(),
         Place::Executor(_) => Policy::Other,
     }
+}
+
+/// The cores that real-time threads are pinned to.
+fn real_time_cores(executors: &[ExecutorPlan], processes: &[ProcessPlan]) -> Vec<usize> {
+    let threads = processes.iter().filter_map(|process| match &process.place {
+        Place::Thread { attributes, .. } => Some(&**attributes),
+        Place::Executor(_) => None,
+    });
+    let all = executors.iter().map(|executor| &executor.attributes);
+    let mut cores = Vec::new();
+    for attributes in all.chain(threads) {
+        if let Some(core) = attributes.asked_core()
+            && attributes.asked_policy().is_real_time()
+            && !cores.contains(&core)
+        {
+            cores.push(core);
+        }
+    }
+    cores
 }
 
 /// Makes the parent's death an emergency, where the machine can tell it.

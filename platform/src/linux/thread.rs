@@ -190,7 +190,7 @@ fn why_no_core(core: usize) -> CoreRefusal {
 }
 
 /// Lets the calling thread run where the process could from its start.
-fn unpin() {
+pub(crate) fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
         // The control group has other cores by now. All of them, then: the kernel keeps those that are allowed.
         let mut all = CpuSet::new();

@@ -7,7 +7,3 @@ pub(crate) fn install() -> Result<(), SignalError> {
 }
 
 pub(crate) fn restore() {}
-
-pub(crate) fn current_thread() -> i32 {
-    0
-}

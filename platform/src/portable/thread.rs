@@ -26,6 +26,8 @@ pub(crate) fn current_number() -> i32 {
 /// Threads have no priorities here.
 pub(crate) fn demote(_number: i32) {}
 
+pub(crate) fn unpin() {}
+
 /// Gives the calling thread its attributes, that is: says which it cannot have. Its stack is not touched, since nobody tells its bounds.
 pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     let mut obtained = Obtained {

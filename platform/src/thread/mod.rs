@@ -176,9 +176,24 @@ pub fn available_cores() -> Vec<usize> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ThreadNumber(i32);
 
+impl ThreadNumber {
+    pub(crate) fn get(self) -> i32 {
+        self.0
+    }
+}
+
 /// The calling thread's number: 0 where the system tells none. One system call.
 pub fn current_number() -> ThreadNumber {
     ThreadNumber(backend::current_number())
+}
+
+/// Lets the calling thread run on all cores of the process again. One system call. Does nothing where threads cannot be pinned.
+///
+/// ```
+/// luna_platform::thread::unpin_current();
+/// ```
+pub fn unpin_current() {
+    backend::unpin();
 }
 
 /// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For one that does not come to its end; it can be done without a

@@ -2,17 +2,23 @@
 //!
 //! Three are on duty: one may run a function of the emergency and one a function of the safe state at the same time, and still somebody sees to it that none takes too long. The
 //! rest is a reserve, of whom one comes on duty for each that hangs. All are made before the start, and have a stack that is in memory.
+//!
+//! To wake a thread on another core takes long where the machine is a virtual one. So those of the reserve wait on the cores of the system's real-time threads, one each: a trigger on such a core calls
+//! that one, which takes the core over and runs the functions. And a signal that is handled on the thread of one on duty wakes nobody else. Who begins so has the others
+//! [roused](super::rouser) when they are to look after it.
+
+mod member;
 
 use super::Emergency;
-use super::functions::Task;
+use super::rouser::{Rouser, RouserThread};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::Living;
-use luna_platform::clock::Instant;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
-use luna_platform::futex::Futex;
+use luna_platform::path::{self, Call};
 use luna_platform::shortfall::Shortfall;
-use luna_platform::signals::{self, Signal, SignalError, SignalWatch};
+use luna_platform::signals::{Listeners, Signal, SignalError, SignalWatch};
+use luna_platform::summons::Summons;
 use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
 };
@@ -37,7 +43,11 @@ const LOOKS_EVERY: Duration = Duration::from_micros(200);
 #[derive(Debug)]
 pub(super) struct Crew {
     /// Members with a lower number are on duty.
-    on_duty: Futex,
+    on_duty: AtomicU32,
+    /// What those of the reserve sleep in; of the others' nothing is used.
+    summons: [Summons; MOST],
+    /// The cores on which the first of the reserve wait.
+    cores: OnceLock<Vec<usize>>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
     /// A bit for each member that was left behind.
@@ -54,12 +64,16 @@ pub(super) struct Crew {
     /// That the functions have run was announced.
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
+    /// Who wakes the others when the first function has begun. None where they are better woken before.
+    rouser: OnceLock<Arc<Rouser>>,
 }
 
 impl Default for Crew {
     fn default() -> Self {
         Self {
-            on_duty: Futex::new(ON_DUTY),
+            on_duty: AtomicU32::new(ON_DUTY),
+            summons: [const { Summons::new() }; MOST],
+            cores: OnceLock::new(),
             numbers: [const { OnceLock::new() }; MOST],
             left_behind: AtomicU16::new(0),
             members: AtomicU32::new(0),
@@ -69,6 +83,7 @@ impl Default for Crew {
             has_noted: AtomicBool::new(false),
             has_announced: AtomicBool::new(false),
             crash: OnceLock::new(),
+            rouser: OnceLock::new(),
         }
     }
 }
@@ -96,25 +111,33 @@ impl Crew {
         if let Some(number) = self.numbers[usize::from(member)].get() {
             thread::demote(*number);
         }
-        self.on_duty.word().fetch_add(1, Ordering::AcqRel);
-        self.on_duty.wake_all();
+        self.call_reserve(1);
     }
 
-    /// Sleeps until this member is on duty, or the system ends.
-    fn await_duty(&self, member: u8, ends: impl Fn() -> bool) {
-        loop {
-            let on_duty = self.on_duty.word().load(Ordering::Acquire);
-            if u32::from(member) < on_duty || ends() {
-                return;
-            }
-            self.on_duty.wait(on_duty, Instant::NEVER);
+    fn is_on_duty(&self, member: u8) -> bool {
+        u32::from(member) < self.on_duty.load(Ordering::Acquire)
+    }
+
+    /// So many more are on duty.
+    fn call_reserve(&self, more: u32) {
+        self.on_duty.fetch_add(more, Ordering::AcqRel);
+        for summons in &self.summons[ON_DUTY as usize..] {
+            // One that is busy looks before it sleeps.
+            summons.call();
         }
     }
 
-    /// Lets the reserve look whether the system ends.
-    fn dismiss(&self) {
-        self.on_duty.word().fetch_add(MOST as u32, Ordering::AcqRel);
-        self.on_duty.wake_all();
+    /// Calls who waits on this core, if somebody does; says whether it comes.
+    pub(super) fn call_here(&self) -> bool {
+        let place = self.cores.get().and_then(|cores| {
+            let here = thread::current_core()?;
+            cores.iter().position(|&core| core == here)
+        });
+        place.is_some_and(|place| {
+            // A thread with a deadline gives way to nobody.
+            !path::expected(Call::Wake, thread::current_policy).is_deadline()
+                && self.summons[ON_DUTY as usize + place].call()
+        })
     }
 }
 
@@ -124,6 +147,8 @@ pub(crate) struct EmergencyThread {
     living: Arc<Living>,
     policy: Policy,
     threads: Vec<Thread<()>>,
+    rouser: Option<RouserThread>,
+    listeners: Option<Listeners>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
     /// Something may move, and nobody has said that it has come to its end.
@@ -131,11 +156,13 @@ pub(crate) struct EmergencyThread {
 }
 
 impl EmergencyThread {
-    /// Starts the crew, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes.
+    /// Starts the crew, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes. `cores` are those of
+    /// real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
         living: Arc<Living>,
         real_time: bool,
+        cores: &[usize],
     ) -> Result<Self> {
         // A platform without signals has the functions all the same, for panics.
         let signals = supported(SignalWatch::install(&[
@@ -152,10 +179,11 @@ impl EmergencyThread {
             let _ = crew.crash.set(crash.slot());
             emergency.bound_crashes();
         }
+        let has_one_core = thread::available_cores().len() == 1;
         let policy = match real_time {
             false => Policy::Other,
             // A function that computes for ever would keep who watches it from the only core there is; of equals they take turns.
-            true if thread::available_cores().len() == 1 => Policy::round_robin(EMERGENCY_PRIORITY),
+            true if has_one_core => Policy::round_robin(EMERGENCY_PRIORITY),
             true => Policy::fifo(EMERGENCY_PRIORITY),
         };
         let mut all = Self {
@@ -163,13 +191,31 @@ impl EmergencyThread {
             living,
             policy,
             threads: Vec::with_capacity(MOST),
+            rouser: None,
+            listeners: Some(Listeners::new()),
             signals,
             crash,
             is_armed: false,
         };
         // All, also where few functions are known: drivers register theirs while the system runs.
-        for _ in 0..MOST {
-            all.add_member()?;
+        for member in 0..MOST {
+            all.add_member(
+                member
+                    .checked_sub(ON_DUTY as usize)
+                    .and_then(|place| cores.get(place)),
+            )?;
+        }
+        let crew = &all.emergency.crew;
+        // One that was refused its core waits wherever it is.
+        let reserve = all.threads[ON_DUTY as usize..].iter();
+        let obtained = reserve.map_while(|thread| thread.obtained().core);
+        let _ = crew.cores.set(obtained.collect());
+        // Behind the members, so that the kernel chooses it last for signals.
+        let hears_signals = crew.hears_signals.load(Ordering::Relaxed);
+        all.rouser = RouserThread::start(policy, hears_signals)?;
+        if let Some(rouser) = all.rouser.as_ref().filter(|_| !has_one_core) {
+            // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
+            let _ = crew.rouser.set(rouser.rouser());
         }
         Ok(all)
     }
@@ -179,9 +225,12 @@ impl EmergencyThread {
         self.is_armed = true;
     }
 
-    fn add_member(&mut self) -> Result<()> {
+    fn add_member(&mut self, core: Option<&usize>) -> Result<()> {
         let member = self.threads.len() as u8;
         let mut attributes = Attributes::framework("luna-emergency", self.policy);
+        if let Some(&core) = core {
+            attributes = attributes.core(core);
+        }
         if u32::from(member) >= ON_DUTY {
             attributes = attributes.stack_size(2 * MINIMUM_STACK_SIZE);
         }
@@ -194,12 +243,11 @@ impl EmergencyThread {
                 // Each number is given once.
                 let _ = crew.numbers[usize::from(member)].set(thread::current_number());
                 crew.members.fetch_add(1, Ordering::Relaxed);
-                if crew.hears_signals.load(Ordering::Relaxed) {
-                    signals::accept_here();
-                }
+                // A thread's first lock asks the kernel for its number: not in an emergency.
+                prepared.bound_crashes();
                 Ok::<_, Infallible>(())
             },
-            move |()| serve(&emergency, member, &living),
+            move |()| member::serve(&emergency, member, &living),
         )
         .map_err(|error| Error::not_started("the emergency manager", error))?;
         self.threads.push(thread);
@@ -230,7 +278,7 @@ impl EmergencyThread {
     fn join(&mut self) {
         self.emergency.end();
         let crew = &self.emergency.crew;
-        crew.dismiss();
+        crew.call_reserve(0);
         for (member, thread) in self.threads.drain(..).enumerate() {
             // One that hangs is left to itself: who watches it may see that only now. There is no event for both, and nobody is in a hurry.
             while !thread.is_finished() && !crew.is_left_behind(member as u8) {
@@ -247,6 +295,8 @@ impl EmergencyThread {
                 std::thread::sleep(LOOKS_EVERY);
             }
         }
+        drop(self.listeners.take());
+        drop(self.rouser.take());
         if let Some(signals) = self.signals.take() {
             // One that came too late for the functions does what it does after the end.
             signals.give_back(self.heard().is_none());
@@ -269,94 +319,5 @@ fn supported<T>(watch: Result<T, SignalError>) -> Result<Option<T>> {
         Ok(watch) => Ok(Some(watch)),
         Err(SignalError::Unsupported) => Ok(None),
         Err(error) => Err(error.into()),
-    }
-}
-
-/// The life of a member.
-fn serve(emergency: &Emergency, member: u8, living: &Living) {
-    let crew = &emergency.crew;
-    let _clock = emergency.clock().enter();
-    crew.await_duty(member, || emergency.is_to_end.load(Ordering::Acquire));
-    loop {
-        let seen = signals::event_count();
-        emergency.hear();
-        if emergency.is_safe() {
-            announce(emergency, living);
-        }
-        match step(emergency, member) {
-            Task::Ran(true) => {}
-            // Somebody else has taken over; this thread has a low priority by now.
-            Task::Ran(false) => return,
-            Task::LeftBehind(other) => crew.leave_behind(other),
-            Task::Until(until) => {
-                if emergency.may_end() {
-                    return;
-                }
-                signals::wait_for_event(seen, until);
-            }
-        }
-    }
-}
-
-/// Says once that the functions have run.
-fn announce(emergency: &Emergency, living: &Living) {
-    let crew = &emergency.crew;
-    let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
-    if let Some(crash) = crew.crash.get().filter(|_| is_first) {
-        crash.announce_done();
-    }
-    let crash = crew.heard_crash.load(Ordering::Relaxed);
-    if crash != 0 && !crew.has_noted.swap(true, Ordering::AcqRel) {
-        // Who has crashed may hold the journal, and gives it back only now, if ever.
-        emergency.note_crash(crash);
-    }
-    if is_first {
-        living.announce();
-    }
-}
-
-/// Does what there is to do now; the emergency before all else.
-fn step(emergency: &Emergency, member: u8) -> Task {
-    let crash = emergency.crew.crash.get();
-    let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
-    let around = |begins| {
-        if let Some(crash) = crash {
-            if begins {
-                crash.enter(member);
-            } else {
-                crash.leave(member);
-            }
-        }
-    };
-    let mut until = Instant::NEVER;
-    for functions in [&emergency.at_emergency, &emergency.at_safe_state] {
-        match functions.step(member, has_crashed, around) {
-            Task::Until(at) => until = until.min(at),
-            done => return done,
-        }
-    }
-    Task::Until(until)
-}
-
-impl Emergency {
-    /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
-    fn hear(&self) {
-        let crew = &self.crew;
-        if crew.hears_signals.load(Ordering::Relaxed)
-            && let Some(number) = signals::received()
-        {
-            let is_news = crew.heard.swap(number as u32, Ordering::Relaxed) == 0;
-            if is_news || !self.has_begun() {
-                self.begin(Cause::Signal(number));
-            }
-        }
-        if let Some(crash) = crew.crash.get()
-            && let Some(number) = crash.signal()
-        {
-            let is_news = crew.heard_crash.swap(number, Ordering::Relaxed) == 0;
-            if is_news || !self.has_begun() {
-                self.begin_for_crash();
-            }
-        }
     }
 }

@@ -83,6 +83,14 @@ struct Slot {
     running: Option<Instant>,
 }
 
+/// A moment in the run of a function, on the thread that runs it.
+pub(super) enum Moment {
+    /// It is about to be called. If it is the first since the trigger: when somebody is to look at it.
+    Begins(Option<Instant>),
+    /// It has ended.
+    Ended,
+}
+
 /// What a member of the crew finds to do.
 pub(super) enum Task {
     /// It was run. False: this member was left behind meanwhile, and is to go.
@@ -223,7 +231,7 @@ impl Functions {
         &self,
         member: u8,
         has_crashed: impl Fn(u8) -> bool,
-        around: impl Fn(bool),
+        around: impl Fn(Moment),
     ) -> Task {
         match self.relay.take(member) {
             Leg::Rest => Task::Until(Instant::NEVER),
@@ -232,20 +240,23 @@ impl Functions {
         }
     }
 
-    fn run(&self, turn: Turn, around: impl Fn(bool)) -> bool {
+    fn run(&self, turn: Turn, around: impl Fn(Moment)) -> bool {
         let began = Instant::now_real();
-        let run = {
-            let slot = &mut self.slots.lock()[turn.job()];
+        let (run, shortest) = {
+            let mut slots = self.slots.lock();
+            let shortest = shortest(&slots[turn.job()..]);
+            let slot = &mut slots[turn.job()];
             if slot.run.is_some() {
                 (slot.began, slot.running) = (Some(began), Some(began));
             }
-            slot.run.take()
+            (slot.run.take(), shortest)
         };
         let Some(mut run) = run else {
             // Withdrawn, or it has hung in an earlier round.
             return self.relay.finish(turn);
         };
-        around(true);
+        let is_first = !self.has_called.load(Ordering::Relaxed);
+        around(Moment::Begins(is_first.then(|| began + shortest)));
         // Behind the reading of the clock: who has looked on is later than that.
         self.has_called.store(true, Ordering::Release);
         // The others must run whatever this one does.
@@ -257,7 +268,7 @@ impl Functions {
                 FunctionOutcome::Panicked
             }
         };
-        around(false);
+        around(Moment::Ended);
         let mut slots = self.slots.lock();
         if slots[turn.job()].outcome == FunctionOutcome::LeftBehind {
             // It is nobody's any more. Its drop, the user's code, is at low priority.
@@ -276,13 +287,12 @@ impl Functions {
     fn watch(&self, turn: Turn, has_crashed: bool) -> Task {
         let now = Instant::now_real();
         let mut slots = self.slots.lock();
-        let shortest = slots[turn.job()..].iter().map(|slot| slot.limit).min();
+        let shortest = shortest(&slots[turn.job()..]);
         let slot = &mut slots[turn.job()];
         // The runner comes here between its turn and its begin too.
         let until = slot.running.unwrap_or(now) + slot.limit;
         if now < until && !has_crashed {
-            let look = now + shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK);
-            return Task::Until(until.min(look));
+            return Task::Until(until.min(now + shortest));
         }
         if !self.relay.leave_behind(turn) {
             // It has just ended.
@@ -314,6 +324,12 @@ impl Functions {
             .collect();
         (reports, runs)
     }
+}
+
+/// When somebody is to look whether one of these takes too long, at the latest.
+fn shortest(slots: &[Slot]) -> Duration {
+    let shortest = slots.iter().map(|slot| slot.limit).min();
+    shortest.unwrap_or(LIMIT).max(SHORTEST_LOOK)
 }
 
 impl fmt::Debug for Functions {

@@ -2,6 +2,7 @@
 
 mod crew;
 mod functions;
+mod rouser;
 mod trigger;
 
 pub(crate) use crew::EmergencyThread;
@@ -61,8 +62,8 @@ thread_local! {
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back: a
 /// driver's thread has an [`EmergencyTrigger`].
-/// Real-time path: yes; O(1), one system call, and a clone of the cause. On the machine's clock it looks on until the first function begins, at most for a
-/// millisecond, so that no other process of its thread, and none of lower priority on its core, runs before.
+/// Real-time path: yes; O(1), at most three system calls, and a clone of the cause. On a real-time thread with a core of its own the functions take that core over. On the machine's clock it looks on
+/// until the first function begins, at most for a millisecond, so that no other process of its thread, and none of lower priority on its core, runs before.
 ///
 /// ```
 /// use luna::{End, prelude::*};
@@ -146,11 +147,13 @@ impl Emergency {
         });
     }
 
-    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), one system call, and the wait until the functions begin that
+    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), at most three system calls, and the wait until the functions begin that
     /// [`emergency`] tells of.
     pub(crate) fn trigger(&self, cause: Cause) {
         self.begin(cause);
-        signals::announce_event();
+        if !self.crew.call_here() {
+            signals::announce_event();
+        }
         self.look_on();
     }
 

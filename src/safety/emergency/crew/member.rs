@@ -1,0 +1,145 @@
+//! What a member of the crew does: the functions, watching who runs one, and hearing of signals.
+
+use super::super::functions::{Moment, Task};
+use super::{Crew, Emergency};
+use crate::safety::state::Cause;
+use luna_executors::Living;
+use luna_platform::clock::Instant;
+use luna_platform::{signals, thread};
+use std::sync::atomic::Ordering;
+
+impl Crew {
+    /// The first function is about to be called on the calling thread, of which the others may not know. They are woken when they are to look at it; now if it cannot be then.
+    fn rouse_others(&self, at: Instant) {
+        if !self.rouser.get().is_some_and(|rouser| rouser.rouse(at)) {
+            signals::announce_event();
+        }
+    }
+
+    /// The kernel may choose the calling thread for signals, or not: one that runs a function may hang, or be left behind with the lowest priority, and the user's code need not know of interrupted calls.
+    fn accept_signals(&self, accepts: bool) {
+        if self.hears_signals.load(Ordering::Relaxed) {
+            match accepts {
+                true => signals::accept_here(),
+                false => signals::refuse_here(),
+            }
+        }
+    }
+}
+
+/// The life of a member.
+pub(super) fn serve(emergency: &Emergency, member: u8, living: &Living) {
+    let crew = &emergency.crew;
+    let _clock = emergency.clock().enter();
+    let is_wanted = || crew.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
+    while !is_wanted() {
+        crew.summons[usize::from(member)].sleep(is_wanted);
+        // Called on its core: what is there to be run. Those on duty see that it does not take too long.
+        if work(emergency, member, living).is_none() {
+            return;
+        }
+    }
+    // Who watches must not wait for the core of one that computes for ever.
+    thread::unpin_current();
+    crew.accept_signals(true);
+    loop {
+        let seen = signals::event_count();
+        let Some(until) = work(emergency, member, living) else {
+            return;
+        };
+        if emergency.may_end() {
+            return;
+        }
+        signals::wait_for_event(seen, until);
+    }
+}
+
+/// Does what there is to do now; says until when there is nothing more. None: somebody else has taken over, and this thread has a low priority by now.
+fn work(emergency: &Emergency, member: u8, living: &Living) -> Option<Instant> {
+    let crew = &emergency.crew;
+    loop {
+        emergency.hear();
+        if emergency.is_safe() {
+            announce(emergency, living);
+        }
+        match step(emergency, member) {
+            Task::Ran(true) if crew.is_on_duty(member) => crew.accept_signals(true),
+            Task::Ran(true) => {}
+            Task::Ran(false) => return None,
+            Task::LeftBehind(other) => crew.leave_behind(other),
+            Task::Until(until) => return Some(until),
+        }
+    }
+}
+
+/// Says once that the functions have run.
+fn announce(emergency: &Emergency, living: &Living) {
+    let crew = &emergency.crew;
+    let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
+    if let Some(crash) = crew.crash.get().filter(|_| is_first) {
+        crash.announce_done();
+    }
+    let crash = crew.heard_crash.load(Ordering::Relaxed);
+    if crash != 0 && !crew.has_noted.swap(true, Ordering::AcqRel) {
+        // Who has crashed may hold the journal, and gives it back only now, if ever.
+        emergency.note_crash(crash);
+    }
+    if is_first {
+        living.announce();
+    }
+}
+
+/// Does one thing of what there is to do now; the emergency before all else.
+fn step(emergency: &Emergency, member: u8) -> Task {
+    let crash = emergency.crew.crash.get();
+    let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
+    let around = |moment| match moment {
+        Moment::Begins(look) => {
+            emergency.crew.accept_signals(false);
+            let number = emergency.crew.numbers[usize::from(member)].get();
+            if let Some((crash, number)) = crash.zip(number) {
+                crash.enter(member, *number);
+            }
+            // Behind the signals: one that this thread has taken before is soon known to the others.
+            if let Some(at) = look {
+                emergency.crew.rouse_others(at);
+            }
+        }
+        Moment::Ended => {
+            if let Some(crash) = crash {
+                crash.leave(member);
+            }
+        }
+    };
+    let mut until = Instant::NEVER;
+    for functions in [&emergency.at_emergency, &emergency.at_safe_state] {
+        match functions.step(member, has_crashed, around) {
+            Task::Until(at) => until = until.min(at),
+            done => return done,
+        }
+    }
+    Task::Until(until)
+}
+
+impl Emergency {
+    /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
+    fn hear(&self) {
+        let crew = &self.crew;
+        if crew.hears_signals.load(Ordering::Relaxed)
+            && let Some(number) = signals::received()
+        {
+            let is_news = crew.heard.swap(number as u32, Ordering::Relaxed) == 0;
+            if is_news || !self.has_begun() {
+                self.begin(Cause::Signal(number));
+            }
+        }
+        if let Some(crash) = crew.crash.get()
+            && let Some(number) = crash.signal()
+        {
+            let is_news = crew.heard_crash.swap(number, Ordering::Relaxed) == 0;
+            if is_news || !self.has_begun() {
+                self.begin_for_crash();
+            }
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Who wakes those that watch, when the first function may have taken too long.
+//!
+//! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the crew is woken, and runs the first function at once. The
+//! others have nothing to do before the shortest limit has passed; but then its thread may compute, and never come back. So it is the kernel's timer that wakes them, by a thread that does nothing else.
+
+use crate::error::{Error, Result, SetupError};
+use luna_platform::clock::Instant;
+use luna_platform::signals;
+use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, Thread};
+use luna_platform::timer_fd::{TimerError, TimerFd};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What wakes them: what the crew sees of it.
+#[derive(Debug)]
+pub(super) struct Rouser {
+    timer: TimerFd,
+    /// The thread has gone, or is to go.
+    is_over: AtomicBool,
+}
+
+impl Rouser {
+    /// Wakes all of the crew at `at`; says whether it will. One system call.
+    pub(super) fn rouse(&self, at: Instant) -> bool {
+        !self.is_over.load(Ordering::Acquire) && self.timer.arm_at(at).is_ok()
+    }
+
+    /// The life of the thread.
+    fn serve(&self) {
+        while self.timer.wait().is_ok() && !self.is_over.load(Ordering::Acquire) {
+            signals::announce_event();
+        }
+        self.is_over.store(true, Ordering::Release);
+    }
+}
+
+/// Its thread. Dropping it ends it.
+#[derive(Debug)]
+pub(super) struct RouserThread {
+    rouser: Arc<Rouser>,
+    thread: Option<Thread<()>>,
+}
+
+impl RouserThread {
+    /// Starts it with the crew's policy; none where there are no such timers. It takes signals as the crew does: it is there also when all of those hang.
+    pub(super) fn start(policy: Policy, hears_signals: bool) -> Result<Option<Self>> {
+        let timer = match TimerFd::new() {
+            Ok(timer) => timer,
+            Err(TimerError::Unsupported) => return Ok(None),
+            Err(error) => {
+                let message = error.to_string();
+                return Err(SetupError::System { message }.into());
+            }
+        };
+        let rouser = Arc::new(Rouser {
+            timer,
+            is_over: AtomicBool::new(false),
+        });
+        let own = rouser.clone();
+        let thread = thread::spawn(
+            Attributes::framework("luna-rouser", policy).stack_size(MINIMUM_STACK_SIZE),
+            move |_| {
+                if hears_signals {
+                    signals::accept_here();
+                }
+                Ok::<_, Infallible>(())
+            },
+            move |()| own.serve(),
+        )
+        .map_err(|error| Error::not_started("the emergency manager", error))?;
+        Ok(Some(Self {
+            rouser,
+            thread: Some(thread),
+        }))
+    }
+
+    pub(super) fn rouser(&self) -> Arc<Rouser> {
+        self.rouser.clone()
+    }
+}
+
+impl Drop for RouserThread {
+    fn drop(&mut self) {
+        self.rouser.is_over.store(true, Ordering::Release);
+        // It has passed. If the kernel refuses that, the thread is left to itself.
+        let is_woken = self.rouser.timer.arm_at(Instant::from_nanos(0)).is_ok();
+        if let Some(thread) = self.thread.take().filter(|_| is_woken) {
+            // It has nothing of the user's in it.
+            let _ = thread.join();
+        }
+    }
+}
