@@ -442,6 +442,74 @@ fn a_plain_thread_is_no_deadlock_where_it_is_known() {
 }
 
 #[test]
+fn at_a_barrier_a_party_that_nobody_knows_is_no_deadlock() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("barrier");
+        let barrier = Barrier::new(2);
+        let party = barrier.clone();
+        place
+            .process(&mut system, "e", "party")
+            .spawn(async move {
+                for _ in 0..3 {
+                    party.sync().await;
+                }
+                Ok(())
+            })
+            .unwrap();
+        // Late in the first round, when it has never come, and in those after.
+        let thread = std::thread::spawn(move || {
+            for _ in 0..3 {
+                std::thread::sleep(LONG / 3);
+                luna::run(async {
+                    barrier.sync().await;
+                    Ok(())
+                })
+                .unwrap();
+            }
+        });
+        assert_eq!(system.run().unwrap().deadlock, None);
+        thread.join().unwrap();
+    }
+}
+
+#[test]
+fn at_a_barrier_whose_parties_have_met_they_wait_for_each_other() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("barrier");
+        let barrier = Barrier::new(2).named("meet");
+        let (sender, receiver) = luna::channel::<()>();
+        let (left, right) = (barrier.clone(), barrier);
+        let spawner = place.process(&mut system, "l", "left");
+        spawner
+            .spawn(async move {
+                left.sync().await;
+                left.sync().await;
+                sender.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+        let spawner = place.process(&mut system, "r", "right");
+        spawner
+            .spawn(async move {
+                right.sync().await;
+                receiver.recv().await?;
+                right.sync().await;
+                Ok(())
+            })
+            .unwrap();
+        let found = deadlock_of(&system);
+        let wait = &found.waits[0];
+        assert_eq!(
+            (wait.process.as_str(), wait.operation, &wait.partner),
+            ("left", Operation::Sync, &Partner::Others)
+        );
+        assert_eq!(found.waits[1].process, "right");
+    }
+}
+
+#[test]
 fn what_is_none_of_lunas_may_wake_somebody() {
     let _watchdog = watchdog();
     let mut system = strict("foreign");

@@ -167,14 +167,23 @@ impl Ended<'_> {
     fn poll_untaped(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         if current::branch_failed() {
             current::stay_in_branch();
-            return Poll::Ready(ChannelEnd::Poisoned);
+            return match crate::fails_later(cx) {
+                true => Poll::Pending,
+                false => Poll::Ready(ChannelEnd::Poisoned),
+            };
         }
         let node = self.node();
         let mut lists = self.place.lock_lists();
         // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
         let former = unsafe {
             if let Some(end) = node.as_ref().is_met_by(lists.ending) {
-                return Poll::Ready(end);
+                let has_waited = node.as_ref().listed;
+                drop(lists);
+                // Nothing is taken, so it looks again.
+                return match !has_waited && crate::fails_later(cx) {
+                    true => Poll::Pending,
+                    false => Poll::Ready(end),
+                };
             }
             if node.as_ref().listed {
                 let wakeup = (*node.as_ptr()).wait.wakeup_mut();

@@ -101,6 +101,9 @@ pub struct PlaceView {
     pub buffered: usize,
     /// Whether it was marked as used from outside of the system.
     pub external: bool,
+    /// Of a barrier: whether some of its parties may be nobody that a system knows. Not all have come together yet (since one last [enrolled](crate::Barrier::enroll)),
+    /// or one that came was a thread of its own, as under `block_on`.
+    pub strangers: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
     pub ended: bool,
     /// Who last sent, or offered to.
@@ -128,6 +131,9 @@ pub(crate) struct Identity {
     name: OnceLock<Box<String>>,
     kind: Kind,
     external: AtomicBool,
+    /// Of a barrier: whether all its parties have come once, and whether a stranger was among them.
+    has_met: AtomicBool,
+    has_stranger: AtomicBool,
 }
 
 // SAFETY: the links are guarded by a lock, and lead to places, which are shared by theirs.
@@ -218,6 +224,8 @@ impl Identity {
             name: OnceLock::new(),
             kind: Kind::of(kind),
             external: AtomicBool::new(false),
+            has_met: AtomicBool::new(false),
+            has_stranger: AtomicBool::new(false),
         }
     }
 
@@ -247,6 +255,21 @@ impl Identity {
 
     pub(crate) fn set_external(&self) {
         self.external.store(true, Ordering::Relaxed);
+    }
+
+    /// All parties of this barrier have come; or a new one is yet to.
+    pub(crate) fn set_met(&self, has_met: bool) {
+        self.has_met.store(has_met, Ordering::Relaxed);
+    }
+
+    /// One has come to this barrier that no system knows.
+    pub(crate) fn set_stranger(&self) {
+        self.has_stranger.store(true, Ordering::Relaxed);
+    }
+
+    fn may_have_strangers(&self) -> bool {
+        matches!(self.kind, Kind::Barrier)
+            && (!self.has_met.load(Ordering::Relaxed) || self.has_stranger.load(Ordering::Relaxed))
     }
 }
 
@@ -417,6 +440,7 @@ fn stopped() -> Option<PlaceView> {
         kind: PlaceKind::Stop,
         buffered: 0,
         external: false,
+        strangers: false,
         ended: false,
         sender: None,
         receiver: None,
@@ -451,6 +475,7 @@ unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
         kind: place.identity.kind.with(stored.capacity),
         buffered: stored.now,
         external: place.identity.external.load(Ordering::Relaxed),
+        strangers: place.identity.may_have_strangers(),
         ended,
         sender,
         receiver,

@@ -175,6 +175,13 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
     true
 }
 
+/// As [`gives_way`], of an operation that fails without having waited: a loop over errors keeps nobody from running either. A replayed one fails when
+/// the recorded one did.
+#[cold]
+fn fails_later(cx: &Context<'_>) -> bool {
+    !taped::is_replayed() && gives_way(cx)
+}
+
 /// Whether an operation that has just completed lets others run before its process goes on: those that outrank it, since a communication
 /// is a scheduling point; or all, when it has completed too many operations in one go. The process is then ready again already.
 #[inline]

@@ -115,24 +115,77 @@ fn what_was_received_by_a_future_that_is_dropped_comes_next() {
 }
 
 #[test]
-fn ended_channels_say_so_until_they_are_removed() {
-    let (mut senders, receivers) = ends::<u32>(3);
-    let mut inputs = Alternative::fair(&receivers);
-    assert!(waits(&mut inputs));
-    senders[1].poison();
-    assert_eq!(recv(&mut inputs), (1, Err(RecvError::Poisoned)));
-    drop(senders.remove(0));
-    assert_eq!(recv(&mut inputs), (0, Err(RecvError::Closed)));
-    assert_eq!(recv(&mut inputs), (1, Err(RecvError::Poisoned)));
-    assert!(inputs.remove(0) && inputs.remove(1));
-    assert_eq!(inputs.len(), 1);
-    assert!(waits(&mut inputs));
-    {
-        let mut waiting = pin!(inputs.recv());
-        assert!(block_on(poll_once(waiting.as_mut())).is_none());
+fn an_ended_channel_says_so_once_and_again_when_all_have() {
+    for is_fair in [true, false] {
+        let (mut senders, receivers) = ends::<u32>(3);
+        let mut inputs = match is_fair {
+            true => Alternative::fair(&receivers),
+            false => Alternative::prioritized(&receivers),
+        };
+        assert!(waits(&mut inputs));
         senders[1].poison();
-        assert_eq!(block_on(waiting), (2, Err(RecvError::Poisoned)));
+        assert_eq!(recv(&mut inputs), (1, Err(RecvError::Poisoned)));
+        assert!(waits(&mut inputs));
+        drop(senders.remove(0));
+        assert_eq!(recv(&mut inputs), (0, Err(RecvError::Closed)));
+        assert_eq!(inputs.len(), 3);
+        {
+            // What is left works as before, also where the sender claims the one that waits.
+            let mut waiting = pin!(inputs.recv());
+            assert!(block_on(poll_once(waiting.as_mut())).is_none());
+            senders[1].try_send(7).unwrap();
+            assert_eq!(block_on(waiting), (2, Ok(7)));
+        }
+        {
+            let mut waiting = pin!(inputs.recv());
+            assert!(block_on(poll_once(waiting.as_mut())).is_none());
+            senders[1].poison();
+            assert_eq!(block_on(waiting), (2, Err(RecvError::Poisoned)));
+        }
+        let ends = [
+            Err(RecvError::Closed),
+            Err(RecvError::Poisoned),
+            Err(RecvError::Poisoned),
+        ];
+        // The least recently chosen, or the first.
+        let order = match is_fair {
+            true => [1, 0, 2, 1, 0, 2],
+            false => [0; 6],
+        };
+        for index in order {
+            assert_eq!(recv(&mut inputs), (index, ends[index]));
+        }
     }
+}
+
+#[test]
+fn ended_channels_are_removed_and_others_come() {
+    let (mut senders, receivers) = stores::<u32>(4);
+    let last = senders.pop().unwrap();
+    let mut inputs = Alternative::prioritized(&receivers[..3]);
+    drop(senders);
+    for index in 0..3 {
+        assert_eq!(recv(&mut inputs), (index, Err(RecvError::Closed)));
+    }
+    assert_eq!(recv(&mut inputs), (0, Err(RecvError::Closed)));
+    // All have said so: now one that has not is waited for alone.
+    assert_eq!(inputs.add(&receivers[3]), 3);
+    assert!(waits(&mut inputs));
+    last.try_send(5).unwrap();
+    assert_eq!(recv(&mut inputs), (3, Ok(5)));
+    assert!(inputs.remove(0) && waits(&mut inputs));
+    // Without it, all have ended again.
+    assert!(inputs.remove(3));
+    assert_eq!(recv(&mut inputs), (1, Err(RecvError::Closed)));
+    // One that comes back is new here.
+    assert!(inputs.remove(1) && inputs.remove(2) && inputs.is_empty());
+    assert!(waits(&mut inputs));
+    let again = inputs.add(&receivers[0]);
+    let open = inputs.add(&receivers[3]);
+    assert_eq!(recv(&mut inputs), (again, Err(RecvError::Closed)));
+    assert!(waits(&mut inputs));
+    assert!(inputs.remove(open));
+    assert_eq!(recv(&mut inputs), (again, Err(RecvError::Closed)));
 }
 
 #[test]

@@ -22,6 +22,8 @@ pub(crate) struct Meeting {
     pub(crate) made_at: &'static Location<'static>,
     pub(crate) buffered: usize,
     pub(crate) external: bool,
+    /// Whether parties of a barrier may be nobody's whom a system knows.
+    pub(crate) strangers: bool,
     pub(crate) ended: bool,
     /// Who last used each kind of end.
     pub(crate) sender: Option<User>,
@@ -53,6 +55,7 @@ impl From<PlaceView> for Meeting {
             made_at: view.made_at,
             buffered: view.buffered,
             external: view.external,
+            strangers: view.strangers,
             ended: view.ended,
             sender: view.sender,
             receiver: view.receiver,

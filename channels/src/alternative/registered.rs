@@ -90,6 +90,8 @@ pub(crate) struct Entry<T> {
     pub(crate) is_queued: bool,
     /// Whether the owner is yet to be readied for it.
     pub(crate) rings: bool,
+    /// How its channel has ended, once its owner was told: then it is not listed any more. The owner's alone.
+    ended: Option<RecvError>,
 }
 
 impl<T> Entry<T> {
@@ -173,7 +175,11 @@ impl<T> Entry<T> {
 ///
 /// What `alt!` is for a few different guards, this is for many channels of one type: it stays registered with all of them between its
 /// selections, so that [`recv`](Self::recv) costs the same for two channels and for two thousand. Channels can be [added](Self::add) and
-/// [removed](Self::remove) while it lives. An ended channel is ready and gives its error each time it is chosen, until it is removed.
+/// [removed](Self::remove) while it lives.
+///
+/// A channel that has ended (closed, and nothing left in it; or poisoned) says so once, and is left out from then on: the others are chosen among
+/// as before, by priority too. When all have ended there is nothing left to wait for, and each selection gives the error of one of them: by priority of the
+/// first, fairly in turn. So a server that counts the ends, or stops at the first, needs no [`remove`](Self::remove).
 ///
 /// ```
 /// use luna_channels::{Alternative, channel};
@@ -190,6 +196,10 @@ pub struct Alternative<'a, T> {
     hub: NonNull<Hub<T>>,
     ready: ReadySet,
     is_fair: bool,
+    /// How many channels there are.
+    count: usize,
+    /// How many of them have said that they have ended. Once all have, all are ready.
+    ended: usize,
     /// How many of the entries are listed in their channels: those before, since that happens with the first `recv`.
     listed: usize,
     state: State,
@@ -205,6 +215,8 @@ enum State {
     Open,
     /// This entry holds a value that was received and not handed on yet.
     Holds(usize),
+    /// The error of this entry's channel was not handed on yet.
+    Fails(usize, RecvError),
     /// As `Closed`, and the process' tape has not let it in.
     Entering,
 }
@@ -238,6 +250,8 @@ impl<'a, T> Alternative<'a, T> {
             hub: NonNull::from(Box::leak(hub)),
             ready: ReadySet::new(),
             is_fair,
+            count: 0,
+            ended: 0,
             listed: 0,
             state: State::Closed,
             polled_by: (ptr::null(), ptr::null()),
@@ -282,7 +296,15 @@ impl<'a, T> Alternative<'a, T> {
             next: ptr::null_mut(),
             is_queued: false,
             rings: false,
+            ended: None,
         });
+        if self.all_ended() {
+            // They have said so, and now there is one to wait for.
+            (0..self.entries.len())
+                .filter(|&other| self.entries[other].is_some())
+                .for_each(|other| self.ready.clear(other));
+        }
+        self.count += 1;
         let entry = NonNull::from(Box::leak(entry));
         // SAFETY: the hub lives as long as this alternative. The new entry is known to nobody else; its waiter is its first field.
         unsafe {
@@ -309,14 +331,26 @@ impl<'a, T> Alternative<'a, T> {
             return false;
         };
         // SAFETY: the entry is this alternative's, and its channel is borrowed.
-        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
-        if index < self.listed {
+        let (channel, has_ended): (&Channel<T>, _) = unsafe {
+            let has_ended = (*entry.as_ptr()).ended.is_some();
+            (&*(*entry.as_ptr()).channel.as_ptr(), has_ended)
+        };
+        if index < self.listed && !has_ended {
             // SAFETY: it is listed.
             unsafe { channel.unregister(entry) };
         }
         // Nobody pushes it any more; whoever was pushed before is known now, and this one is not on the stack.
         self.drain();
         self.ready.remove(index);
+        let had_all_ended = self.all_ended();
+        self.count -= 1;
+        self.ended -= usize::from(has_ended);
+        if !had_all_ended {
+            self.ready_if_all_ended();
+        }
+        if matches!(self.state, State::Fails(failed, _) if failed == index) {
+            self.state = State::Closed;
+        }
         let held = (self.holds() == Some(index)).then(|| {
             self.state = State::Closed;
             // SAFETY: the selection was chosen through it, and this is the owner.
@@ -330,23 +364,48 @@ impl<'a, T> Alternative<'a, T> {
         true
     }
 
-    /// How many channels there are.
+    /// How many channels there are, those that have ended too.
     pub fn len(&self) -> usize {
-        self.entries.iter().flatten().count()
+        self.count
     }
 
     /// Whether there is none: then `recv` waits for ever.
     pub fn is_empty(&self) -> bool {
-        self.entries.iter().all(Option::is_none)
+        self.count == 0
     }
 
-    /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended.
+    /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended, which each says once, and all say again and
+    /// again when none is left that could give anything.
+    ///
+    /// In a branch of a parallel construct one of whose siblings has failed, it fails as poisoned instead of waiting; over no channels the branch ends there.
     ///
     /// It is no guard itself: a server that waits for a tick or a stop too has them come over a channel that is one of its inputs.
     /// Cancel-safe: a value that was received and not handed on is what the next call gives first. Real-time path: yes, but for the first
     /// call, which registers with all channels, at the priority of the process that makes it: O(n). After that O(1) a selection (the levels
     /// of a tree with 64 branches; a fair one renumbers its n channels once in at least n selections), and O(1) for each channel
-    /// that has become ready and was emptied by others since.
+    /// that has become ready and was emptied by others since. The selection that tells of the last channel's end is O(n).
+    ///
+    /// ```
+    /// use luna_channels::{Alternative, Buffer, buffered};
+    /// # luna_executors::block_on(async {
+    /// let (left, from_left) = buffered(Buffer::fifo(2));
+    /// let (right, from_right) = buffered(Buffer::fifo(2));
+    /// left.send(1).await.unwrap();
+    /// right.send(10).await.unwrap();
+    /// right.send(20).await.unwrap();
+    /// drop((left, right));
+    /// let inputs = [from_left, from_right];
+    /// let mut merged = Alternative::prioritized(&inputs);
+    /// let (mut sum, mut open) = (0, inputs.len());
+    /// while open > 0 {
+    ///     match merged.recv().await.1 {
+    ///         Ok(n) => sum += n,
+    ///         Err(_) => open -= 1, // it is left out from now on
+    ///     }
+    /// }
+    /// assert_eq!(sum, 31);
+    /// # }).unwrap();
+    /// ```
     pub fn recv(&mut self) -> AlternativeRecv<'_, 'a, T> {
         AlternativeRecv { alternative: self }
     }
@@ -372,7 +431,10 @@ impl<'a, T> Alternative<'a, T> {
 
     /// Registers with a channel.
     fn list(&mut self, index: usize) {
-        if let Some(entry) = self.entries[index] {
+        if let Some(entry) = self.entries[index]
+            // SAFETY: the entry is this alternative's.
+            && unsafe { (*entry.as_ptr()).ended }.is_none()
+        {
             // SAFETY: the entry is this alternative's and stays where it is until it is unregistered; its channel is borrowed.
             let channel = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
             if current::is_taped() {
@@ -431,7 +493,70 @@ impl<'a, T> Alternative<'a, T> {
         let received = unsafe { Self::settled(entry) };
         self.state = State::Closed;
         self.note_choice(index);
+        if let Err(error) = received {
+            self.leave_out(index, error);
+        }
         Some(received)
+    }
+
+    /// Whether none is left that could give a value.
+    fn all_ended(&self) -> bool {
+        self.ended != 0 && self.ended == self.count
+    }
+
+    /// Once all have ended, each is ready to say so again. O(n) then.
+    fn ready_if_all_ended(&mut self) {
+        if self.all_ended() {
+            (0..self.entries.len())
+                .filter(|&index| self.entries[index].is_some())
+                .for_each(|index| self.ready.set(index));
+        }
+    }
+
+    /// Notes that the owner is told of a channel's end: it is waited for no more. O(1), and O(n) for the last one.
+    #[cold]
+    fn leave_out(&mut self, index: usize, error: RecvError) {
+        let Some(entry) = self.entries[index] else {
+            return;
+        };
+        // SAFETY: the entry is this alternative's, and its channel is borrowed; what is said of its end is the owner's.
+        unsafe {
+            if (*entry.as_ptr()).ended.replace(error).is_some() {
+                return;
+            }
+            if index < self.listed {
+                (*(*entry.as_ptr()).channel.as_ptr()).unregister(entry);
+            }
+        }
+        // Nobody pushes it any more; whoever was pushed before is known now.
+        self.drain();
+        self.ready.clear(index);
+        self.ended += 1;
+        self.ready_if_all_ended();
+    }
+
+    /// Fails with a channel's error, after others if it is their turn.
+    #[cold]
+    fn fails(
+        &mut self,
+        index: usize,
+        error: RecvError,
+        cx: &Context<'_>,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        if crate::fails_later(cx) {
+            self.state = State::Fails(index, error);
+            return Poll::Pending;
+        }
+        Poll::Ready((index, Err(error)))
+    }
+
+    /// The first channel that has not ended, or else the first.
+    fn first_to_fail(&self) -> Option<usize> {
+        // SAFETY: the entries are this alternative's.
+        let is_open = |entry: &NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended }.is_none();
+        let of_open = |entry: &Option<NonNull<Entry<T>>>| entry.as_ref().is_some_and(is_open);
+        let first_open = self.entries.iter().position(of_open);
+        first_open.or_else(|| self.entries.iter().position(Option::is_some))
     }
 
     /// What the entry came to through which the selection was chosen. It can be chosen again afterwards.
@@ -607,7 +732,14 @@ impl<'a, T> Alternative<'a, T> {
         {
             return Poll::Ready((index, received));
         }
-        let has_failed = current::branch_failed() && !self.is_empty();
+        let has_failed = current::branch_failed();
+        if let State::Fails(index, error) = self.state {
+            if has_failed {
+                current::stay_in_branch();
+            }
+            self.state = State::Closed;
+            return Poll::Ready((index, Err(error)));
+        }
         if self.state == State::Open {
             if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
                 return Poll::Pending;
@@ -622,9 +754,17 @@ impl<'a, T> Alternative<'a, T> {
             }
         }
         if has_failed {
+            let Some(first) = self.first_to_fail() else {
+                // As STOP, it has no error to give.
+                current::end_branch(cx);
+                if current::is_taped() {
+                    // Its drop tells the tape that it came to nothing.
+                    self.state = State::Entering;
+                }
+                return Poll::Pending;
+            };
             current::stay_in_branch();
-            let first = self.entries.iter().position(Option::is_some);
-            return Poll::Ready((first.unwrap_or(0), Err(RecvError::Poisoned)));
+            return self.fails(first, RecvError::Poisoned, cx);
         }
         while self.listed < self.entries.len() {
             self.listed += 1;
@@ -640,7 +780,11 @@ impl<'a, T> Alternative<'a, T> {
             while let Some(index) = self.ready.first() {
                 if let Some(received) = self.try_recv(index) {
                     self.note_choice(index);
-                    let gives_way = received.is_ok() && crate::gives_way(cx);
+                    if let Err(error) = received {
+                        self.leave_out(index, error);
+                        return self.fails(index, error, cx);
+                    }
+                    let gives_way = crate::gives_way(cx);
                     return self.hand_on(index, received, gives_way);
                 }
             }
@@ -665,7 +809,11 @@ impl<'a, T> Alternative<'a, T> {
     /// Receives from a channel that has said that it is ready; nothing if others have emptied it, or a better one turns up.
     fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
-        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        // SAFETY: the entry is this alternative's.
+        if let Some(error) = unsafe { (*entry.as_ptr()).ended } {
+            return Some(Err(error));
+        }
+        // SAFETY: as above, and its channel is borrowed for longer than this alternative lives.
         let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
         let mut section = channel.lock();
         // What became ready before this lock was taken may come before this one.
@@ -796,6 +944,12 @@ impl<T> Alternative<'_, T> {
             State::Entering => {
                 taped::abandoned();
                 self.state = State::Closed;
+            }
+            State::Fails(..) => {
+                // The next one gives the error; this one has told nobody.
+                if current::is_taped() {
+                    taped::abandoned();
+                }
             }
             State::Closed | State::Holds(_) => {}
         }

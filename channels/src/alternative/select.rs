@@ -266,6 +266,10 @@ impl Polled<'_> {
             State::New | State::Entering => {
                 if current::branch_failed() {
                     if let Some(number) = self.fail() {
+                        if crate::fails_later(cx) {
+                            *self.state = State::GaveWay(number);
+                            return Poll::Pending;
+                        }
                         return Poll::Ready(number);
                     }
                     if skip.is_none() && self.is_stuck() {

@@ -171,8 +171,16 @@ impl Barrier {
         LocalBarrier::new(self.clone(), parties)
     }
 
-    /// Says that somebody outside of the system is a party too: a plain thread, say. A process that waits here is then never part of a
-    /// deadlock. A barrier that a thread outside has come to already is known to be one.
+    /// Says that somebody outside of the system is a party too: a plain thread, or a process of another system. A process that waits here is then never
+    /// part of a deadlock. It need not be said of a thread, also one that runs a body by `luna::run`: until all parties have come together once, none of
+    /// those who wait counts as deadlocked, since the others may be threads; and then it is known who they are. Does nothing else.
+    ///
+    /// ```
+    /// let barrier = luna_channels::Barrier::new(2).external().named("start");
+    /// let places = luna_channels::inspect::places();
+    /// assert!(places.iter().any(|place| place.external && place.name.as_deref() == Some("start")));
+    /// # drop(barrier);
+    /// ```
     #[must_use]
     pub fn external(self) -> Self {
         self.shared().place.identity.set_external();
@@ -242,10 +250,12 @@ impl Shared {
         self.round.with_mut(|round| f(unsafe { &mut *round }))
     }
 
-    /// Remembers that somebody outside takes part.
+    /// Remembers that somebody takes part whom no system knows: from outside, or a thread of its own.
     fn note_user(&self) {
         if current::user() == User::Outside {
             self.place.identity.set_external();
+        } else if !current::on_path() {
+            self.place.identity.set_stranger();
         }
     }
 
@@ -253,6 +263,7 @@ impl Shared {
         let lists = self.place.lock();
         // SAFETY: the lists are this barrier's.
         unsafe { self.round(&lists, |round| round.parties += 1) };
+        self.place.identity.set_met(false);
     }
 
     fn resign(&self) {
@@ -308,6 +319,7 @@ impl Shared {
                 round.number = round.number.wrapping_add(1);
             });
         }
+        self.place.identity.set_met(true);
         true
     }
 

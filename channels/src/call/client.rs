@@ -202,7 +202,7 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         let sent = match self.as_mut().send().poll(cx) {
             Poll::Ready(sent) => sent,
-            Poll::Pending if current::branch_failed() => {
+            Poll::Pending if current::branch_failed() && !self.send.lets_others_run() => {
                 self.as_mut().interrupt();
                 // SAFETY: it has just been settled, and is not polled again.
                 unsafe { self.as_mut().send().output() }

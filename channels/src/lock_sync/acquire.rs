@@ -166,6 +166,10 @@ impl AcquireOp<'_> {
     /// Polls until it has its permits, or its branch has failed.
     fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), AcquireError>> {
         if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+            if self.phase == Phase::New && crate::fails_later(cx) {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
             self.phase = Phase::Over;
             current::stay_in_branch();
             return Poll::Ready(Err(AcquireError));

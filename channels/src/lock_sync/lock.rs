@@ -128,6 +128,10 @@ impl<'a, T> LockOp<'a, T> {
     #[inline(always)]
     fn poll_untaped(&mut self, cx: &Context<'_>) -> Poll<Result<(), LockError<'a, T>>> {
         if current::branch_failed() && self.phase != Phase::Over && !self.withdraw() {
+            if self.phase == Phase::New && crate::fails_later(cx) {
+                self.phase = Phase::GaveWay;
+                return Poll::Pending;
+            }
             self.end();
             current::stay_in_branch();
             return Poll::Ready(Err(LockError::Poisoned));

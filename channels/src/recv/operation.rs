@@ -30,7 +30,7 @@ pub(super) enum Phase {
     Listed,
     /// As `Listed`, and its process has a tape.
     Taped,
-    /// Settled in an alternative, without having been listed.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
     Settled(Outcome),
     /// Received; the node holds the value while the process lets others run.
     GaveWay,
@@ -166,10 +166,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         match this.phase {
-            Phase::New | Phase::Entering | Phase::Over | Phase::Settled(_) => {
-                Err(RecvTimeoutError::Timeout)
-            }
+            Phase::New | Phase::Entering | Phase::Over => Err(RecvTimeoutError::Timeout),
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
+            Phase::Settled(outcome) => this.settled(outcome).map_err(RecvTimeoutError::from),
             Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the receivers' side.
                 match unsafe { this.receiver.channel().withdraw(this.node(), false) } {
@@ -219,6 +218,25 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     #[inline(always)]
     fn waits_no_more(&self) {
         self.receiver.channel().place().waits_no_more();
+    }
+
+    /// It fails without having waited, after others if it is their turn.
+    #[cold]
+    fn fails(
+        &mut self,
+        outcome: Outcome,
+        cx: &Context<'_>,
+    ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
+        if crate::fails_later(cx) {
+            self.phase = Phase::Settled(outcome);
+            return Poll::Pending;
+        }
+        Poll::Ready(self.settled(outcome))
+    }
+
+    /// Whether it is over but for letting others run.
+    pub(super) fn lets_others_run(&self) -> bool {
+        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
     }
 
     /// Whether it has not done anything yet.
@@ -298,6 +316,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            // Its tape was told when it gave way.
+            Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
                 // SAFETY: it was listed in the general way, and is settled.
                 taped::has_waited(unsafe { self.order() });
@@ -319,10 +339,15 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }
-        if let Poll::Ready(Err(error)) = &polled {
-            taped::leave(Event::failed(match error {
-                RecvError::Poisoned => taped::failure::POISONED,
-                _ => taped::failure::CLOSED,
+        let failed = match (&polled, self.phase) {
+            (Poll::Ready(Err(error)), _) => Some(*error == RecvError::Poisoned),
+            (_, Phase::Settled(outcome)) => Some(outcome == Outcome::Poisoned),
+            _ => None,
+        };
+        if let Some(is_poisoned) = failed {
+            taped::leave(Event::failed(match is_poisoned {
+                true => taped::failure::POISONED,
+                false => taped::failure::CLOSED,
             }));
         }
         polled
@@ -337,12 +362,17 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             Phase::New | Phase::Entering => {}
             Phase::Listed | Phase::Taped => return this.poll_listed(cx),
             Phase::GaveWay => return Poll::Ready(this.settled(Outcome::Done)),
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                if current::branch_failed() {
+                    current::stay_in_branch();
+                }
+                return Poll::Ready(this.settled(outcome));
+            }
             Phase::Settled(_) | Phase::Over => panic!("a receive was polled after it was over"),
         }
         if current::branch_failed() {
             current::stay_in_branch();
-            this.phase = Phase::Over;
-            return Poll::Ready(Err(RecvError::Poisoned));
+            return this.fails(Outcome::Poisoned, cx);
         }
         let mut section = if M::HOLDS || M::INHERITS {
             this.receiver.channel().lock()
@@ -419,18 +449,18 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             }
             Received::Ended(ending) => {
                 drop(section);
-                this.phase = Phase::Over;
-                Poll::Ready(Err(match ending {
-                    Ending::Poisoned => RecvError::Poisoned,
-                    _ => RecvError::Closed,
-                }))
+                let outcome = match ending {
+                    Ending::Poisoned => Outcome::Poisoned,
+                    _ => Outcome::Closed,
+                };
+                this.fails(outcome, cx)
             }
             Received::Broken(ready) => {
                 drop(section);
                 this.phase = Phase::Over;
                 ready.wake();
                 this.receiver.poison();
-                Poll::Ready(Err(RecvError::Poisoned))
+                this.fails(Outcome::Poisoned, cx)
             }
         }
     }

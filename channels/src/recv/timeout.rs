@@ -1,6 +1,6 @@
 //! A receive that gives up: at a deadline, or when something else happens.
 
-use super::operation::{Phase, RecvOp};
+use super::operation::RecvOp;
 use crate::error::RecvTimeoutError;
 use crate::taped;
 use luna_platform::current;
@@ -38,8 +38,8 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
         if let Poll::Ready(received) = recv.as_mut().poll(cx) {
             return Poll::Ready(received.map_err(RecvTimeoutError::from));
         }
-        // One that has communicated lets others run, and is done then, whatever the time is.
-        if recv.phase == Phase::GaveWay {
+        // One that has communicated, or failed, lets others run, and is over then, whatever the time is.
+        if recv.lets_others_run() {
             return Poll::Pending;
         }
         match events::beside(|| stop.poll(cx)) {

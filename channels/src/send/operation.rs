@@ -31,7 +31,7 @@ pub(super) enum Phase {
     Listed,
     /// As `Listed`, and its process has a tape.
     Taped,
-    /// Settled in an alternative, without having been listed.
+    /// Settled without having been listed: in an alternative; or failed, while the process lets others run.
     Settled(Outcome),
     /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
     Overwrote,
@@ -198,7 +198,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             Phase::New | Phase::Entering => Err(SendTimeoutError::Timeout(
                 this.failed(Outcome::Closed).value,
             )),
-            Phase::GaveWay | Phase::Over | Phase::Overwrote | Phase::Settled(_) => Ok(()),
+            Phase::GaveWay | Phase::Over | Phase::Overwrote => Ok(()),
+            Phase::Settled(outcome) => this.settled(outcome).map_err(SendTimeoutError::from),
             Phase::Listed | Phase::Taped => {
                 // SAFETY: the node was listed on the senders' side.
                 match unsafe { this.sender.channel().withdraw(this.node(), true) } {
@@ -277,6 +278,25 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.sender.channel().place().waits_no_more();
     }
 
+    /// It fails without having waited, after others if it is their turn.
+    #[cold]
+    fn fails(
+        &mut self,
+        outcome: Outcome,
+        cx: &Context<'_>,
+    ) -> Poll<Result<(), SendError<S::Unsent>>> {
+        if crate::fails_later(cx) {
+            self.phase = Phase::Settled(outcome);
+            return Poll::Pending;
+        }
+        Poll::Ready(Err(self.failed(outcome)))
+    }
+
+    /// Whether it is over but for letting others run.
+    pub(crate) fn lets_others_run(&self) -> bool {
+        matches!(self.phase, Phase::GaveWay | Phase::Settled(_))
+    }
+
     /// Whether it has not done anything yet.
     pub(super) fn is_new(&self) -> bool {
         matches!(self.phase, Phase::New | Phase::Entering)
@@ -338,6 +358,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 self.sender.channel().note_taped(true);
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
+            // Its tape was told when it gave way.
+            Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
                 // SAFETY: it was listed in the general way, and is settled.
                 taped::has_waited(unsafe { self.order() });
@@ -359,13 +381,18 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if self.phase == Phase::Listed {
             self.phase = Phase::Taped;
         }
-        if let Poll::Ready(Err(error)) = &polled {
-            if !error.poisoned && current::is_replayed() {
+        let failed = match (&polled, self.phase) {
+            (Poll::Ready(Err(error)), _) => Some(error.poisoned),
+            (_, Phase::Settled(outcome)) => Some(outcome == Outcome::Poisoned),
+            _ => None,
+        };
+        if let Some(is_poisoned) = failed {
+            if !is_poisoned && current::is_replayed() {
                 // Recorded is a success: it was sent before the receivers went, who never saw it.
                 taped::leave(Event::done(0));
                 return Poll::Ready(Ok(()));
             }
-            taped::leave(Event::failed(match error.poisoned {
+            taped::leave(Event::failed(match is_poisoned {
                 true => taped::failure::POISONED,
                 false => taped::failure::CLOSED,
             }));
@@ -382,13 +409,19 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
             }
+            Phase::Settled(outcome @ (Outcome::Poisoned | Outcome::Closed)) => {
+                if current::branch_failed() {
+                    current::stay_in_branch();
+                }
+                return Poll::Ready(Err(this.failed(outcome)));
+            }
             Phase::Overwrote | Phase::Settled(_) | Phase::Over => {
                 panic!("a send was polled after it was over")
             }
         }
         if current::branch_failed() {
             current::stay_in_branch();
-            return Poll::Ready(Err(this.failed(Outcome::Poisoned)));
+            return this.fails(Outcome::Poisoned, cx);
         }
         if !this.offered().source.is_open() {
             return Poll::Pending;
@@ -448,7 +481,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     Ending::Poisoned => Outcome::Poisoned,
                     _ => Outcome::Closed,
                 };
-                Poll::Ready(Err(this.failed(outcome)))
+                this.fails(outcome, cx)
             }
             Sent::Broken(ready) => {
                 this.phase = Phase::Over;

@@ -1,6 +1,6 @@
 //! A send that gives up: at a deadline, or when something else happens.
 
-use super::operation::{Phase, SendOp};
+use super::operation::SendOp;
 use crate::error::SendTimeoutError;
 use crate::taped;
 use luna_platform::current;
@@ -38,8 +38,8 @@ impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
         if let Poll::Ready(sent) = send.as_mut().poll(cx) {
             return Poll::Ready(sent.map_err(SendTimeoutError::from));
         }
-        // One that has communicated lets others run, and is done then, whatever the time is.
-        if send.phase == Phase::GaveWay {
+        // One that has communicated, or failed, lets others run, and is over then, whatever the time is.
+        if send.lets_others_run() {
             return Poll::Pending;
         }
         match events::beside(|| stop.poll(cx)) {

@@ -26,6 +26,7 @@ pub(crate) enum State {
     Done(Option<usize>),
     /// As `Done`, by its own poll, which let others run.
     GaveWay(Option<usize>),
+    /// When its channel ended, or by its own poll, which let others run.
     Failed(Ending),
 }
 
@@ -197,6 +198,10 @@ impl Model {
         let outcome = match self.ops[&op].state {
             State::Done(value) | State::GaveWay(value) => Ok(value),
             State::Failed(ending) => Err(ending),
+            State::New if branch_failed && outranked => {
+                self.settle(op, State::Failed(Ending::Poisoned));
+                return None;
+            }
             State::New | State::Listed if branch_failed => {
                 self.unlist(op);
                 Err(Ending::Poisoned)
@@ -214,6 +219,10 @@ impl Model {
                     }
                     Ok(value) if outranked => {
                         self.settle(op, State::GaveWay(value));
+                        return None;
+                    }
+                    Err(ending) if outranked => {
+                        self.settle(op, State::Failed(ending));
                         return None;
                     }
                     outcome => outcome,

@@ -28,6 +28,7 @@ fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> Meeting 
         made_at: Location::caller(),
         buffered: 0,
         external: false,
+        strangers: false,
         ended: false,
         sender,
         receiver,
@@ -168,6 +169,12 @@ fn at_a_barrier_one_waits_for_those_who_have_not_come() {
     let mut barrier = channel("start", None, None).waits(a, false);
     barrier.kind = PlaceKind::Barrier;
     barrier.waiting[0].role = Role::Party;
+    let mut with_strangers = barrier.clone();
+    with_strangers.strangers = true;
+    assert_eq!(
+        find("s", &processes(&[a]), &[with_strangers], |_| false),
+        None
+    );
     let found = find("s", &processes(&[a]), &[barrier], |_| false).unwrap();
     assert!(
         found

@@ -16,7 +16,14 @@ impl State {
             },
             Guard::Recv { channel } => match self.get(network, channel) {
                 Ok(value) => Outcome::Received(place, value),
-                Err(failure) => Outcome::Failed(place, failure),
+                Err(failure) => {
+                    let is_registered = self.is_registered(network, number);
+                    let left_out = &mut self.agents[number].left_out;
+                    if is_registered && let Err(at) = left_out.binary_search(&channel) {
+                        left_out.insert(at, channel);
+                    }
+                    Outcome::Failed(place, failure)
+                }
             },
             Guard::Sync { barrier } => {
                 for Waiter { agent, guard } in std::mem::take(&mut self.barriers[barrier]) {

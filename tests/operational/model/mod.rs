@@ -62,6 +62,8 @@ struct Status {
     phase: Phase,
     /// What its fair alternatives have chosen, the last one last.
     chosen: Vec<Chosen>,
+    /// The channels that its `Alternative` has found ended, in order: once all have, they are chosen among again, before that not.
+    left_out: Vec<usize>,
     /// A channel that it has ended; one by one, it tells those who wait there that it has come to this.
     ending: Option<(u8, Failure)>,
 }
@@ -111,6 +113,7 @@ impl State {
                 step,
                 phase,
                 chosen: Vec::new(),
+                left_out: Vec::new(),
                 ending: None,
             });
         }
@@ -182,6 +185,7 @@ impl State {
             status
                 .chosen
                 .retain(|past| !matches!(past, Chosen::Input(_)));
+            status.left_out.clear();
         }
         (status.step, status.phase) = (step, phase);
         if let Some(end) = chosen {
@@ -249,8 +253,14 @@ impl State {
         match &network.agents[number].steps[usize::from(self.agents[number].step)] {
             Step::Plain(guard, _) => vec![(0, *guard)],
             Step::Registered { inputs, .. } => {
+                let left_out = &self.agents[number].left_out;
                 let guards = inputs.iter().map(|&channel| Guard::Recv { channel });
-                (0..).zip(guards).collect()
+                let is_open = |channel: &usize| !left_out.contains(channel);
+                let all_ended = !inputs.iter().any(is_open);
+                (0..)
+                    .zip(guards)
+                    .filter(|(place, _)| all_ended || is_open(&inputs[usize::from(*place)]))
+                    .collect()
             }
             Step::Sync(barrier) => vec![(0, Guard::Sync { barrier: *barrier })],
             Step::Alternative { offers, .. } => (0..)
