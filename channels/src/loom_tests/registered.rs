@@ -157,6 +157,38 @@ fn the_end_of_a_channel_as_it_starts_to_wait() {
 }
 
 #[test]
+fn a_channel_that_has_ended_is_left_out_as_the_other_is_sent_to() {
+    check_within(2, || {
+        let drops = Drops::default();
+        let (senders, receivers): (Vec<_>, Vec<_>) = (0..2).map(|_| channel()).unzip();
+        let [first, second]: [_; 2] = senders.try_into().unwrap();
+        let ends = thread::spawn(move || first.poison());
+        let token = drops.token(1);
+        let sends = thread::spawn(move || {
+            assert!(block_on(second.send(token)).is_ok());
+            second
+        });
+        let mut inputs = Alternative::prioritized(&receivers);
+        let mut seen = [false; 2];
+        for _ in 0..2 {
+            let (index, received) = block_on(inputs.recv());
+            assert_eq!(received.map(|token| token.id).is_err(), index == 0);
+            assert!(!std::mem::replace(&mut seen[index], true));
+        }
+        ends.join().unwrap();
+        let second = sends.join().unwrap();
+        let mut recv = Box::pin(inputs.recv());
+        assert!(poll(&mut recv).is_pending());
+        second.poison();
+        let (index, received) = block_on(recv);
+        assert_eq!((index, received.is_err()), (1, true));
+        assert_eq!(block_on(inputs.recv()).0, 0, "all have ended");
+        drop(inputs);
+        assert_eq!(drops.count(), 1);
+    });
+}
+
+#[test]
 fn two_of_them_share_a_channel() {
     check_within(2, || {
         let drops = Drops::default();

@@ -58,7 +58,8 @@ impl<T> Receiver<T> {
     ///
     /// Of several that wait the one of highest priority gets it, of equal ones the one that came first. Fails when the last
     /// sender is gone and nothing is left, or when the channel is poisoned. Cancel-safe: a future that is dropped while it waits leaves no
-    /// trace; one that is dropped after it was given a value puts it back at the head of the channel. Real-time path: yes;
+    /// trace; one that is dropped after it was given a value puts it back at the head of the channel. One that need not wait is a
+    /// scheduling point all the same, be it that it succeeds or fails: more urgent processes of its executor run first, and after many in one go, all. Real-time path: yes;
     /// no allocation, O(1), and O(waiting receivers of lower priority) to wait.
     ///
     /// ```

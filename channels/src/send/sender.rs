@@ -56,7 +56,8 @@ impl<T> Sender<T> {
     /// Offers `value` and waits until a receiver has taken it, or the buffer.
     ///
     /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back. Cancel-safe: dropping the future
-    /// withdraws and drops a value that nobody has taken; one that was taken stays sent. Real-time path: yes; no allocation,
+    /// withdraws and drops a value that nobody has taken; one that was taken stays sent. One that need not wait is a scheduling point all the same, be
+    /// it that it succeeds or fails: see [`Receiver::recv`](crate::Receiver::recv). Real-time path: yes; no allocation,
     /// O(1), and O(waiting senders of lower priority) to wait.
     ///
     /// ```
