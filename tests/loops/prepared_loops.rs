@@ -28,9 +28,11 @@ impl Seen {
     }
 }
 
+type Make = fn(&str) -> luna::Result<Periodic>;
+
 struct Prepared {
     name: String,
-    make: fn(&str) -> luna::Result<Periodic>,
+    make: Make,
     tick: Option<Periodic>,
     seen: Arc<Mutex<Seen>>,
 }
@@ -78,7 +80,7 @@ fn loops_made_in_pre_run_begin_together_when_the_bodies_do() {
     let mut system = crate::common::system("prepared");
     let mut all = Vec::new();
     for place in PLACES {
-        let kinds: [(_, fn(&str) -> luna::Result<Periodic>, _); 3] = [
+        let kinds: [(_, Make, _); 3] = [
             ("plain", plain, 0),
             ("in phase", in_phase, PERIOD.as_nanos() as u64 / 4),
             ("corrected", corrected, 400),
