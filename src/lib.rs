@@ -33,6 +33,9 @@
 //! assert!(report.loops["loop"].cycles >= 1);
 //! # Ok::<(), luna::Error>(())
 //! ```
+//!
+//! Channels, alternatives, barriers and locks come from the crate `luna-channels`, which can be used alone, and their examples on these pages name it: read `luna` for `luna_channels` there, since what they name is
+//! here under the same name ([`sync`] is `luna_channels::lock_sync`). Signals are those of `luna-logger`; the hub and the recorder in their examples are what a [`System`] makes.
 
 mod csp;
 #[cfg(unix)]

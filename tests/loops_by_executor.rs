@@ -10,3 +10,5 @@ mod overrun;
 mod periodic;
 #[path = "loops/phased_loops.rs"]
 mod phased_loops;
+#[path = "loops/prepared_loops.rs"]
+mod prepared_loops;

@@ -204,7 +204,11 @@ fn a_post_run_that_panics_does_not_keep_the_others_from_theirs() {
             .spawn(Counts(count.clone()))
             .unwrap();
     }
-    system.run().unwrap();
+    let error = system.run().unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "process `a`: panicked: in post_run, on purpose"
+    );
     assert_eq!(count.load(Ordering::Relaxed), 303);
 }
 

@@ -147,3 +147,81 @@ fn post_run_runs_once_off_the_executors_thread_whatever_ended_the_body() {
         }
     }
 }
+
+/// Panics as it is cleaned up, in `post_run` or in its drop.
+struct Untidy {
+    in_drop: bool,
+    body: luna::Result<()>,
+}
+
+impl Process for Untidy {
+    async fn run(&mut self) -> luna::Result<()> {
+        self.body.clone()
+    }
+
+    fn post_run(&mut self) {
+        assert!(self.in_drop, "in post_run");
+    }
+}
+
+impl Drop for Untidy {
+    fn drop(&mut self) {
+        assert!(std::thread::panicking() || !self.in_drop, "in the drop");
+    }
+}
+
+#[test]
+fn a_panic_while_cleaning_up_is_the_runs_error_and_ends_nobody_else() {
+    let _watch = watchdog();
+    for place in PLACES {
+        for (in_drop, body, expected) in [
+            (false, Ok(()), "process `untidy`: panicked: in post_run"),
+            (true, Ok(()), "process `untidy`: panicked: in the drop"),
+            // What the body says is graver.
+            (
+                false,
+                Err(Error::Timeout),
+                "process `untidy`: the time ran out",
+            ),
+        ] {
+            let traces = Arc::new(Mutex::new(Traces::default()));
+            let mut system = System::new("untidy");
+            let (done, is_done) = luna::channel::<()>();
+            let untidy = place.process(&mut system, "place of untidy", "untidy");
+            let id = untidy.spawn(Untidy { in_drop, body }).unwrap();
+            let other = system.executor("other").build().unwrap();
+            let own = other.clone();
+            other
+                .process("goes on")
+                .spawn(async move {
+                    own.process_handle(id).unwrap().join().await;
+                    done.send(()).await?;
+                    Ok(())
+                })
+                .unwrap();
+            system
+                .thread("place of traced")
+                .process("traced")
+                .spawn(async move {
+                    is_done.recv().await?;
+                    Ok(())
+                })
+                .unwrap();
+            other
+                .process("tidy")
+                .spawn(Traced {
+                    ending: Ending::Returns,
+                    traces: traces.clone(),
+                })
+                .unwrap();
+            let error = system.run().unwrap_err();
+            assert_eq!(error.to_string(), expected, "{place:?}");
+            let report = system.report().unwrap();
+            assert_eq!(report.end, luna::End::Completed);
+            for process in &report.processes {
+                assert_eq!(process.exit, Some(Exit::Completed), "{}", process.name);
+            }
+            assert_eq!(traces.lock().unwrap().post_runs, 1);
+        }
+    }
+}

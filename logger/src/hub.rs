@@ -9,10 +9,8 @@ use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt;
 use std::ptr;
-#[cfg(feature = "events")]
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 /// The most bytes of a signal's name, unit and description.
 const MOST_NAME: usize = 255;
@@ -111,6 +109,29 @@ pub(crate) struct Declared {
     pub(crate) losses: Arc<Losses>,
 }
 
+impl Declared {
+    /// Whether its texts can be recorded.
+    pub(crate) fn check(&self) -> Result<(), RegisterError> {
+        for (what, text, most) in [
+            ("name", &self.name, MOST_NAME),
+            ("unit", &self.unit, MOST_UNIT),
+            ("description", &self.description, MOST_DESCRIPTION),
+        ] {
+            if text.len() > most {
+                return Err(RegisterError::TooLong {
+                    signal: self.name.to_string(),
+                    what,
+                    most,
+                });
+            }
+        }
+        if self.name.is_empty() {
+            return Err(RegisterError::NoName);
+        }
+        Ok(())
+    }
+}
+
 /// How much of a signal was dropped before it came to a ring's other end, and by how many handles it is used.
 #[derive(Debug, Default)]
 pub(crate) struct Losses {
@@ -190,9 +211,9 @@ impl Hub {
     /// use luna_logger::{Hub, Signal};
     ///
     /// let hub = Hub::new("pump", Default::default());
-    /// assert!(Signal::<f64>::register("flow").is_err()); // for which system?
     /// let _inside = hub.enter();
-    /// assert!(Signal::<f64>::register("flow").is_ok());
+    /// let flow = Signal::<f64>::register("flow").unwrap();
+    /// assert!(Signal::<f64>::register("flow").is_err()); // the hub's names are taken once
     /// ```
     pub fn enter(self: &Arc<Self>) -> Entered {
         HAS_ENTERED.set(true);
@@ -341,6 +362,14 @@ impl Hub {
         HUB.try_with(|hub| hub.borrow().clone()).ok().flatten()
     }
 
+    /// One that is no system's and never records: for signals of threads that work for none.
+    pub(crate) fn of_nobody() -> Arc<Hub> {
+        static NOBODYS: OnceLock<Arc<Hub>> = OnceLock::new();
+        NOBODYS
+            .get_or_init(|| Hub::new("", TimeBase::OfThread))
+            .clone()
+    }
+
     /// The hub that a message of this thread goes to: never to be asked on the path by a thread without rings.
     pub(crate) fn for_messages() -> Option<Arc<Hub>> {
         Self::of_thread()
@@ -450,23 +479,8 @@ impl Hub {
 
     /// Gives a signal a number.
     pub(crate) fn declare(&self, declared: Declared) -> Result<(u32, Arc<Losses>), RegisterError> {
+        declared.check()?;
         let name = || declared.name.to_string();
-        for (what, text, most) in [
-            ("name", &declared.name, MOST_NAME),
-            ("unit", &declared.unit, MOST_UNIT),
-            ("description", &declared.description, MOST_DESCRIPTION),
-        ] {
-            if text.len() > most {
-                return Err(RegisterError::TooLong {
-                    signal: name(),
-                    what,
-                    most,
-                });
-            }
-        }
-        if declared.name.is_empty() {
-            return Err(RegisterError::NoName);
-        }
         let mut registry = self.registry();
         if let Some(&number) = registry.numbers.get(&declared.name) {
             let there = &registry.signals[number as usize];
@@ -530,11 +544,6 @@ impl Drop for Entered {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RegisterError {
-    /// The thread works for no system.
-    NoSystem {
-        /// The signal's name.
-        signal: String,
-    },
     /// Another signal has the name.
     Duplicate {
         /// The name.
@@ -561,13 +570,9 @@ pub enum RegisterError {
 impl fmt::Display for RegisterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            RegisterError::NoSystem { signal } => write!(
-                f,
-                "signal `{signal}` was registered outside of any system; register it in `pre_run` of a process"
-            ),
             RegisterError::Duplicate { signal } => write!(
                 f,
-                "there is a signal `{signal}` already; give each signal a name of its own, such as the process' with it"
+                "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
             ),
             RegisterError::NoName => f.write_str("a signal has an empty name; give it one"),
             RegisterError::TooLong { signal, what, most } => write!(

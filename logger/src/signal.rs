@@ -12,6 +12,9 @@ use std::sync::Arc;
 /// Registered in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the real-time path. Clones are the same signal, for processes on
 /// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
 ///
+/// On a thread that works for no system (`main`, `luna::run`, a plain thread) it is a signal that nobody records, for good: [`record`](Self::record) does nothing there or anywhere
+/// else, and names may come twice. So the same code runs in a system and without one.
+///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
 ///
@@ -36,7 +39,7 @@ impl<T: Sample> Signal<T> {
     ///
     /// # Errors
     ///
-    /// The thread works for no system, or the name is taken, empty or of more than 255 bytes, or there are 65 536 signals.
+    /// The name is taken, empty or of more than 255 bytes, or there are 65 536 signals.
     pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
         SignalBuilder::new(name, "").register()
     }
@@ -111,25 +114,32 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system that the calling thread works for.
+    /// Registers the signal with the system that the calling thread works for; where that is none, the signal records nothing.
     ///
     /// # Errors
     ///
     /// As [`Signal::register`], and a unit of more than 63 bytes or a description of more than 1023.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
-        let Some(hub) = Hub::of_thread() else {
-            return Err(RegisterError::NoSystem {
-                signal: self.name.to_string(),
-            });
-        };
-        let (number, losses) = hub.declare(Declared {
+        let declared = Declared {
             name: self.name,
             unit: self.unit,
             description: self.description,
             element_type: T::TYPE,
             elements: T::ELEMENTS as u8,
             losses: Arc::default(),
-        })?;
+        };
+        let (hub, (number, losses)) = match Hub::of_thread() {
+            Some(hub) => {
+                let entry = hub.declare(declared)?;
+                (hub, entry)
+            }
+            // What is wrong with it is wrong anywhere.
+            None => {
+                declared.check()?;
+                declared.losses.join();
+                (Hub::of_nobody(), (0, declared.losses))
+            }
+        };
         Ok(Signal {
             head: Head::new(Head::SAMPLE, 2 + T::ELEMENTS, number),
             hub,

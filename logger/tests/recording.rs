@@ -91,11 +91,34 @@ fn while_nothing_records_there_is_nothing() {
 }
 
 #[test]
+fn a_signal_of_a_thread_without_a_system_is_recorded_by_nobody() {
+    let outside = Signal::<f64>::register("flow").unwrap();
+    let twice = Signal::<f64>::register("flow").unwrap();
+    let hub = Hub::new("pump", Default::default());
+    let kept = Kept::default();
+    let recorder = Recorder::start(&hub, Logging::to_sink(kept.sink())).unwrap();
+    let _inside = hub.enter();
+    // The name is free, and who was outside stays there.
+    let inside = Signal::<f64>::register("flow").unwrap();
+    outside.record(1.0);
+    twice.clone().record(2.0);
+    inside.record(3.0);
+    let report = recorder.finish();
+    assert_eq!(report.signals.len(), 1);
+    assert_eq!((report.signals[0].recorded, report.signals[0].lost), (1, 0));
+    assert_eq!(floats(&kept.read().samples[&0]), [3.0]);
+}
+
+#[test]
 fn bad_registrations_say_what_to_do() {
     let register = |name: &str, unit: &str| Signal::<f32>::with_unit(name, unit).register();
-    let error = register("nowhere", "").unwrap_err();
-    assert!(matches!(&error, RegisterError::NoSystem { signal } if signal == "nowhere"));
-    assert!(error.to_string().contains("pre_run"));
+    // What is wrong is wrong without a system too.
+    assert_eq!(register("", "").unwrap_err(), RegisterError::NoName);
+    let long = "x".repeat(64);
+    assert!(matches!(
+        register("nowhere", &long),
+        Err(RegisterError::TooLong { what: "unit", .. })
+    ));
     let hub = Hub::new("names", Default::default());
     let _inside = hub.enter();
     let first = register("one", "m").unwrap();

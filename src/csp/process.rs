@@ -77,6 +77,9 @@ pub trait Process {
 
     /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
     /// the thread that runs the system. Then the process is dropped.
+    ///
+    /// A panic in here, or in the drop, is told at once and ends nobody else; the other processes go on and are cleaned up, and it is no emergency, since the body is gone. When all have
+    /// ended it is the [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
     fn post_run(&mut self) {}
 }
 
@@ -205,13 +208,18 @@ pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
 }
 
 /// Runs `post_run`, then drops the process. It is the user's code: a panic in it, which the panic hook tells, must not keep the other processes
-/// from being cleaned up.
-pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) {
-    let Some(mut resident) = resident else { return };
-    let _ = catch_unwind(AssertUnwindSafe(move || {
+/// from being cleaned up. Gives it.
+pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
+    let mut resident = resident?;
+    let cleaned_up = catch_unwind(AssertUnwindSafe(move || {
         resident.post_run();
         drop(resident);
     }));
+    let payload = cleaned_up.err()?;
+    let message = luna_executors::panic_message(&*payload);
+    // It is the user's too.
+    std::mem::forget(payload);
+    Some(Error::Panicked(message))
 }
 
 /// A process at a fixed place, which its body borrows.

@@ -13,6 +13,7 @@ use crate::safety::BudgetKind;
 use crate::system::deadlock::Deadlock;
 use crate::time::{Instant, LoopName};
 use std::fmt;
+use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,7 +24,9 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 ///
 /// Its `Debug` is its `Display`: what a `main` that returns it prints, and what an `unwrap` says, is the text and what to do. An error of your
 /// own becomes one with `.map_err(luna::Error::other)?`.
-#[derive(Clone, PartialEq)]
+///
+/// Two errors are equal if they say the same; but of [`Other`](Error::Other), which holds what may not be comparable, if they are the same one.
+#[derive(Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error {
     /// The channel was poisoned, or a sibling in a parallel construct failed.
@@ -100,6 +103,15 @@ pub enum Error {
     /// A device cannot be opened, or is lost.
     #[cfg(unix)]
     Device(Arc<crate::devices::DeviceError>),
+    /// An error of the user's own about the system, as a text. The framework never makes one: what it cannot set up is [`Setup`](Error::Setup), with
+    /// the values in fields.
+    ///
+    /// ```
+    /// let error = luna::Error::System("no sensor answers on the bus".to_owned());
+    /// assert_eq!(error.to_string(), "no sensor answers on the bus");
+    /// assert_eq!(error, luna::Error::System("no sensor answers on the bus".into())); // by its text
+    /// ```
+    System(String),
     /// An error of the user's own: see [`Error::other`].
     Other(OtherError),
 }
@@ -227,6 +239,7 @@ impl fmt::Display for Error {
             Error::External(error) => error.fmt(f),
             #[cfg(unix)]
             Error::Device(error) => error.fmt(f),
+            Error::System(message) => f.write_str(message),
             Error::Other(error) => error.fmt(f),
         }
     }
@@ -265,6 +278,12 @@ impl PartialEq for OtherError {
         Arc::ptr_eq(&self.0, &other.0)
     }
 }
+
+impl Eq for OtherError {}
+
+// It is shared and never changed: who catches a panic finds it as it was made, whatever the user's error is.
+impl UnwindSafe for OtherError {}
+impl RefUnwindSafe for OtherError {}
 
 impl fmt::Debug for OtherError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -38,7 +38,8 @@ fn check_core(plan: &Plan, of: &str, core: Option<usize>) -> Result<()> {
 
 macro_rules! place_methods {
     () => {
-        /// Pins the thread to `core`, by the operating system's number of it.
+        /// Pins the thread to `core`, by the operating system's number of it. Whether the machine has it is looked at when the executor or process is made; not in a system
+        /// on a [virtual clock](crate::System::virtual_clock), if that was said before.
         pub fn core(mut self, core: usize) -> Self {
             self.core = Some(core);
             self.attributes = self.attributes.core(core);
@@ -52,7 +53,8 @@ macro_rules! place_methods {
             self
         }
 
-        /// Gives the thread a stack of `bytes`, at least 128 KiB; 1 MiB if not stated.
+        /// Gives the thread a stack of `bytes`, at least 128 KiB; 2 MiB if not stated. All of it is touched before the start. For processes that keep or move large values;
+        /// what is on an executor shares its stack, one turn at a time.
         pub fn stack_size(mut self, bytes: usize) -> Self {
             self.attributes = self.attributes.stack_size(bytes);
             self

@@ -29,6 +29,9 @@ const HEAP_IN_ADVANCE: usize = 4 << 20;
 /// The most loops that room is set aside for unless asked for: 256 at about 46 KiB.
 const MOST_LOOPS: usize = 256;
 
+/// For how many loops there is room beyond one a process: 1.5 MiB, so that a process may have several, at once or one after the other.
+const FURTHER_LOOPS: usize = 32;
+
 /// A system whose processes are ready to be released.
 pub(super) struct Launched {
     pub(super) clock: ClockKind,
@@ -164,7 +167,7 @@ fn launch_described(
 
     let loops = settings
         .max_loops
-        .unwrap_or_else(|| (waiting.len() + 4).min(MOST_LOOPS));
+        .unwrap_or_else(|| (waiting.len() + FURTHER_LOOPS).min(MOST_LOOPS));
     // On a clock that is not the machine's nothing but that clock wakes anybody.
     let manager = match settings.manager {
         Some(manager) if handle.is_some() => {
@@ -232,7 +235,7 @@ fn launch_described(
 
     loop {
         // Without the plan's lock: what runs here is the user's, and may spawn.
-        if let Err(error) = pre_run_all(plan, &mut waiting)
+        if let Err(error) = pre_run_all(plan, &running, &mut waiting)
             .and_then(|()| held.start_all(&running, &places, waiting))
         {
             // Their bodies end with the executors and threads.
@@ -345,7 +348,9 @@ fn obtained<T>(asked: Result<T, Shortfall>, shortfalls: &mut Vec<Shortfall>) -> 
 }
 
 /// Runs every `pre_run`; if one fails, the processes prepared before it are cleaned up, last first.
-fn pre_run_all(plan: &Plan, processes: &mut [ProcessPlan]) -> Result<()> {
+fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) -> Result<()> {
+    // Loops that are made there are the system's.
+    let _scope = running.common.scope.clone().enter_to_prepare();
     for index in 0..processes.len() {
         let process = &mut processes[index];
         let Some(resident) = &mut process.prepared.resident else {
@@ -397,7 +402,7 @@ impl Held {
                 Err(NotStarted { error, resident }) => {
                     prepared
                         .rev()
-                        .for_each(|process| clean_up(process.prepared.resident));
+                        .for_each(|process| drop(clean_up(process.prepared.resident)));
                     clean_up(resident);
                     return Err(error);
                 }
@@ -412,6 +417,6 @@ impl Held {
         self.members
             .into_iter()
             .rev()
-            .for_each(|(_, mut member)| clean_up(member.take_resident()));
+            .for_each(|(_, mut member)| drop(clean_up(member.take_resident())));
     }
 }

@@ -82,8 +82,8 @@ impl System {
         self
     }
 
-    /// Sets room aside for the statistics of `loops` periodic loops, about 46 KiB each. Without it there is room for one a process and
-    /// four more, at most 256.
+    /// Sets room aside for the statistics of `loops` periodic loops, about 46 KiB each. Without it there is room for one a process that is spawned before the run and
+    /// 32 more (1.5 MiB), at most 256 in all (12 MiB). Loops that have ended count: their statistics are kept for the report.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
         self
@@ -175,6 +175,8 @@ impl System {
     /// Processes, loops, delays and timeouts are as ever; only the threads differ: one runs all executors and OS-thread processes, the one of the highest policy first, of
     /// equals the one that was described first. Computing takes no time. Policies, cores and locked memory are not asked for. A blocking call within an OS-thread process
     /// stops all, so it goes through [`blocking`](crate::blocking), and one that waits for a channel panics as on an executor. `docs/time.md` says what else there is to know.
+    ///
+    /// Say it before the executors and threads are described: those that come later may name cores that this machine has not.
     ///
     /// ```
     /// use luna::prelude::*;
@@ -520,10 +522,17 @@ impl System {
     ///
     /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
     /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
-    /// fails is told on standard error at once, and the others go on. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
+    /// fails is told on standard error at once, and the others go on. Else a panic in a [`post_run`](crate::Process::post_run), also behind a signal. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
     /// [`strict`](Self::strict) and every process waits for another.
     pub fn run(&self) -> Result<Report> {
         supervise::run(&self.plan)
+    }
+}
+
+/// A system that was never run is over: what was described is dropped, also if a body or a function holds an [`Executor`] of it. Whoever else has one can spawn nothing more.
+impl Drop for System {
+    fn drop(&mut self) {
+        self.plan.abandon();
     }
 }
 

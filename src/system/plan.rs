@@ -23,6 +23,7 @@ use luna_executors::{
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
 use std::collections::HashSet;
+use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -41,6 +42,11 @@ pub(crate) struct Plan {
     emergency: Arc<Emergency>,
     parameters: Arc<Store>,
 }
+
+// Nothing of the user's runs under its locks, and what they guard is whole between two statements. So who catches a panic finds the system as it was, or as it ended: described, with or
+// without the process that panicked as it was made, or run.
+impl UnwindSafe for Plan {}
+impl RefUnwindSafe for Plan {}
 
 #[derive(Default)]
 pub(crate) struct Settings {
@@ -525,6 +531,28 @@ impl Plan {
         self.members.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Nobody will run the system: drops what it was to consist of, which may hold the plan, unless it has been run. What is dropped is the user's: without a lock.
+    pub(crate) fn abandon(&self) {
+        // Also of a start that failed on them.
+        let stand_ins = std::mem::take(&mut *self.stand_ins());
+        drop(stand_ins);
+        let waiting = {
+            let mut members = self.members();
+            if members.phase != Phase::Described {
+                return;
+            }
+            members.phase = Phase::Ended;
+            std::mem::take(&mut members.waiting)
+        };
+        for process in waiting {
+            // One panic in a drop, which the hook tells, keeps no other from its own.
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(process)));
+        }
+        let settings = std::mem::take(&mut *self.settings());
+        drop(settings);
+        self.emergency.conclude();
+    }
+
     /// Whether the system has been run.
     pub(crate) fn has_begun(&self) -> bool {
         self.members().phase != Phase::Described
@@ -735,6 +763,7 @@ impl Plan {
         let _log = running.common.log.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
+            let _scope = running.common.scope.clone().enter_to_prepare();
             let declared = plan.spec.name();
             self.parameters
                 .declaring(id, declared, || prepare(&mut **resident))

@@ -63,6 +63,8 @@ impl Hasher for Spread {
 /// What is still to be done for one that has ended, without the plan's lock.
 pub(super) struct Funeral {
     pub(super) resident: Option<Box<dyn Phases>>,
+    /// Whose that is, and its place in the order of starts.
+    pub(super) of: Option<(u64, ProcessHandle)>,
     /// It was ended for an overrun.
     pub(super) was_sentenced: bool,
     pub(super) error: Option<Error>,
@@ -93,6 +95,8 @@ pub(crate) struct Register {
     forgotten: Numbers,
     first_error: Found,
     first_panic: Found,
+    /// The first panic while cleaning up.
+    first_cleanup: Found,
     /// How many members were looked at, one by one or all together.
     #[cfg(test)]
     looks: std::cell::Cell<usize>,
@@ -115,6 +119,7 @@ impl Default for Register {
             forgotten: Numbers::default(),
             first_error: None,
             first_panic: None,
+            first_cleanup: None,
             #[cfg(test)]
             looks: std::cell::Cell::default(),
         }
@@ -233,6 +238,9 @@ impl Register {
         }
         if resident.is_some() || error.is_some() {
             self.funerals.push_back(Funeral {
+                of: resident
+                    .is_some()
+                    .then(|| (member.order, member.handle.clone())),
                 resident,
                 was_sentenced,
                 error,
@@ -279,6 +287,7 @@ impl Register {
         if member.has_failed {
             self.funerals.push_back(Funeral {
                 resident: None,
+                of: None,
                 was_sentenced: false,
                 error: None,
                 forgotten: Some(member.handle),
@@ -338,6 +347,16 @@ impl Register {
     /// The panic of who was started first of those that panicked.
     pub(super) fn first_panic(&self) -> Option<&Error> {
         self.first_panic.as_ref().map(|(_, error)| error)
+    }
+
+    /// A process that was started at this place of the order has panicked as it was cleaned up.
+    pub(super) fn note_cleanup(&mut self, order: u64, error: &Error) {
+        keep_first(&mut self.first_cleanup, order, error);
+    }
+
+    /// The panic of who was started first of those that panicked as they were cleaned up.
+    pub(super) fn first_cleanup(&self) -> Option<&Error> {
+        self.first_cleanup.as_ref().map(|(_, error)| error)
     }
 
     /// The error of who was started first of those that failed.

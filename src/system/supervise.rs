@@ -227,7 +227,9 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         End::Livelock => livelock,
         _ => error_of_run(&members.started, cause, &report)
             .or_else(|| callback_panic.flatten().filter(|_| signal.is_none())),
-    };
+    }
+    // Whatever has ended the system: something may not be as its process was to leave it.
+    .or_else(|| members.started.first_cleanup().cloned());
     let error = match (error, recorded) {
         // What processes return in a replay that has gone astray says nothing.
         (_, Err(error @ RecordError::Diverged(_))) => Some(error.into()),
@@ -428,6 +430,7 @@ impl Burial<'_> {
             };
             let Some(Funeral {
                 resident,
+                of,
                 was_sentenced,
                 error,
                 forgotten,
@@ -441,11 +444,20 @@ impl Burial<'_> {
             {
                 tell!("luna: {error}");
             }
-            if was_sentenced {
+            let panicked = if was_sentenced {
                 // What it holds outside of its body goes as the body went.
-                current::poison_dropped_ends(|| clean_up(resident));
+                current::poison_dropped_ends(|| clean_up(resident))
             } else {
-                clean_up(resident);
+                clean_up(resident)
+            };
+            if let Some(error) = panicked
+                && let Some((order, process)) = of
+            {
+                let error = error.in_process(process.name());
+                if self.tells {
+                    tell!("luna: {error}");
+                }
+                self.plan.members().started.note_cleanup(order, &error);
             }
         }
         reclaim::collect();

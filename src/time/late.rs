@@ -159,6 +159,14 @@ impl LateCycles {
         self.accounting.begin(now);
     }
 
+    /// It was made elsewhere, and begins here now: nothing of what the kernel has counted so far is the loop's.
+    pub(crate) fn begin_here(&mut self, now: Instant) {
+        self.asked = now;
+        if self.threshold != u64::MAX {
+            self.accounting.begin(now);
+        }
+    }
+
     pub(crate) fn set_threshold(&mut self, threshold: Duration) {
         self.threshold = nanos(threshold);
     }

@@ -15,6 +15,7 @@ use luna_platform::current;
 use luna_platform::events;
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
+use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -84,6 +85,17 @@ pub struct Periodic {
     is_on_grid: bool,
     /// The parameters of the process that has made it.
     parameters: Option<Arc<Reader>>,
+    /// Made in a `pre_run`, and not begun yet.
+    prepared: Option<Prepared>,
+}
+
+/// Where a loop begins that was made in a `pre_run`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Prepared {
+    /// With all bodies.
+    AtStart,
+    /// Beside processes that run, as its body asks for the first cycle.
+    AtFirstCycle,
 }
 
 /// Begins a loop called `name` whose slots are `period` apart: the first one a period from now, or with [`Timers::Manager`](crate::Timers::Manager) the next one that all loops of
@@ -93,9 +105,15 @@ pub struct Periodic {
 /// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
 /// nothing, since the statistics' room is set aside before the start. O(loops, and processes with [parameters](crate::parameters)).
 ///
+/// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first slot is a period after all of them are released; in a process that is spawned
+/// while the system runs, a period after the body first asks for one.
+///
+/// Each loop of a system has a line of its own in the report, also when it has ended. So a name is used once, even if the loop of that name was dropped; and a loop that was
+/// dropped keeps its room ([`System::max_loops`](crate::System::max_loops)). To loop again keep the `Periodic`, and ask it for the next cycle.
+///
 /// # Errors
 ///
-/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the system has, a name of more than 63 bytes,
+/// A [`SetupError`]: a period of zero or of more than 292 years, a name that another loop of the system has or had, a name of more than 63 bytes,
 /// more loops than there is room for, or no process around.
 ///
 /// ```
@@ -131,7 +149,15 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         Some(manager) => manager.slot_before(now, length),
         None => now,
     };
-    let scope_parameters = scope.parameters();
+    let prepared = Scope::is_preparing().then(|| match scope.has_begun() {
+        false => Prepared::AtStart,
+        true => Prepared::AtFirstCycle,
+    });
+    let parameters = match prepared {
+        None => scope.parameters(),
+        // The process is not here yet; who is, if anybody, is another.
+        Some(_) => None,
+    };
     let seat = scope
         .manager()
         .map(|manager| Seat::new(manager.clone(), length));
@@ -153,7 +179,8 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         in_cycle: false,
         seat,
         is_on_grid: true,
-        parameters: scope_parameters,
+        parameters,
+        prepared,
     })
 }
 
@@ -364,6 +391,9 @@ impl Periodic {
             return self.replayed().await;
         }
         let asked = Instant::now();
+        if self.prepared.is_some() {
+            self.begin_prepared(asked);
+        }
         if let Some(phase) = self.phase.take() {
             self.join_common_grid(phase, asked);
         }
@@ -439,6 +469,9 @@ impl Periodic {
             return std::future::pending().await;
         };
         record::hold().await;
+        if self.prepared.is_some() {
+            self.begin_prepared(Instant::now());
+        }
         self.number = number;
         self.come = number;
         self.latch();
@@ -507,6 +540,26 @@ impl Periodic {
         }
     }
 
+    /// Begins a loop that was made before its process was here. O(processes with parameters).
+    #[cold]
+    fn begin_prepared(&mut self, now: Instant) {
+        let begins = match self.prepared.take() {
+            Some(Prepared::AtStart) => self.scope.start(),
+            _ => now,
+        };
+        let origin = match self.scope.manager() {
+            Some(manager) => manager.slot_before(begins, self.period),
+            None => begins,
+        };
+        self.grid = Grid::new(origin, self.period);
+        self.grid.shift_behind(self.number, self.trim.nanos());
+        self.parameters = self.scope.parameters();
+        let name = self.name();
+        let statistics = self.statistics();
+        events::name_loop(statistics.number, name.as_str());
+        statistics.late.begin_here(now);
+    }
+
     /// Closes the present grid, and joins the one that the loops of its period have in common.
     fn join_common_grid(&mut self, phase: u64, now: Instant) {
         self.close_grid(self.come);
@@ -565,6 +618,11 @@ impl Periodic {
             .unwrap_or_default()
     }
 }
+
+// What it shares with its system is behind a lock under which nothing of the user's runs, and what is its own is whole whenever that runs: at an await. A loop whose cycle was left by a
+// panic goes on with the next slot.
+impl UnwindSafe for Periodic {}
+impl RefUnwindSafe for Periodic {}
 
 impl Drop for Periodic {
     fn drop(&mut self) {

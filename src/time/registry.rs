@@ -10,7 +10,7 @@ use luna_platform::clock::{Clock, Instant};
 use luna_platform::current;
 use luna_platform::events;
 use luna_platform::lock::PiLock;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
@@ -68,6 +68,8 @@ pub(crate) struct Scope {
     most: usize,
     /// In nanoseconds: what the common grids of loops count from.
     start: AtomicU64,
+    /// Whether they have started.
+    has_begun: AtomicBool,
     has_loops: AtomicBool,
     /// Who runs the system is told through this of the first loop.
     living: Option<Arc<Living>>,
@@ -93,6 +95,8 @@ struct Loops {
 
 thread_local! {
     static SCOPE: RefCell<Option<Arc<Scope>>> = const { RefCell::new(None) };
+    /// Whether a `pre_run` runs on this thread: the process is not there yet.
+    static IS_PREPARING: Cell<bool> = const { Cell::new(false) };
 }
 
 impl Scope {
@@ -113,6 +117,7 @@ impl Scope {
             grows: false,
             most,
             start: AtomicU64::new(clock.now().as_nanos()),
+            has_begun: AtomicBool::new(false),
             has_loops: AtomicBool::new(false),
             living: Some(living),
             clock,
@@ -132,6 +137,7 @@ impl Scope {
             grows: true,
             most: 0,
             start: AtomicU64::new(Instant::now().as_nanos()),
+            has_begun: AtomicBool::new(true),
             has_loops: AtomicBool::new(false),
             living: None,
             clock: Clock::REAL,
@@ -145,6 +151,7 @@ impl Scope {
         let now = self.clock.now();
         // Whoever is released sees what came before the release.
         self.start.store(now.as_nanos(), Ordering::Relaxed);
+        self.has_begun.store(true, Ordering::Relaxed);
         if let Some(manager) = &self.manager {
             manager.begin(now);
         }
@@ -154,6 +161,11 @@ impl Scope {
     /// When the processes started.
     pub(crate) fn start(&self) -> Instant {
         Instant::from_nanos(self.start.load(Ordering::Relaxed))
+    }
+
+    /// Whether the processes have started.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.has_begun.load(Ordering::Relaxed)
     }
 
     /// Who wakes the loops, if it is not their executors.
@@ -181,9 +193,24 @@ impl Scope {
 
     /// Makes this the scope of the calling thread until the guard is dropped.
     pub(crate) fn enter_until_dropped(self: Arc<Self>) -> Entered {
+        self.enter(false)
+    }
+
+    /// As [`enter_until_dropped`](Self::enter_until_dropped), for a `pre_run`: of whom the loops are that are made there, shows when they begin.
+    pub(crate) fn enter_to_prepare(self: Arc<Self>) -> Entered {
+        self.enter(true)
+    }
+
+    fn enter(self: Arc<Self>, is_preparing: bool) -> Entered {
         Entered {
             before: SCOPE.with(|scope| scope.borrow_mut().replace(self)),
+            was_preparing: IS_PREPARING.replace(is_preparing),
         }
+    }
+
+    /// Whether a `pre_run` runs on this thread.
+    pub(crate) fn is_preparing() -> bool {
+        IS_PREPARING.get()
     }
 
     /// The scope of this thread.
@@ -229,7 +256,9 @@ impl Scope {
         statistics.name = short;
         statistics.number = loops.names.len() as u32;
         drop(loops);
-        events::name_loop(statistics.number, name);
+        if !Self::is_preparing() {
+            events::name_loop(statistics.number, name);
+        }
         statistics.period = period;
         if self.grows {
             // Nobody reports it.
@@ -266,11 +295,13 @@ impl Scope {
 /// Restores the thread's scope from before.
 pub(crate) struct Entered {
     before: Option<Arc<Scope>>,
+    was_preparing: bool,
 }
 
 impl Drop for Entered {
     fn drop(&mut self) {
         let before = self.before.take();
         SCOPE.with(|scope| *scope.borrow_mut() = before);
+        IS_PREPARING.set(self.was_preparing);
     }
 }

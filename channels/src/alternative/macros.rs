@@ -115,6 +115,12 @@ macro_rules! __alternative {
         $crate::__alternative!(@parse $fair [$($done)* {[$pattern] [$guard] [] [$body]}] $($($rest)*)?)
     };
 
+    (@parse $fair:tt [$($done:tt)*] $($rest:tt)+) => {
+        ::core::compile_error!(
+            "a branch is `pattern = guard => body` or `pattern = guard, if condition => body`, the last one may be `skip => body`; after a body that is no block comes a comma"
+        )
+    };
+
     // The guards live and die in the first statement; bodies run after it.
     (@emit $fair:tt [$($branches:tt)*] [$($skip:tt)*]) => {{
         let conditions = $crate::__alternative!(@conditions $($branches)*);

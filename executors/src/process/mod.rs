@@ -196,6 +196,10 @@ impl fmt::Display for Exit {
 #[derive(Clone)]
 pub struct ProcessHandle(pub(crate) Arc<Record>);
 
+// What it shows is behind a lock under which nothing of the user's runs, or atomic.
+impl std::panic::UnwindSafe for ProcessHandle {}
+impl std::panic::RefUnwindSafe for ProcessHandle {}
+
 impl ProcessHandle {
     /// The process' name.
     pub fn name(&self) -> &str {

@@ -16,11 +16,12 @@ pub enum Mode {
     BestEffort,
 }
 
-/// The stack of a thread that asks for nothing else: 1 MiB.
+/// The stack of a thread that asks for nothing else: 2 MiB, as threads of the standard library have.
 ///
-/// Every page of it is touched and, once memory is locked, stays in memory. The standard library's 2 MiB would cost a machine with
-/// some tens of threads twice as much, and less than 1 MiB is soon used up by unoptimized builds and formatted output.
-pub const DEFAULT_STACK_SIZE: usize = 1 << 20;
+/// What runs on a thread of the standard library so runs here too: an unoptimized build moves a value several times on the way through futures and channels, and takes stack for each
+/// move. Every page of it is touched and, once memory is locked, stays in memory: 2 MiB a thread, which a machine that is to keep deadlines has; more by default would cost one with
+/// some tens of threads, or a limit of locked memory (8 MiB on many systems, unless it is lifted), too much.
+pub const DEFAULT_STACK_SIZE: usize = 2 << 20;
 
 /// The smallest stack that can be asked for: 128 KiB.
 ///

@@ -28,7 +28,7 @@ use std::iter::FusedIterator;
 /// assert!(several.first().is_poisoned());
 /// assert_eq!(several.errors().last().unwrap().to_string(), "no encoder");
 /// ```
-#[derive(Clone, PartialEq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Several {
     runs: Runs,
     carried: Vec<Error>,

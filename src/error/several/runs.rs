@@ -133,6 +133,8 @@ impl PartialEq for Runs {
     }
 }
 
+impl Eq for Runs {}
+
 pub(super) fn unpack(run: u16) -> (Kind, usize) {
     (
         KINDS[usize::from(run >> COUNT_BITS)],
