@@ -442,12 +442,13 @@ fn a_plain_thread_is_no_deadlock_where_it_is_known() {
 }
 
 #[test]
-fn at_a_barrier_a_party_that_nobody_knows_is_no_deadlock() {
+fn at_a_barrier_a_thread_that_has_come_before_is_no_deadlock() {
     let _watchdog = watchdog();
     for place in PLACES {
         let mut system = strict("barrier");
         let barrier = Barrier::new(2);
         let party = barrier.clone();
+        let (come, has_come) = std::sync::mpsc::channel();
         place
             .process(&mut system, "e", "party")
             .spawn(async move {
@@ -457,19 +458,56 @@ fn at_a_barrier_a_party_that_nobody_knows_is_no_deadlock() {
                 Ok(())
             })
             .unwrap();
-        // Late in the first round, when it has never come, and in those after.
         let thread = std::thread::spawn(move || {
-            for _ in 0..3 {
-                std::thread::sleep(LONG / 3);
+            for round in 0..3 {
+                if round > 0 {
+                    // So long that the others would have been found deadlocked.
+                    std::thread::sleep(LONG / 3);
+                }
                 luna::run(async {
-                    barrier.sync().await;
+                    let mut came = std::pin::pin!(barrier.sync());
+                    std::future::poll_fn(|cx| {
+                        let polled = came.as_mut().poll(cx);
+                        let _ = come.send(());
+                        polled
+                    })
+                    .await;
                     Ok(())
                 })
                 .unwrap();
             }
         });
+        has_come.recv().unwrap();
         assert_eq!(system.run().unwrap().deadlock, None);
         thread.join().unwrap();
+    }
+}
+
+/// The count of parties that is one too great is the usual mistake.
+#[test]
+fn at_a_barrier_of_too_many_parties_they_wait_for_those_who_never_come() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("barrier");
+        let barrier = Barrier::new(3).named("start");
+        for name in ["left", "right"] {
+            let party = barrier.clone();
+            let spawner = place.process(&mut system, name, name);
+            spawner
+                .spawn(async move {
+                    party.sync().await;
+                    Ok(())
+                })
+                .unwrap();
+        }
+        let found = deadlock_of(&system);
+        assert_eq!(found.waits.len(), 2);
+        assert!(
+            found
+                .waits
+                .iter()
+                .all(|wait| wait.operation == Operation::Sync)
+        );
     }
 }
 

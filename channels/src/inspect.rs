@@ -101,8 +101,7 @@ pub struct PlaceView {
     pub buffered: usize,
     /// Whether it was marked as used from outside of the system.
     pub external: bool,
-    /// Of a barrier: whether some of its parties may be nobody that a system knows. Not all have come together yet (since one last [enrolled](crate::Barrier::enroll)),
-    /// or one that came was a thread of its own, as under `block_on`.
+    /// Of a barrier: whether one that came was a thread of its own, as under `block_on`, whom no system knows.
     pub strangers: bool,
     /// Whether it was poisoned, or all its senders or receivers are gone.
     pub ended: bool,
@@ -131,8 +130,7 @@ pub(crate) struct Identity {
     name: OnceLock<Box<String>>,
     kind: Kind,
     external: AtomicBool,
-    /// Of a barrier: whether all its parties have come once, and whether a stranger was among them.
-    has_met: AtomicBool,
+    /// Of a barrier: whether a stranger was among those who came.
     has_stranger: AtomicBool,
 }
 
@@ -224,7 +222,6 @@ impl Identity {
             name: OnceLock::new(),
             kind: Kind::of(kind),
             external: AtomicBool::new(false),
-            has_met: AtomicBool::new(false),
             has_stranger: AtomicBool::new(false),
         }
     }
@@ -257,19 +254,13 @@ impl Identity {
         self.external.store(true, Ordering::Relaxed);
     }
 
-    /// All parties of this barrier have come; or a new one is yet to.
-    pub(crate) fn set_met(&self, has_met: bool) {
-        self.has_met.store(has_met, Ordering::Relaxed);
-    }
-
     /// One has come to this barrier that no system knows.
     pub(crate) fn set_stranger(&self) {
         self.has_stranger.store(true, Ordering::Relaxed);
     }
 
-    fn may_have_strangers(&self) -> bool {
-        matches!(self.kind, Kind::Barrier)
-            && (!self.has_met.load(Ordering::Relaxed) || self.has_stranger.load(Ordering::Relaxed))
+    fn has_stranger(&self) -> bool {
+        self.has_stranger.load(Ordering::Relaxed)
     }
 }
 
@@ -475,7 +466,7 @@ unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
         kind: place.identity.kind.with(stored.capacity),
         buffered: stored.now,
         external: place.identity.external.load(Ordering::Relaxed),
-        strangers: place.identity.may_have_strangers(),
+        strangers: place.identity.has_stranger(),
         ended,
         sender,
         receiver,

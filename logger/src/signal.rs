@@ -5,6 +5,7 @@ use crate::lane::{self, Head};
 use crate::sample::Sample;
 use std::fmt;
 use std::marker::PhantomData;
+use std::panic::{RefUnwindSafe, UnwindSafe};
 use std::sync::Arc;
 
 /// A number, a boolean or a small vector over time, which a process records.
@@ -33,6 +34,10 @@ pub struct Signal<T> {
     losses: Arc<Losses>,
     carries: PhantomData<fn(T)>,
 }
+
+// What it shares is written by steps that nothing of the user's comes between, so nobody finds it half changed after a panic.
+impl<T> UnwindSafe for Signal<T> {}
+impl<T> RefUnwindSafe for Signal<T> {}
 
 impl<T: Sample> Signal<T> {
     /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a lock.

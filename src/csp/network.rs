@@ -22,7 +22,7 @@ pub(crate) struct Meeting {
     pub(crate) made_at: &'static Location<'static>,
     pub(crate) buffered: usize,
     pub(crate) external: bool,
-    /// Whether parties of a barrier may be nobody's whom a system knows.
+    /// Whether a party of a barrier is nobody whom a system knows.
     pub(crate) strangers: bool,
     pub(crate) ended: bool,
     /// Who last used each kind of end.

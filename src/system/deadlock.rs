@@ -17,10 +17,9 @@ use std::sync::Arc;
 /// marked [`external`](crate::Sender::external) or whose other end was last used by a thread outside of the system, before the start too. A
 /// process that waits for anything else (another runtime's channel, say) may be woken by it, so then nothing is said.
 ///
-/// Two things cannot be seen, and are to be marked `external()`: an end that a thread outside of the system holds and has not used yet; and a
-/// channel that a process waits for together with something that is none of LUNA's, as in a race of both. Of a [barrier](crate::Barrier) it is not known who is to come
-/// before all have come together once: until then, and where a thread of its own ([`luna::run`](crate::run)) has been among them, a wait there is no deadlock; a
-/// barrier with parties in two systems is to be marked.
+/// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier) that a thread outside of the system holds and has not used yet; and a
+/// channel that a process waits for together with something that is none of LUNA's, as in a race of both. A [barrier](crate::Barrier) that a thread of its own
+/// ([`luna::run`](crate::run)) has come to is known to have such a party; one with parties in two systems is to be marked.
 ///
 /// Its `Display` is a line for each wait, and the circle.
 ///

@@ -172,8 +172,7 @@ impl Barrier {
     }
 
     /// Says that somebody outside of the system is a party too: a plain thread, or a process of another system. A process that waits here is then never
-    /// part of a deadlock. It need not be said of a thread, also one that runs a body by `luna::run`: until all parties have come together once, none of
-    /// those who wait counts as deadlocked, since the others may be threads; and then it is known who they are. Does nothing else.
+    /// part of a deadlock. A barrier that a thread outside has come to already, also one that runs a body by `luna::run`, is known to be one. Does nothing else.
     ///
     /// ```
     /// let barrier = luna_channels::Barrier::new(2).external().named("start");
@@ -263,7 +262,6 @@ impl Shared {
         let lists = self.place.lock();
         // SAFETY: the lists are this barrier's.
         unsafe { self.round(&lists, |round| round.parties += 1) };
-        self.place.identity.set_met(false);
     }
 
     fn resign(&self) {
@@ -319,7 +317,6 @@ impl Shared {
                 round.number = round.number.wrapping_add(1);
             });
         }
-        self.place.identity.set_met(true);
         true
     }
 
