@@ -84,6 +84,8 @@ pub struct Ended<'a> {
     given: Option<ChannelEnd>,
     /// Its process' tape knows of it.
     has_entered: bool,
+    /// It has let others run.
+    has_given_way: bool,
     watcher: UnsafeCell<Watcher>,
     _pinned: PhantomPinned,
 }
@@ -99,6 +101,7 @@ impl<'a> Ended<'a> {
             place,
             given: None,
             has_entered: false,
+            has_given_way: false,
             watcher: UnsafeCell::new(Watcher {
                 wait: WaitNode::new(),
                 of_poison_alone,
@@ -164,13 +167,22 @@ impl Ended<'_> {
         }
     }
 
+    /// The end that was found without waiting, after others if it is their turn. Once: beside a branch that spends all operations of each turn it would else never come.
+    #[cold]
+    fn found(self: Pin<&mut Self>, end: ChannelEnd, cx: &Context<'_>) -> Poll<ChannelEnd> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if !this.has_given_way && crate::fails_later(cx) {
+            this.has_given_way = true;
+            return Poll::Pending;
+        }
+        Poll::Ready(end)
+    }
+
     fn poll_untaped(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         if current::branch_failed() {
             current::stay_in_branch();
-            return match crate::fails_later(cx) {
-                true => Poll::Pending,
-                false => Poll::Ready(ChannelEnd::Poisoned),
-            };
+            return self.found(ChannelEnd::Poisoned, cx);
         }
         let node = self.node();
         let mut lists = self.place.lock_lists();
@@ -180,9 +192,9 @@ impl Ended<'_> {
                 let has_waited = node.as_ref().listed;
                 drop(lists);
                 // Nothing is taken, so it looks again.
-                return match !has_waited && crate::fails_later(cx) {
-                    true => Poll::Pending,
-                    false => Poll::Ready(end),
+                return match has_waited {
+                    true => Poll::Ready(end),
+                    false => self.found(end, cx),
                 };
             }
             if node.as_ref().listed {

@@ -7,10 +7,13 @@ mod common;
 use common::Watchdog;
 use luna_channels::{Alternative, Receiver, Sender, alt, call_channel, channel};
 use luna_executors::{Executor, Exit, ProcessSpec};
-use luna_platform::current::OPERATIONS_PER_POLL;
+use luna_platform::current::{self, OPERATIONS_PER_POLL};
 use luna_platform::thread::Attributes;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::Poll;
 use std::time::Duration;
 
 /// Far more errors than one may have in one go.
@@ -134,4 +137,59 @@ fn an_alternative_whose_channels_have_all_ended() {
             });
         }
     }
+}
+
+/// A branch that is polled first leaves the others no operation in any turn.
+#[test]
+fn an_end_comes_beside_a_branch_that_spends_all_operations() {
+    let _watchdog = Watchdog::new();
+    let executor = Executor::start(Attributes::new("errors")).unwrap();
+    let process = executor.spawn(ProcessSpec::new("both"), || async move {
+        let (sender, _keep) = closed();
+        let mut end = pin!(sender.ended());
+        for _ in 0..3 {
+            let found = poll_fn(|cx| {
+                while current::count_operation() {}
+                Poll::Ready(end.as_mut().poll(cx).is_ready())
+            });
+            if found.await {
+                return;
+            }
+            luna_executors::yield_now().await;
+        }
+        panic!("it never ends");
+    });
+    executor.release();
+    assert_eq!(process.wait(), Exit::Completed);
+    executor.stop();
+}
+
+#[test]
+fn that_a_branch_had_failed_is_nothing_to_who_selects_later() {
+    let _watchdog = Watchdog::new();
+    let executor = Executor::start(Attributes::new("errors")).unwrap();
+    let process = executor.spawn(ProcessSpec::new("selects"), || async move {
+        let (sender, receiver) = channel::<u8>();
+        let inputs = [receiver];
+        let mut alternative = Alternative::fair(&inputs);
+        poll_fn(|cx| {
+            while current::count_operation() {}
+            let polled = current::with_branch(true, || pin!(alternative.recv()).poll(cx));
+            assert!(polled.is_pending(), "it lets others run first");
+            Poll::Ready(())
+        })
+        .await;
+        luna_executors::yield_now().await;
+        poll_fn(|cx| {
+            let polled = pin!(alternative.recv()).poll(cx);
+            assert_eq!(polled, Poll::Pending, "its channel is open");
+            Poll::Ready(())
+        })
+        .await;
+        drop(sender);
+        assert!(alternative.recv().await.1.is_err());
+    });
+    executor.release();
+    assert_eq!(process.wait(), Exit::Completed);
+    executor.stop();
 }

@@ -945,10 +945,15 @@ impl<T> Alternative<'_, T> {
                 taped::abandoned();
                 self.state = State::Closed;
             }
-            State::Fails(..) => {
-                // The next one gives the error; this one has told nobody.
+            State::Fails(index, _) => {
                 if current::is_taped() {
                     taped::abandoned();
+                }
+                // This one has told nobody. Of an end the next one tells; that its branch had failed is nothing to who comes later.
+                // SAFETY: the entries are this alternative's.
+                let has_ended = |entry: NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended };
+                if self.entries[index].and_then(has_ended).is_none() {
+                    self.state = State::Closed;
                 }
             }
             State::Closed | State::Holds(_) => {}

@@ -388,6 +388,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         };
         if let Some(is_poisoned) = failed {
             if !is_poisoned && current::is_replayed() {
+                // In a replay nothing fails later than it is found to.
+                debug_assert!(polled.is_ready());
                 // Recorded is a success: it was sent before the receivers went, who never saw it.
                 taped::leave(Event::done(0));
                 return Poll::Ready(Ok(()));
