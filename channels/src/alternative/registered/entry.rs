@@ -1,0 +1,146 @@
+//! What an alternative that stays registered shows to its partners.
+
+use crate::core::Channel;
+use crate::error::RecvError;
+use crate::selection::Selection;
+use crate::waiter::Waiter;
+use luna_platform::current::PlainReady;
+use luna_platform::sync::atomic::{AtomicPtr, Ordering};
+use std::ptr::{self, NonNull};
+
+/// What partners reach of an alternative.
+pub(crate) struct Hub<T> {
+    pub(crate) selection: Selection,
+    /// The entries whose channels have become ready since the owner looked. Changed within the selection's gate.
+    pub(super) stack: AtomicPtr<Entry<T>>,
+}
+
+impl<T> Hub<T> {
+    /// Pushes an entry.
+    ///
+    /// # Safety
+    ///
+    /// The gate is held, and the entry, whose lock is held too, is not on the stack.
+    #[inline]
+    pub(super) unsafe fn push(&self, entry: *mut Entry<T>) {
+        // SAFETY: the contract.
+        unsafe { (*entry).next = self.stack.load(Ordering::Relaxed) };
+        self.stack.store(entry, Ordering::Release);
+    }
+
+    /// Takes all that are on the stack.
+    ///
+    /// # Safety
+    ///
+    /// The gate is held.
+    #[inline]
+    pub(super) unsafe fn take_stack(&self) -> *mut Entry<T> {
+        let first = self.stack.load(Ordering::Relaxed);
+        self.stack.store(ptr::null_mut(), Ordering::Relaxed);
+        first
+    }
+
+    /// Whether the owner was told of something that it has not looked at. For an answer that still holds afterwards, within the gate.
+    #[inline]
+    pub(super) fn has_news(&self) -> bool {
+        !self.stack.load(Ordering::Acquire).is_null()
+    }
+}
+
+/// A channel's registration.
+///
+/// # Invariants
+///
+/// While its node is in the channel's list, that lock guards `waiter.wait`, `is_queued`, and `rings`; the rest of `waiter` belongs to whoever claimed
+/// the selection through it, then to the owner. `next` belongs to who pushes it, then to who drains the stack.
+#[repr(C)]
+pub(crate) struct Entry<T> {
+    /// First, so that the list's node leads back to this.
+    pub(crate) waiter: Waiter<T>,
+    pub(super) hub: NonNull<Hub<T>>,
+    pub(super) channel: NonNull<Channel<T>>,
+    pub(super) next: *mut Entry<T>,
+    /// Whether it is on the stack, or known to its owner as ready.
+    pub(crate) is_queued: bool,
+    /// Whether the owner is yet to be readied for it.
+    pub(crate) rings: bool,
+    /// How its channel has ended, once its owner was told: then it is not listed any more. The owner's alone.
+    pub(super) ended: Option<RecvError>,
+}
+
+impl<T> Entry<T> {
+    /// Says that the channel is ready, unless the owner knows. Whether it is then to be rung for.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn announce(entry: NonNull<Entry<T>>) -> bool {
+        let entry = entry.as_ptr();
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe {
+            if (*entry).is_queued {
+                return false;
+            }
+            (*entry).is_queued = true;
+            let hub = (*entry).hub.as_ref();
+            let _gate = hub.selection.gate();
+            hub.push(entry);
+            // An owner that does not wait looks at the stack before it does.
+            (*entry).rings |= hub.selection.is_open();
+            (*entry).rings
+        }
+    }
+
+    /// Whether its alternative was told of something that it has not looked at: then it does not wait, though it may not know yet. What came
+    /// before is to be chosen before what comes now.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn has_news(entry: NonNull<Entry<T>>) -> bool {
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe { (*entry.as_ptr()).hub.as_ref().has_news() }
+    }
+
+    /// For a sender at home, where nobody else waits: claims the alternative, if it waits and knows of no other; if it does not wait, tells it of the
+    /// channel. `None` if neither can be done here.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, that lock is held, and this thread is the home of that number. Unless the claim succeeds, the sender waits.
+    #[inline(always)]
+    pub(crate) unsafe fn claim_or_announce(
+        entry: NonNull<Entry<T>>,
+        home: u64,
+    ) -> Option<Option<PlainReady>> {
+        let node = entry.cast::<Waiter<T>>();
+        let entry = entry.as_ptr();
+        // SAFETY: the contract; the hub outlives its entries' being listed. The gate is held around what it guards.
+        unsafe {
+            let hub = (*entry).hub.as_ref();
+            let _gate = hub.selection.gate_if_favoured(home)?;
+            if !hub.selection.is_open() {
+                if !(*entry).is_queued {
+                    (*entry).is_queued = true;
+                    hub.push(entry);
+                }
+                return Some(None);
+            }
+            if hub.has_news() {
+                return None;
+            }
+            let (_, index) = Waiter::selection(node)?;
+            hub.selection.claim_plainly(index).map(Some)
+        }
+    }
+
+    /// The selection of its alternative.
+    ///
+    /// # Safety
+    ///
+    /// `entry` is in its channel's list, and that lock is held.
+    pub(crate) unsafe fn selection<'a>(entry: NonNull<Entry<T>>) -> &'a Selection {
+        // SAFETY: the contract; the hub outlives its entries' being listed.
+        unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).selection }
+    }
+}

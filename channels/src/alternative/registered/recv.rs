@@ -1,0 +1,378 @@
+//! A receive from one of the channels of an alternative that stays registered.
+
+use super::{Alternative, Entry, State};
+use crate::core::{Channel, Ending, Received, Taken};
+use crate::error::RecvError;
+use crate::taped;
+use crate::waiter::{Outcome, Waiter};
+use luna_platform::current::{self, Wakeup};
+use luna_platform::events;
+use luna_platform::sync::atomic::Ordering;
+use luna_platform::tape::{Event, Turn, What};
+use std::fmt;
+use std::future::Future;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll, RawWakerVTable};
+
+/// A receive under way from one of many channels: see [`Alternative::recv`].
+#[must_use = "an operation does nothing unless awaited"]
+pub struct AlternativeRecv<'b, 'a, T> {
+    pub(super) alternative: &'b mut Alternative<'a, T>,
+}
+
+impl<T> Future for AlternativeRecv<'_, '_, T> {
+    type Output = (usize, Result<T, RecvError>);
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        self.alternative.poll_recv(cx)
+    }
+}
+
+impl<T> Drop for AlternativeRecv<'_, '_, T> {
+    fn drop(&mut self) {
+        if self.alternative.state != State::Closed {
+            self.alternative.end_recv();
+        }
+    }
+}
+
+impl<T> fmt::Debug for AlternativeRecv<'_, '_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("AlternativeRecv")
+            .field(&self.alternative)
+            .finish()
+    }
+}
+
+impl<T> Alternative<'_, T> {
+    #[inline]
+    fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        if let Some(process) = current::unrecorded_turn(cx)
+            && let Some(polled) = self.poll_at_home::<false>(process, cx)
+        {
+            return polled;
+        }
+        match events::is_on() {
+            true => self.poll_recorded(cx),
+            false => self.poll_generally(cx),
+        }
+    }
+
+    /// Polls, and tells what comes of it.
+    #[cold]
+    #[inline(never)]
+    fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        let at_home = match current::plain_turn(cx) {
+            Some(process) => self.poll_at_home::<true>(process, cx),
+            None => None,
+        };
+        let polled = at_home.unwrap_or_else(|| self.poll_generally(cx));
+        match &polled {
+            Poll::Ready((index, _)) => self.tell(*index),
+            Poll::Pending => events::waits_for_several(),
+        }
+        polled
+    }
+
+    /// Polls wherever the process is, and whatever is asked of the channels.
+    #[inline(never)]
+    fn poll_generally(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        match current::is_taped() {
+            true => self.poll_taped(cx),
+            false => self.poll_untaped(cx),
+        }
+    }
+
+    /// Polls as the process' tape says, and tells it what comes of it.
+    #[cold]
+    fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        if let State::Holds(index) = self.state
+            && taped::is_replayed()
+        {
+            if !taped::is_held(cx)
+                && let Some(received) = self.take_held(index)
+            {
+                return Poll::Ready((index, received));
+            }
+            return Poll::Pending;
+        }
+        let entered = current::tape(|tape| tape.enter(cx)).unwrap_or(Poll::Ready(Turn::Record));
+        if entered != Poll::Ready(Turn::Record) {
+            self.state = State::Entering;
+            let turn = std::task::ready!(entered);
+            return self.poll_replayed(turn, cx);
+        }
+        let mut holds = None;
+        let polled = self.poll_untaped(cx);
+        if let State::Holds(index) = self.state {
+            holds = Some(index);
+        }
+        let own = current::tape(|tape| tape.own_stamp()).unwrap_or_default();
+        if let Some(index) = holds {
+            // It lets others run before it hands on what it has received.
+            self.put_order(index, own);
+        }
+        let (index, received) = std::task::ready!(polled);
+        let (number, stamp) = match &received {
+            Ok(_) if own != 0 => (0, own),
+            Ok(_) => (0, self.order(index)),
+            Err(RecvError::Poisoned) => (taped::failure::POISONED, 0),
+            Err(_) => (taped::failure::CLOSED, 0),
+        };
+        current::tape(|tape| {
+            let number = (index as u64) << 2 | number;
+            tape.leave(Event::new(What::Chosen, number, taped::known(tape, stamp)));
+        });
+        Poll::Ready((index, received))
+    }
+
+    /// Receives what the recorded one did. It is not registered anywhere: whoever sends lists itself, and is there when its stamp has come.
+    fn poll_replayed(
+        &mut self,
+        turn: Turn,
+        cx: &mut Context<'_>,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        let differs = |what| {
+            current::tape(|tape| tape.differs(what));
+            Poll::Pending
+        };
+        let Turn::Given(Event { number, stamp, .. }) = turn else {
+            return differs("an `Alternative` receives");
+        };
+        let index = usize::try_from(number >> 2).unwrap_or(usize::MAX);
+        let Some(entry) = self.entries.get(index).copied().flatten() else {
+            return differs("an `Alternative` has no such channel");
+        };
+        let settled = current::tape(|tape| tape.settle(cx));
+        std::task::ready!(settled.unwrap_or(Poll::Ready(())));
+        let event = Event::new(What::Chosen, number, stamp);
+        let received = match number & 3 {
+            0 => {
+                // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+                let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+                channel.note_alternative();
+                match channel.lock().recv_unusually(false) {
+                    Received::Done(value, ready, _) => {
+                        let taken = Taken::new(channel, value, 0);
+                        ready.wake();
+                        Ok(taken.keep())
+                    }
+                    _ => return differs("an `Alternative` finds nothing"),
+                }
+            }
+            taped::failure::POISONED => Err(RecvError::Poisoned),
+            _ => Err(RecvError::Closed),
+        };
+        self.state = State::Closed;
+        taped::leave(event);
+        let is_held = received.is_ok() && taped::is_held(cx);
+        self.hand_on(index, received, is_held)
+    }
+
+    /// The stamp of what an entry came to.
+    fn order(&self, index: usize) -> u64 {
+        self.entries[index].map_or(0, |entry| {
+            // SAFETY: the entry is this alternative's, and was begun when it was made.
+            unsafe { Waiter::order(entry.cast::<Waiter<T>>()) }
+        })
+    }
+
+    fn put_order(&self, index: usize, stamp: u64) {
+        if let Some(entry) = self.entries[index]
+            && stamp != 0
+        {
+            // SAFETY: the selection is closed, so the entry is the owner's.
+            unsafe { Waiter::put_order(entry.cast::<Waiter<T>>(), stamp) };
+        }
+    }
+
+    fn poll_untaped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        let identity: (_, *const RawWakerVTable) = (cx.waker().data(), cx.waker().vtable());
+        if let Some(index) = self.holds()
+            && let Some(received) = self.take_held(index)
+        {
+            return Poll::Ready((index, received));
+        }
+        let has_failed = current::branch_failed();
+        if let State::Fails(index, error) = self.state {
+            if has_failed {
+                current::stay_in_branch();
+            }
+            self.state = State::Closed;
+            return Poll::Ready((index, Err(error)));
+        }
+        if self.state == State::Open {
+            if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
+                return Poll::Pending;
+            }
+            match (self.hub().selection.close(), self.holds()) {
+                (None, Some(index)) => {
+                    if let Some(received) = self.take_held(index) {
+                        return Poll::Ready((index, received));
+                    }
+                }
+                _ => self.state = State::Closed,
+            }
+        }
+        if has_failed {
+            let Some(first) = self.first_to_fail() else {
+                // As STOP, it has no error to give.
+                current::end_branch(cx);
+                if current::is_taped() {
+                    // Its drop tells the tape that it came to nothing.
+                    self.state = State::Entering;
+                }
+                return Poll::Pending;
+            };
+            current::stay_in_branch();
+            return self.fails(first, RecvError::Poisoned, cx);
+        }
+        while self.listed < self.entries.len() {
+            self.listed += 1;
+            self.list(self.listed - 1);
+        }
+        self.choose(cx)
+    }
+
+    /// Receives from the ready channel that comes first, or starts to wait. The selection is closed.
+    fn choose(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
+        loop {
+            self.drain();
+            while let Some(index) = self.ready.first() {
+                if let Some(received) = self.try_recv(index) {
+                    self.note_choice(index);
+                    if let Err(error) = received {
+                        self.leave_out(index, error);
+                        return self.fails(index, error, cx);
+                    }
+                    let gives_way = crate::gives_way(cx);
+                    return self.hand_on(index, received, gives_way);
+                }
+            }
+            self.polled_by = (cx.waker().data(), cx.waker().vtable());
+            // Cloning a waker is its owner's code, so it comes before the gate.
+            let wakeup = Wakeup::of(cx);
+            let hub = self.hub();
+            let gate = hub.selection.gate();
+            if !hub.has_news() {
+                // SAFETY: this is the owner, the selection is closed, and its gate is held.
+                unsafe { hub.selection.open_gated(wakeup) };
+                drop(gate);
+                self.state = State::Open;
+                return Poll::Pending;
+            }
+            // Something became ready meanwhile. Each channel can say so once, and the next look sees all who said it before it.
+            drop(gate);
+            drop(wakeup);
+        }
+    }
+
+    /// Receives from a channel that has said that it is ready; nothing if others have emptied it, or a better one turns up.
+    fn try_recv(&mut self, index: usize) -> Option<Result<T, RecvError>> {
+        let entry = self.entries[index]?;
+        // SAFETY: the entry is this alternative's.
+        if let Some(error) = unsafe { (*entry.as_ptr()).ended } {
+            return Some(Err(error));
+        }
+        // SAFETY: as above, and its channel is borrowed for longer than this alternative lives.
+        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+        let mut section = channel.lock();
+        // What became ready before this lock was taken may come before this one.
+        if self.drain() && self.ready.first() != Some(index) {
+            return None;
+        }
+        let received = section.recv_now(false);
+        let is_ready = section.is_ready();
+        if !is_ready {
+            // SAFETY: the lock that guards it is held.
+            unsafe { (*entry.as_ptr()).is_queued = false };
+            self.ready.clear(index);
+        }
+        drop(section);
+        match received {
+            Received::Done(value, ready, _) => {
+                let taken = Taken::new(channel, value, 0);
+                ready.wake();
+                Some(Ok(taken.keep()))
+            }
+            Received::Empty => None,
+            Received::Ended(Ending::Poisoned) => Some(Err(RecvError::Poisoned)),
+            Received::Ended(_) => Some(Err(RecvError::Closed)),
+            Received::Broken(ready) => {
+                channel.poison();
+                ready.wake();
+                Some(Err(RecvError::Poisoned))
+            }
+        }
+    }
+
+    /// Gives what was received, or keeps it for the next poll while others run.
+    pub(super) fn hand_on(
+        &mut self,
+        index: usize,
+        received: Result<T, RecvError>,
+        gives_way: bool,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        if !gives_way {
+            return Poll::Ready((index, received));
+        }
+        if let (Ok(value), Some(entry)) = (received, self.entries[index]) {
+            // SAFETY: the selection is closed, so the entry's value is the owner's, and there is none.
+            unsafe {
+                let node = entry.cast::<Waiter<T>>();
+                Waiter::put_value_of(node, value);
+                (*Waiter::link(node))
+                    .outcome
+                    .store(Outcome::Done as u8, Ordering::Relaxed);
+            }
+            self.state = State::Holds(index);
+        }
+        Poll::Pending
+    }
+
+    /// Tells that the current process has received from this channel.
+    #[cold]
+    fn tell(&self, index: usize) {
+        let channel = self.entries[index].map_or(0, |entry| {
+            // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+            let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+            channel.place().identity.number()
+        });
+        let process = events::current_process() as u32;
+        events::tell(events::code::ALTERNATIVE, process, || {
+            [index as u64, channel.into()]
+        });
+    }
+
+    /// A receive is dropped which is not over, or which gave way.
+    #[inline(never)]
+    fn end_recv(&mut self) {
+        match self.state {
+            State::Open => {
+                if current::is_taped() {
+                    taped::abandoned();
+                }
+                if self.hub().selection.close().is_some() {
+                    self.state = State::Closed;
+                }
+            }
+            State::Entering => {
+                taped::abandoned();
+                self.state = State::Closed;
+            }
+            State::Fails(index, _) => {
+                if current::is_taped() {
+                    taped::abandoned();
+                }
+                // This one has told nobody. Of an end the next one tells; that its branch had failed is nothing to who comes later.
+                // SAFETY: the entries are this alternative's.
+                let has_ended = |entry: NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended };
+                if self.entries[index].and_then(has_ended).is_none() {
+                    self.state = State::Closed;
+                }
+            }
+            State::Closed | State::Holds(_) => {}
+        }
+    }
+}
