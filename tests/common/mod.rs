@@ -357,7 +357,7 @@ fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ende
     let ended = can.then(|| Program::start_by(by(&copy), part).end());
     std::fs::remove_dir_all(folder).unwrap();
     if !can {
-        skip("no program can be run as another user with setpriv");
+        skip("no program can be run as that user, with setpriv and its limits");
     }
     ended
 }

@@ -207,13 +207,10 @@ impl EmergencyThread {
             )?;
         }
         let crew = &all.emergency.crew;
-        // One that was refused its core waits wherever it is, and one that was refused its policy would wait for the caller.
         let reserve = all.threads[ON_DUTY as usize..].iter();
         let cores = reserve.map(|thread| {
             let obtained = thread.obtained();
-            obtained
-                .core
-                .filter(|_| policy.is_real_time() && obtained.policy == policy)
+            core_to_take_over(policy, obtained.policy, obtained.core)
         });
         let _ = crew.cores.set(cores.collect());
         // Behind the members, so that the kernel chooses it last for signals.
@@ -321,10 +318,34 @@ impl Drop for EmergencyThread {
     }
 }
 
+/// The core that one of the reserve can take over. One that was refused its core waits wherever it is, and one that was refused its policy would wait for who calls it.
+fn core_to_take_over(asked: Policy, obtained: Policy, core: Option<usize>) -> Option<usize> {
+    core.filter(|_| asked.is_real_time() && obtained == asked)
+}
+
 fn supported<T>(watch: Result<T, SignalError>) -> Result<Option<T>> {
     match watch {
         Ok(watch) => Ok(Some(watch)),
         Err(SignalError::Unsupported) => Ok(None),
         Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_who_has_both_its_policy_and_its_core_takes_it_over() {
+        let emergency = Policy::fifo(EMERGENCY_PRIORITY);
+        assert_eq!(core_to_take_over(emergency, emergency, Some(1)), Some(1));
+        assert_eq!(core_to_take_over(emergency, emergency, None), None);
+        for refused in [Policy::Other, Policy::fifo(50)] {
+            assert_eq!(core_to_take_over(emergency, refused, Some(1)), None);
+        }
+        assert_eq!(
+            core_to_take_over(Policy::Other, Policy::Other, Some(1)),
+            None
+        );
     }
 }
