@@ -71,12 +71,10 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
     report.safety
 }
 
-/// Hangs until it is let go, so that no thread of a test stays for ever.
-fn hang(log: &Log, what: &str) -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
+/// Hangs until it is let go, so that no thread of a test stays for ever. It notes nothing: under load it may be left behind before it could.
+fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
-    let mut note = log.noter(what);
     let hangs = move || {
-        note();
         // Until the sender is dropped.
         let _ = is_let_go.recv();
     };
@@ -87,14 +85,14 @@ fn hang(log: &Log, what: &str) -> (impl FnMut() + Send + 'static, mpsc::Sender<(
 fn one_that_hangs_is_left_behind_and_the_others_run() {
     let _watch = watchdog();
     let log = Log::default();
-    let (hangs, let_go) = hang(&log, "hangs");
+    let (hangs, let_go) = hang();
     let mut system = System::new("hanging");
     system.on_emergency_within("first", LONG, log.noter("first"));
     system.on_emergency_within("hangs", SHORT, hangs);
     system.on_emergency_within("panics", LONG, || panic!("in a function"));
     system.on_emergency_within("last", LONG, log.noter("last"));
     let safety = raise_in(&mut system);
-    assert_eq!(log.all(), ["first", "hangs", "last"]);
+    assert_eq!(log.all(), ["first", "last"]);
     use FunctionOutcome::{LeftBehind, Panicked, Ran};
     assert_eq!(outcomes(&safety), [Ran, LeftBehind, Panicked, Ran]);
     let hung = &safety.functions[1];
@@ -119,19 +117,16 @@ fn all_but_one_thread_may_hang() {
         let mut kept = Vec::new();
         for number in 0..7 {
             let name = format!("hangs {number}");
-            let (hangs, let_go) = hang(&log, &name);
+            let (hangs, let_go) = hang();
             kept.push(let_go);
             system.on_emergency_within(&name, SHORT, hangs);
         }
         system.on_emergency_within("last", LONG, log.noter("last"));
         let safety = raise_on(core, &mut system);
-        let mut expected: Vec<String> = (0..7).map(|number| format!("hangs {number}")).collect();
-        expected.push("last".to_owned());
-        assert_eq!(log.all(), expected, "{core:?}");
-        assert_eq!(
-            outcomes(&safety)[6..],
-            [FunctionOutcome::LeftBehind, FunctionOutcome::Ran]
-        );
+        assert_eq!(log.all(), ["last"], "{core:?}");
+        let outcomes = outcomes(&safety);
+        assert_eq!(outcomes[..7], [FunctionOutcome::LeftBehind; 7], "{core:?}");
+        assert_eq!(outcomes[7..], [FunctionOutcome::Ran], "{core:?}");
     }
 }
 
@@ -165,8 +160,8 @@ fn the_kernel_chooses_no_thread_for_signals_that_runs_a_function() {
 fn one_of_each_kind_may_hang() {
     let _watch = watchdog();
     let log = Log::default();
-    let (hangs_before, let_go) = hang(&log, "hangs before");
-    let (hangs, let_other_go) = hang(&log, "hangs");
+    let (hangs_before, let_go) = hang();
+    let (hangs, let_other_go) = hang();
     let (begun, has_begun) = mpsc::channel();
     let mut system = System::new("both hang");
     let mut hangs_before = hangs_before;
@@ -204,7 +199,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
     let mut kept = Vec::new();
     for number in 0..7 {
         let name = format!("hangs {number}");
-        let (hangs, let_go) = hang(&log, &name);
+        let (hangs, let_go) = hang();
         kept.push(let_go);
         if number < 3 {
             system.on_safe_state(&name, hangs);
@@ -242,8 +237,7 @@ fn all_but_one_thread_may_hang_whatever_they_run() {
 #[test]
 fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
     let _watch = watchdog();
-    let log = Log::default();
-    let (hangs, let_go) = hang(&log, "hangs");
+    let (hangs, let_go) = hang();
     let mut system = System::new("hangs at the end");
     system.on_safe_state("hangs", hangs);
     let main = system.executor("main").build().unwrap();
@@ -266,8 +260,8 @@ fn one_that_hangs_at_the_end_does_not_keep_the_run_from_returning() {
 fn functions_that_come_late_have_somebody_who_goes_on() {
     let _watch = watchdog();
     let log = Log::default();
-    let (first, let_first_go) = hang(&log, "first");
-    let (second, let_second_go) = hang(&log, "second");
+    let (first, let_first_go) = hang();
+    let (second, let_second_go) = hang();
     let last = log.noter("last");
     let mut system = System::new("late");
     let main = system.executor("main").build().unwrap();
@@ -281,7 +275,10 @@ fn functions_that_come_late_have_somebody_who_goes_on() {
         })
         .unwrap();
     system.run().unwrap_err();
-    assert_eq!(log.all(), ["first", "second", "last"]);
+    assert_eq!(log.all(), ["last"]);
+    use FunctionOutcome::{LeftBehind, Ran};
+    let safety = system.report().unwrap().safety;
+    assert_eq!(outcomes(&safety), [LeftBehind, LeftBehind, Ran]);
     drop((let_first_go, let_second_go));
 }
 
@@ -292,7 +289,7 @@ fn one_that_computes_for_ever_loses_its_priority() {
     for core in places() {
         let log = Log::default();
         let is_over = Arc::new(AtomicBool::new(false));
-        let (told, policy_after) = mpsc::channel();
+        let (told, policy_before) = mpsc::channel();
         let mut system = System::new("computing");
         system
             .executor("control")
@@ -301,11 +298,13 @@ fn one_that_computes_for_ever_loses_its_priority() {
             .unwrap();
         let over = is_over.clone();
         system.on_emergency_within("computes", SHORT, move || {
-            let before = luna_platform::thread::current_policy();
-            while !over.load(Ordering::Relaxed) {
+            let policy = luna_platform::thread::current_policy;
+            let before = policy();
+            // It is left behind first, and loses its priority then: the next function may run between.
+            while !over.load(Ordering::Relaxed) || policy() != Policy::Other {
                 std::hint::spin_loop();
             }
-            let _ = told.send((before, luna_platform::thread::current_policy()));
+            let _ = told.send(before);
         });
         let over = is_over.clone();
         let mut note = log.noter("last");
@@ -316,8 +315,8 @@ fn one_that_computes_for_ever_loses_its_priority() {
         let safety = raise_on(core, &mut system);
         assert_eq!(log.all(), ["last"]);
         assert_eq!(safety.functions[0].outcome, FunctionOutcome::LeftBehind);
-        let (before, after) = policy_after.recv().unwrap();
-        assert_eq!(after, Policy::Other);
+        // It comes to its end, or else the watchdog does.
+        let before = policy_before.recv().unwrap();
         if !has_real_time() {
             skip("its priority before: no privilege");
             continue;
@@ -477,7 +476,7 @@ fn on_every_clock() {
     let _watch = watchdog();
     for clock in ["real", "virtual", "driven"] {
         let log = Log::default();
-        let (hangs, let_go) = hang(&log, "hangs");
+        let (hangs, let_go) = hang();
         let mut system = System::new(clock);
         let driver = match clock {
             "virtual" => {
@@ -493,7 +492,7 @@ fn on_every_clock() {
             std::thread::spawn(move || while driver.advance_by(Duration::from_millis(1)).is_ok() {})
         });
         let safety = raise_in(&mut system);
-        assert_eq!(log.all(), ["hangs", "last"], "{clock}");
+        assert_eq!(log.all(), ["last"], "{clock}");
         assert_eq!(
             outcomes(&safety),
             [FunctionOutcome::LeftBehind, FunctionOutcome::Ran],
@@ -509,8 +508,7 @@ fn on_every_clock() {
 #[test]
 fn the_report_says_how_it_went() {
     let _watch = watchdog();
-    let log = Log::default();
-    let (hangs, _let_go) = hang(&log, "hangs");
+    let (hangs, _let_go) = hang();
     let mut system = System::new("told");
     system.on_emergency_within("brakes", SHORT, hangs);
     system.on_emergency_within("lamp", LONG, || ());

@@ -143,9 +143,17 @@ impl CrashSlot {
         self.0.members[usize::from(member)].store(thread.get(), Ordering::Relaxed);
     }
 
-    /// `member` has ended it. O(1).
-    pub fn leave(self, member: u8) {
-        self.0.members[usize::from(member)].store(0, Ordering::Relaxed);
+    /// `member` has ended it, and is still the calling thread, whose number is `thread`. Has no effect if it is not: whoever comes so late that the watch was dropped meanwhile changes nothing of another's. O(1).
+    ///
+    /// # Panics
+    ///
+    /// If `member` is not below [`MOST_MEMBERS`].
+    pub fn leave(self, member: u8, thread: ThreadNumber) {
+        let own = &self.0.members[usize::from(member)];
+        // Negated: it has gone on after a fault, as somebody's handler wanted.
+        for number in [thread.get(), -thread.get()] {
+            let _ = own.compare_exchange(number, 0, Ordering::Relaxed, Ordering::Relaxed);
+        }
     }
 
     /// Whether `member` has crashed in it: it will not come to its end.
@@ -188,5 +196,35 @@ pub(crate) fn handle(number: i32) {
             }
             DONE.wait(seen, until);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thread::current_number;
+
+    /// A thread that was left behind ends after its watch, and another has the slot.
+    #[test]
+    fn only_who_has_entered_leaves() {
+        static SLOT: Slot = Slot::new();
+        let slot = CrashSlot(&SLOT);
+        let late = current_number();
+        std::thread::spawn(move || {
+            let own = current_number();
+            slot.enter(0, own);
+            slot.leave(0, late);
+            assert_eq!(SLOT.members[0].load(Ordering::Relaxed), own.get());
+            SLOT.members[0].store(-own.get(), Ordering::Relaxed);
+            slot.leave(0, late);
+            assert!(slot.has_crashed(0));
+            slot.leave(0, own);
+            assert!(!slot.has_crashed(0));
+            slot.enter(0, own);
+            slot.leave(0, own);
+            assert_eq!(SLOT.members[0].load(Ordering::Relaxed), 0);
+        })
+        .join()
+        .unwrap();
     }
 }

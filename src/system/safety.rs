@@ -19,6 +19,9 @@ impl System {
     /// A function is called in the middle of anything, also of a crash, whose thread may hold any lock, that of the memory allocator too: the best ones write to a
     /// device that is open already, and neither allocate nor lock.
     ///
+    /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by `std::process` inherits that, and such a signal does not end it unless it unblocks it (shells do so for what they run, few others do): have it
+    /// started before, or empty the mask in [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
+    ///
     /// A panic makes an emergency as it leaves the process' body, that is after the panic hook, which by default writes to standard error. With
     /// `panic = "abort"`, or a panic while one unwinds, it is a crash by SIGABRT.
     pub fn on_emergency(

@@ -299,16 +299,40 @@ fn as_nobody(program: &std::path::Path) -> Command {
     command
 }
 
+/// As [`as_nobody`], with real-time priorities up to 98: all that a user may have, and not the emergency's.
+#[cfg(unix)]
+fn as_limited(program: &std::path::Path) -> Command {
+    let as_nobody = as_nobody(program);
+    let mut command = Command::new("prlimit");
+    command
+        .arg("--rtprio=98:98")
+        .arg(as_nobody.get_program())
+        .args(as_nobody.get_args())
+        .current_dir("/");
+    command
+}
+
 /// Runs a part as a user without privileges, if that can be; this program may run as one already.
 #[cfg(unix)]
 pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
-    use std::fs::Permissions;
-    use std::os::unix::fs::PermissionsExt;
     if !has_real_time() {
         return Some(Program::start(part).end());
     }
+    as_other_user(as_nobody, part)
+}
+
+/// Runs a part as a user who is given real-time priorities up to 98, if that can be.
+#[cfg(unix)]
+pub(crate) fn as_limited_user(part: &str) -> Option<Ended> {
+    as_other_user(as_limited, part)
+}
+
+#[cfg(unix)]
+fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ended> {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt;
     if !nix::unistd::geteuid().is_root() {
-        skip("this user is given real-time policies and is not root");
+        skip("this user is not root, and cannot run a program as another one");
         return None;
     }
     // One at a time: a program that another thread makes meanwhile would for a moment keep the copy open for writing, and then it cannot be run.
@@ -326,14 +350,14 @@ pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
     for path in [&folder, &copy] {
         std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
     }
-    let can = as_nobody(&copy)
+    let can = by(&copy)
         .arg("--list")
         .output()
         .is_ok_and(|output| output.status.success());
-    let ended = can.then(|| Program::start_by(as_nobody(&copy), part).end());
+    let ended = can.then(|| Program::start_by(by(&copy), part).end());
     std::fs::remove_dir_all(folder).unwrap();
     if !can {
-        skip("no program can be run as another user with setpriv");
+        skip("no program can be run as that user, with setpriv and its limits");
     }
     ended
 }

@@ -29,7 +29,7 @@ const NO_ROOM: Duration = Duration::from_secs(30);
 /// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own: what it is given waits in at most 4 MiB until the receiver has acknowledged it, and the
 /// recorder never waits for the network. When there is no room, blocks are refused.
 ///
-/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something; after 30 s if it has said that it has no room. The receiver then says what it has, and nothing is sent twice. One that does not know
+/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something; after 30 s if it has said that it has no room, unless the recording is ending. The receiver then says what it has, and nothing is sent twice. One that does not know
 /// the recording (it was started again) begins a new file: what waits is lost, since it could not be read without what was declared before, and all is declared again. A peer that is
 /// no recorder of LUNA, or one of another version, is said on standard error, once, and is tried again.
 ///
@@ -274,23 +274,28 @@ impl Drop for Link {
 
 impl Link {
     fn run(&mut self) {
-        let mut pause = BACK_OFF.0;
+        let mut back_off = BACK_OFF.0;
         loop {
-            match self.connection(&mut pause) {
+            let for_room = match self.connection(&mut back_off) {
                 Over::Done => return,
-                Over::Broken(error) => pause = self.note(&error).unwrap_or(pause),
-            }
+                Over::Broken(error) => self.note(&error),
+            };
             let begin = Instant::now();
             let mut state = self.shared.state();
-            while begin.elapsed() < pause {
+            loop {
                 // Who waits for the end has a limit of his own.
                 if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
                     return;
                 }
+                // And less time than it takes until there is room: this may be the last attempt.
+                let pause = for_room.filter(|_| !state.is_ending).unwrap_or(back_off);
                 let left = pause.saturating_sub(begin.elapsed());
+                if left.is_zero() {
+                    break;
+                }
                 state = self.shared.wait(state, left);
             }
-            pause = (2 * pause).min(BACK_OFF.1);
+            back_off = (2 * back_off).min(BACK_OFF.1);
         }
     }
 

@@ -10,11 +10,12 @@
 mod member;
 
 use super::Emergency;
-use super::rouser::{Rouser, RouserThread};
+use super::rouser::{self, Rouser, RouserThread};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_executors::Living;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
+use luna_platform::facts::Source;
 use luna_platform::path::{self, Call};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{Listeners, Signal, SignalError, SignalWatch};
@@ -46,8 +47,8 @@ pub(super) struct Crew {
     on_duty: AtomicU32,
     /// What those of the reserve sleep in; of the others' nothing is used.
     summons: [Summons; MOST],
-    /// The cores on which the first of the reserve wait.
-    cores: OnceLock<Vec<usize>>,
+    /// The core on which each of the reserve waits. None for one that would not take over a core.
+    cores: OnceLock<Vec<Option<usize>>>,
     /// The members' numbers in the kernel.
     numbers: [OnceLock<ThreadNumber>; MOST],
     /// A bit for each member that was left behind.
@@ -130,12 +131,12 @@ impl Crew {
     /// Calls who waits on this core, if somebody does; says whether it comes.
     pub(super) fn call_here(&self) -> bool {
         let place = self.cores.get().and_then(|cores| {
-            let here = thread::current_core()?;
+            let here = Some(thread::current_core()?);
             cores.iter().position(|&core| core == here)
         });
         place.is_some_and(|place| {
-            // A thread with a deadline gives way to nobody.
-            !path::expected(Call::Wake, thread::current_policy).is_deadline()
+            // One of the same priority, such as a function of another system, does not give way, nor does a thread with a deadline.
+            path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
                 && self.summons[ON_DUTY as usize + place].call()
         })
     }
@@ -206,15 +207,18 @@ impl EmergencyThread {
             )?;
         }
         let crew = &all.emergency.crew;
-        // One that was refused its core waits wherever it is.
         let reserve = all.threads[ON_DUTY as usize..].iter();
-        let obtained = reserve.map_while(|thread| thread.obtained().core);
-        let _ = crew.cores.set(obtained.collect());
+        let cores = reserve.map(|thread| {
+            let obtained = thread.obtained();
+            core_to_take_over(policy, obtained.policy, obtained.core)
+        });
+        let _ = crew.cores.set(cores.collect());
         // Behind the members, so that the kernel chooses it last for signals.
         let hears_signals = crew.hears_signals.load(Ordering::Relaxed);
         all.rouser = RouserThread::start(policy, hears_signals)?;
-        if let Some(rouser) = all.rouser.as_ref().filter(|_| !has_one_core) {
-            // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
+        // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
+        let is_better_late = !has_one_core && rouser::wakes_beside_a_function(&Source::machine());
+        if let Some(rouser) = all.rouser.as_ref().filter(|_| is_better_late) {
             let _ = crew.rouser.set(rouser.rouser());
         }
         Ok(all)
@@ -314,10 +318,34 @@ impl Drop for EmergencyThread {
     }
 }
 
+/// The core that one of the reserve can take over. One that was refused its core waits wherever it is, and one that was refused its policy would wait for who calls it.
+fn core_to_take_over(asked: Policy, obtained: Policy, core: Option<usize>) -> Option<usize> {
+    core.filter(|_| asked.is_real_time() && obtained == asked)
+}
+
 fn supported<T>(watch: Result<T, SignalError>) -> Result<Option<T>> {
     match watch {
         Ok(watch) => Ok(Some(watch)),
         Err(SignalError::Unsupported) => Ok(None),
         Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_who_has_both_its_policy_and_its_core_takes_it_over() {
+        let emergency = Policy::fifo(EMERGENCY_PRIORITY);
+        assert_eq!(core_to_take_over(emergency, emergency, Some(1)), Some(1));
+        assert_eq!(core_to_take_over(emergency, emergency, None), None);
+        for refused in [Policy::Other, Policy::fifo(50)] {
+            assert_eq!(core_to_take_over(emergency, refused, Some(1)), None);
+        }
+        assert_eq!(
+            core_to_take_over(Policy::Other, Policy::Other, Some(1)),
+            None
+        );
     }
 }

@@ -4,6 +4,7 @@ use crate::error::{Result, SetupError};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::relay::{Leg, Relay, Turn};
+use luna_platform::signals;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -158,6 +159,11 @@ impl Functions {
         let id = self.next_id.fetch_add(1, Ordering::Relaxed);
         slot.id = id;
         slots.push(slot);
+        drop(slots);
+        if self.relay.is_under_way() {
+            // Who watches sleeps for the shortest limit that it knew of.
+            signals::announce_event();
+        }
         Ok(id)
     }
 

@@ -62,7 +62,7 @@ thread_local! {
 ///
 /// Outside of a system (in [`luna::run`](crate::run), on a plain thread, in a blocking call) there is nobody to raise it to, and this only gives the cause back: a
 /// driver's thread has an [`EmergencyTrigger`].
-/// Real-time path: yes; O(1), at most three system calls, and a clone of the cause. On a real-time thread with a core of its own the functions take that core over. On the machine's clock it looks on
+/// Real-time path: yes; O(1), at most four system calls, and a clone of the cause. On a real-time thread with a core of its own the functions take that core over. On the machine's clock it looks on
 /// until the first function begins, at most for a millisecond, so that no other process of its thread, and none of lower priority on its core, runs before.
 ///
 /// ```
@@ -147,14 +147,19 @@ impl Emergency {
         });
     }
 
-    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), at most three system calls, and the wait until the functions begin that
+    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), at most four system calls, and the wait until the functions begin that
     /// [`emergency`] tells of.
     pub(crate) fn trigger(&self, cause: Cause) {
         self.begin(cause);
-        if !self.crew.call_here() {
+        let is_called = self.crew.call_here();
+        if !is_called {
             signals::announce_event();
         }
         self.look_on();
+        if is_called && self.at_emergency.wait_for_the_first() {
+            // It does not get its core: this thread has been moved to another, or the kernel holds back the core's real-time threads.
+            signals::announce_event();
+        }
     }
 
     fn begin(&self, cause: Cause) {

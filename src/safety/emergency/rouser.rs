@@ -2,15 +2,22 @@
 //!
 //! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the crew is woken, and runs the first function at once. The
 //! others have nothing to do before the shortest limit has passed; but then its thread may compute, and never come back. So it is the kernel's timer that wakes them, by a thread that does nothing else.
+//! Where the timer needs a thread of the kernel's, [below the function](wakes_beside_a_function), they are woken before.
 
 use crate::error::{Error, Result, SetupError};
 use luna_platform::clock::Instant;
+use luna_platform::facts::{PreemptionModel, Source};
 use luna_platform::signals;
 use luna_platform::thread::{self, Attributes, MINIMUM_STACK_SIZE, Policy, Thread};
 use luna_platform::timer_fd::{TimerError, TimerFd};
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether a timer expires on the core on which a function computes. With PREEMPT_RT a thread of the kernel's with priority 1 is to see to it, which waits for the function. Where it is not known, it may be so.
+pub(super) fn wakes_beside_a_function(source: &Source) -> bool {
+    PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
+}
 
 /// What wakes them: what the crew sees of it.
 #[derive(Debug)]
@@ -89,5 +96,31 @@ impl Drop for RouserThread {
             // It has nothing of the user's in it.
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn the_timer_is_left_to_kernels_whose_timers_need_no_thread() {
+        let folder = std::env::temp_dir().join(format!("luna-rouser-{}", std::process::id()));
+        let source = Source::folder(&folder);
+        assert!(!wakes_beside_a_function(&source), "nothing is known");
+        for part in ["proc/sys/kernel", "sys/kernel"] {
+            fs::create_dir_all(folder.join(part)).unwrap();
+        }
+        let version = folder.join("proc/sys/kernel/version");
+        fs::write(&version, "#1 SMP PREEMPT_DYNAMIC Debian\n").unwrap();
+        assert!(wakes_beside_a_function(&source));
+        // Either tells.
+        fs::write(folder.join("sys/kernel/realtime"), "1\n").unwrap();
+        assert!(!wakes_beside_a_function(&source));
+        fs::write(folder.join("sys/kernel/realtime"), "0\n").unwrap();
+        fs::write(&version, "#1 SMP PREEMPT_RT Debian\n").unwrap();
+        assert!(!wakes_beside_a_function(&source));
+        fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -35,7 +35,7 @@ impl EmergencyTrigger {
     /// Raises an emergency with `cause`, as [`luna::emergency`](crate::emergency()) does in a process.
     ///
     /// Before [`System::run`](crate::System::run) it is latched: the functions run as soon as that has begun, and no process is released. After its end nothing happens.
-    /// Real-time path: yes; O(1) and at most three system calls, no allocation. `cause` is dropped here if others came before with more than are kept.
+    /// Real-time path: yes; O(1) and at most four system calls, no allocation. `cause` is dropped here if others came before with more than are kept.
     pub fn raise(&self, cause: Error) {
         self.0.trigger(Cause::Raised(cause));
     }

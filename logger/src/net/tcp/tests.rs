@@ -65,3 +65,36 @@ fn a_receiver_without_room_is_asked_seldom() {
     }
     assert_eq!(link.note(&ErrorKind::ConnectionReset.into()), None);
 }
+
+#[test]
+fn a_recording_that_ends_asks_once_more_whether_there_is_room() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (mut sink, mut link, bytes) = link(listener.local_addr().unwrap().to_string());
+    let shared = sink.shared.clone();
+    let sender = std::thread::spawn(move || link.run());
+    let receiver = std::thread::spawn(move || {
+        for has_room in [false, true] {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut hello = vec![0; HELLO + SYSTEM.len() + 4];
+            stream.read_exact(&mut hello).unwrap();
+            if !has_room {
+                stream
+                    .write_all(&answer_bytes(Err(PeerError::NoRoom)))
+                    .unwrap();
+                continue;
+            }
+            stream.write_all(&answer_bytes(Ok(0))).unwrap();
+            stream.read_exact(&mut vec![0; bytes]).unwrap();
+            for number in 1..=2 {
+                stream.write_all(&ack_bytes(number)).unwrap();
+            }
+        }
+    });
+    while shared.state().error.is_none() {
+        std::thread::yield_now();
+    }
+    // Before the pause for room is over.
+    sink.end(2 * NO_ROOM / 3).unwrap();
+    sender.join().unwrap();
+    receiver.join().unwrap();
+}

@@ -93,7 +93,7 @@ fn announce(emergency: &Emergency, living: &Living) {
 fn step(emergency: &Emergency, member: u8) -> Task {
     let crash = emergency.crew.crash.get();
     let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
-    let around = |moment| match moment {
+    let around = |moment, is_announced: bool| match moment {
         Moment::Begins(look) => {
             emergency.crew.accept_signals(false);
             let number = emergency.crew.numbers[usize::from(member)].get();
@@ -101,19 +101,24 @@ fn step(emergency: &Emergency, member: u8) -> Task {
                 crash.enter(member, *number);
             }
             // Behind the signals: one that this thread has taken before is soon known to the others.
-            if let Some(at) = look {
+            if let Some(at) = look.filter(|_| !is_announced) {
                 emergency.crew.rouse_others(at);
             }
         }
         Moment::Ended => {
-            if let Some(crash) = crash {
-                crash.leave(member);
+            let number = emergency.crew.numbers[usize::from(member)].get();
+            if let Some((crash, number)) = crash.zip(number) {
+                crash.leave(member, *number);
             }
         }
     };
     let mut until = Instant::NEVER;
-    for functions in [&emergency.at_emergency, &emergency.at_safe_state] {
-        match functions.step(member, has_crashed, around) {
+    // The safe state is always announced, so that those who watch its functions are awake: the one timer there is belongs to the emergency.
+    for (functions, is_announced) in [
+        (&emergency.at_emergency, false),
+        (&emergency.at_safe_state, true),
+    ] {
+        match functions.step(member, has_crashed, |moment| around(moment, is_announced)) {
             Task::Until(at) => until = until.min(at),
             done => return done,
         }
