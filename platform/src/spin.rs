@@ -215,12 +215,12 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     })
 }
 
-/// How long a thread that may look before it sleeps looks at most at a lock that another holds: 20 µs.
+/// How long a thread that may look before it sleeps looks at most at a lock that another holds: 10 µs.
 ///
 /// Who asks the kernel for a lock sleeps, and is handed the lock while it still sleeps. If the other wants the lock again meanwhile, it finds it taken by a sleeper, and asks the kernel too: from then on each section costs both
 /// of them a sleep. Where the two do nothing but use the lock (a stream between two cores) that does not end by itself. A thread that looks for longer than the other takes to wake ends it.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-const LONGEST_AT_LOCK: Duration = Duration::from_micros(20);
+const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 
 /// In units of [`BETWEEN_LOOKS`], how long such a thread waits from one look at a lock to the next: 400 ns.
 ///
@@ -293,7 +293,7 @@ mod tests {
         let looking = enter(outside.clone());
         assert_eq!(looks(), Some(5));
         outside.0.store(1_000_000, Ordering::Relaxed);
-        assert_eq!(looks(), Some(50));
+        assert_eq!(looks(), Some(25));
         // Another thread has come to its core.
         outside.0.store(0, Ordering::Relaxed);
         assert_eq!(looks(), None);
