@@ -225,6 +225,7 @@ const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 /// In units of [`BETWEEN_LOOKS`], how long such a thread waits from one look at a lock to the next: 400 ns.
 ///
 /// Longer than for a partner. A holder that is not disturbed comes to its end and takes the lock again, with all that it guards still in its cache: what moves from core to core moves once for many sections.
+/// The first look comes after half of that: where two meet, the holder leaves, and waits for the other.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 const BETWEEN_LOOKS_AT_LOCK: u32 = 4;
 

@@ -110,6 +110,8 @@ impl<T> PiLock<T> {
     #[cold]
     fn lock_contended(&self, me: u32) {
         let (looks, pauses) = spin::at_lock().unwrap_or((LOOKS, 1));
+        // A holder that does not come back at once is through by then.
+        let mut wait = pauses.div_ceil(2);
         for _ in 0..looks {
             let word = self.word.load(Ordering::Relaxed);
             if word == 0
@@ -124,7 +126,8 @@ impl<T> PiLock<T> {
             if word & libc::FUTEX_WAITERS != 0 {
                 break;
             }
-            (0..pauses).for_each(|_| spin_loop());
+            (0..wait).for_each(|_| spin_loop());
+            wait = pauses;
         }
         lock_pi(&self.word);
     }
