@@ -364,6 +364,80 @@ fn processes_that_look_for_each_other_keep_nobody_from_running() {
     }
 }
 
+/// A stream between two cores, where each operation finds room or a value, or a partner that is about to make it: by turns of so many operations, the others of both executors run.
+#[test]
+fn a_stream_through_a_buffer_keeps_nobody_from_running() {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+    const MESSAGES: u32 = 20_000;
+    /// Of one turn, at most.
+    const OPERATIONS: u32 = 64;
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for capacity in [1, 64] {
+        let (sender, receiver) = luna::buffered::<u32>(luna::Buffer::fifo(capacity));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let turns = [(); 2].map(|()| Arc::new(AtomicU32::new(0)));
+
+        let mut system = System::new("stream");
+        let executors = [("sends", first), ("receives", second)].map(|(name, core)| {
+            let executor = system.executor(name).core(core).spin_before_sleep(SPIN);
+            executor.build().unwrap()
+        });
+        let over = is_over.clone();
+        executors[0]
+            .process("sender")
+            .spawn(async move {
+                for number in 0..MESSAGES {
+                    sender.send(number).await?;
+                }
+                Ok(())
+            })
+            .unwrap();
+        executors[1]
+            .process("receiver")
+            .spawn(async move {
+                for expected in 0..MESSAGES {
+                    assert_eq!(receiver.recv().await?, expected);
+                }
+                over.store(true, Relaxed);
+                Ok(())
+            })
+            .unwrap();
+        for ((executor, turns), name) in executors.iter().zip(&turns).zip(["first", "second"]) {
+            let (over, turns) = (is_over.clone(), turns.clone());
+            executor
+                .process(name)
+                .spawn(async move {
+                    while !over.load(Relaxed) {
+                        turns.fetch_add(1, Relaxed);
+                        luna::yield_now().await;
+                    }
+                    Ok(())
+                })
+                .unwrap();
+        }
+        let report = system.run().unwrap();
+        assert_eq!(
+            report
+                .all_shortfalls()
+                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
+                .count(),
+            0
+        );
+        for turns in turns {
+            let turns = turns.load(Relaxed);
+            assert!(turns >= MESSAGES / OPERATIONS - 1, "{turns}");
+        }
+    }
+}
+
 /// Blocking operations of one poll are more than a turn has, so those behind them may not look; they wait as any other.
 #[test]
 fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {

@@ -607,7 +607,11 @@ impl Sleeper for Shared {
 
 impl Outside for Shared {
     fn is_called(&self) -> bool {
-        self.inbound.is_signalled() || self.spin.load(Ordering::Relaxed) == 0
+        self.inbound.is_signalled() || self.time().is_zero()
+    }
+
+    fn time(&self) -> Duration {
+        Duration::from_nanos(self.spin.load(Ordering::Relaxed))
     }
 }
 

@@ -257,7 +257,11 @@ impl Sleeper for Held {
 
 impl Outside for Held {
     fn is_called(&self) -> bool {
-        self.parker.is_woken() || self.spin.load(Ordering::Relaxed) == 0
+        self.parker.is_woken() || self.time().is_zero()
+    }
+
+    fn time(&self) -> Duration {
+        Duration::from_nanos(self.spin.load(Ordering::Relaxed))
     }
 }
 

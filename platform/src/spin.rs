@@ -118,6 +118,9 @@ const LOOKS_TAKE: Duration = Duration::from_micros(4);
 pub trait Outside {
     /// Whether somebody wants something of the thread, or it may not look any more. From that thread; a load or two.
     fn is_called(&self) -> bool;
+
+    /// How long it may look before it sleeps: zero when it may not any more. From that thread; a load.
+    fn time(&self) -> Duration;
 }
 
 #[cfg(not(loom))]
@@ -132,11 +135,16 @@ thread_local! {
 /// ```
 /// use luna_platform::spin::{self, Outside};
 /// use std::sync::Arc;
+/// use std::time::Duration;
 ///
 /// struct Quiet;
 /// impl Outside for Quiet {
 ///     fn is_called(&self) -> bool {
 ///         false
+///     }
+///
+///     fn time(&self) -> Duration {
+///         Duration::from_micros(50)
 ///     }
 /// }
 ///
@@ -207,6 +215,34 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     })
 }
 
+/// How long a thread that may look before it sleeps looks at most at a lock that another holds: 10 µs.
+///
+/// Who asks the kernel for a lock sleeps, and is handed the lock while it still sleeps. If the other wants the lock again meanwhile, it finds it taken by a sleeper, and asks the kernel too: from then on each section costs both
+/// of them a sleep. Where the two do nothing but use the lock (a stream between two cores) that does not end by itself. A thread that looks for longer than the other takes to wake ends it.
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
+
+/// In units of [`BETWEEN_LOOKS`], how long such a thread waits from one look at a lock to the next: 400 ns.
+///
+/// Longer than for a partner. A holder that is not disturbed comes to its end and takes the lock again, with all that it guards still in its cache: what moves from core to core moves once for many sections.
+/// The first look comes after half of that: where two meet, the holder leaves, and waits for the other.
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+const BETWEEN_LOOKS_AT_LOCK: u32 = 4;
+
+/// How a thread that may look before it sleeps looks at a lock that another holds: how often, and how many pauses apart. `None`: as any other thread.
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
+pub(crate) fn at_lock() -> Option<(u32, u32)> {
+    if !HAS_OUTSIDE.get() {
+        return None;
+    }
+    // Whoever is asked here may be on its way out of the thread's memory.
+    let time = OUTSIDE.try_with(|outside| Some(outside.try_borrow().ok()?.as_ref()?.time()));
+    let time = time.ok()??.min(LONGEST_AT_LOCK);
+    let looks = time.as_nanos() / (BETWEEN_LOOKS * BETWEEN_LOOKS_AT_LOCK).as_nanos();
+    let pauses = BETWEEN_LOOKS_AT_LOCK * PAUSES.load(Ordering::Relaxed);
+    (looks > 0).then_some((looks as u32, pauses))
+}
+
 #[cfg(loom)]
 loom::thread_local! {
     static LOOKS: std::cell::Cell<bool> = std::cell::Cell::new(false);
@@ -228,4 +264,41 @@ pub fn may_look() -> bool {
 #[cfg(loom)]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     is_over()
+}
+
+#[cfg(all(test, target_os = "linux", not(luna_portable), not(loom)))]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicU64;
+
+    /// May look for so many nanoseconds.
+    struct For(AtomicU64);
+
+    impl Outside for For {
+        fn is_called(&self) -> bool {
+            false
+        }
+
+        fn time(&self) -> Duration {
+            Duration::from_nanos(self.0.load(Ordering::Relaxed))
+        }
+    }
+
+    #[test]
+    fn a_lock_is_looked_at_for_as_long_as_the_thread_may_look_and_not_for_longer_than_the_longest()
+    {
+        let looks = || at_lock().map(|(looks, _)| looks);
+        assert_eq!(looks(), None);
+        let outside = Arc::new(For(AtomicU64::new(2_000)));
+        let looking = enter(outside.clone());
+        assert_eq!(looks(), Some(5));
+        outside.0.store(1_000_000, Ordering::Relaxed);
+        assert_eq!(looks(), Some(25));
+        // Another thread has come to its core.
+        outside.0.store(0, Ordering::Relaxed);
+        assert_eq!(looks(), None);
+        drop(looking);
+        assert_eq!(looks(), None);
+    }
 }

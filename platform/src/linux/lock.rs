@@ -3,9 +3,11 @@
 //! The word holds the owner's thread id, 0 when free, and the kernel's `FUTEX_WAITERS` bit when somebody waits in the kernel:
 //! the protocol of `FUTEX_LOCK_PI(2const)`. Free and uncontended, locking and unlocking are one compare-and-swap each. Contended,
 //! the waiter first watches the word for a bounded while (an owner on another core leaves within some tens of nanoseconds), then
-//! asks the kernel, which lends the owner the waiter's priority and hands the lock over in order of priority.
+//! asks the kernel, which lends the owner the waiter's priority and hands the lock over in order of priority. A thread that may look before it sleeps looks
+//! for longer, and less often (`spin::at_lock`).
 
 use crate::path::{self, Call};
+use crate::spin;
 use nix::errno::Errno;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
@@ -15,7 +17,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// How often a contended lock is looked at before the kernel is asked: about half a microsecond. It is bounded, so an owner that was
-/// preempted on this very core costs that much and no more.
+/// preempted on this very core costs that much and no more; a thread that looks for longer has its core to itself.
 const LOOKS: u32 = 40;
 
 /// A priority-inheriting mutual exclusion lock around a value.
@@ -107,7 +109,10 @@ impl<T> PiLock<T> {
 
     #[cold]
     fn lock_contended(&self, me: u32) {
-        for _ in 0..LOOKS {
+        let (looks, pauses) = spin::at_lock().unwrap_or((LOOKS, 1));
+        // A holder that does not come back at once is through by then.
+        let mut wait = pauses.div_ceil(2);
+        for _ in 0..looks {
             let word = self.word.load(Ordering::Relaxed);
             if word == 0
                 && self
@@ -121,7 +126,8 @@ impl<T> PiLock<T> {
             if word & libc::FUTEX_WAITERS != 0 {
                 break;
             }
-            spin_loop();
+            (0..wait).for_each(|_| spin_loop());
+            wait = pauses;
         }
         lock_pi(&self.word);
     }
@@ -249,5 +255,77 @@ impl<T: fmt::Debug> fmt::Debug for PiLock<T> {
 impl<T: fmt::Debug> fmt::Debug for PiGuard<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         (**self).fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Instant;
+    use crate::spin::Outside;
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    /// Longer than any of this takes on a loaded machine: a hang, then.
+    const WATCHDOG: Duration = Duration::from_secs(60);
+
+    /// A thread with its core to itself.
+    struct Patient;
+
+    impl Outside for Patient {
+        fn is_called(&self) -> bool {
+            false
+        }
+
+        fn time(&self) -> Duration {
+            spin::LONGEST
+        }
+    }
+
+    /// The holder does not leave before that: so it is the bound that ends the looks, and nothing else.
+    #[test]
+    fn who_looks_for_longer_asks_the_kernel_in_the_end() {
+        let lock = Arc::new(PiLock::new(0));
+        let held = lock.lock();
+        let waiter = std::thread::spawn({
+            let lock = lock.clone();
+            move || {
+                let _looking = spin::enter(Arc::new(Patient));
+                assert!(spin::at_lock().is_some());
+                *lock.lock() += 1;
+            }
+        });
+        let end = Instant::now() + WATCHDOG;
+        while lock.word.load(Ordering::Relaxed) & libc::FUTEX_WAITERS == 0 {
+            assert!(Instant::now() < end, "it looks without a bound");
+            std::thread::yield_now();
+        }
+        drop(held);
+        waiter.join().unwrap();
+        assert_eq!(*lock.lock(), 1);
+    }
+
+    #[test]
+    fn those_who_look_for_longer_are_excluded_too() {
+        const ROUNDS: u32 = 20_000;
+        // Two numbers that differ only while somebody is inside.
+        let lock = Arc::new(PiLock::new((0, 0)));
+        let threads = [true, true, false].map(|is_patient| {
+            let lock = lock.clone();
+            std::thread::spawn(move || {
+                let _looking = is_patient.then(|| spin::enter(Arc::new(Patient)));
+                for _ in 0..ROUNDS {
+                    let mut pair = lock.lock();
+                    assert_eq!(pair.0, pair.1);
+                    pair.0 += 1;
+                    std::hint::spin_loop();
+                    pair.1 += 1;
+                }
+            })
+        });
+        for thread in threads {
+            thread.join().unwrap();
+        }
+        assert_eq!(*lock.lock(), (3 * ROUNDS, 3 * ROUNDS));
     }
 }
