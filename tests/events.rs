@@ -304,6 +304,88 @@ fn what_is_recorded_and_what_is_lost_is_all_there_was() -> luna::Result<()> {
 }
 
 #[test]
+fn named_parts_of_a_process_are_told_with_what_they_wait_for() -> luna::Result<()> {
+    let mut system = System::new("parts");
+    system.virtual_clock();
+    let memory = recorded(&mut system);
+    let (left, from_left) = luna::channel::<u8>();
+    let (right, from_right) = luna::channel::<u8>();
+    let (left, right) = (left.named("left channel"), right.named("right channel"));
+    let main = system.executor("main").build()?;
+    main.process("whole").spawn(async move {
+        par!(
+            luna::named("left", async {
+                from_left.recv().await?;
+                Ok(())
+            }),
+            luna::named("right", async {
+                luna::named("within right", from_right.recv()).await?;
+                Ok(())
+            }),
+            async {
+                let lost = luna::named("lost", std::future::pending::<()>());
+                let quick = luna::named("quick", luna::yield_now());
+                futures_lite::future::or(lost, quick).await;
+                Ok(())
+            },
+        )
+        .await?;
+        Ok(())
+    })?;
+    main.process("feeder").spawn(async move {
+        right.send(1).await?;
+        left.send(2).await?;
+        Ok(())
+    })?;
+    system.run()?;
+    let told = Told::read(&memory);
+    let name = |number: u64| told.name(Subject::SubProcess, number);
+    let mut parts: BTreeMap<&str, Vec<(u16, u64, String)>> = BTreeMap::new();
+    for event in &told.events {
+        let [a, b] = event.arguments;
+        let about = match event.code {
+            code::SUB_RUNNING => format!("{} {}", told.process(a), name(b)),
+            code::SUB_WAITING => told.name(Subject::Channel, b).to_owned(),
+            code::SUB_DONE => String::new(),
+            _ => continue,
+        };
+        let part = parts.entry(name(event.subject.into())).or_default();
+        part.push((event.code, a, about));
+    }
+    let (returned, dropped) = (code::sub_ended::RETURNED, code::sub_ended::DROPPED);
+    let expected = [
+        ("left", "whole ", "left channel", returned),
+        ("lost", "whole ", "", dropped),
+        ("quick", "whole ", "", returned),
+        ("right", "whole ", "right channel", returned),
+        ("within right", "whole right", "right channel", returned),
+    ];
+    assert_eq!(parts.len(), expected.len(), "{parts:?}");
+    for ((part, of), (name, within, awaited, how)) in parts.iter().zip(expected) {
+        assert_eq!(*part, name);
+        // Turn by turn it begins, and then it waits for its channel, or has ended; a turn of its process may be one of its own or not.
+        let (last, turns) = of.split_last().unwrap();
+        assert_eq!((last.0, last.1), (code::SUB_DONE, how), "{part}");
+        let mut turns = turns.chunks_exact(2);
+        assert!(turns.len() > 0, "{part}");
+        for turn in turns.by_ref() {
+            assert_eq!((turn[0].0, turn[0].2.as_str()), (code::SUB_RUNNING, within));
+            assert_eq!(
+                (turn[1].0, turn[1].2.as_str()),
+                (code::SUB_WAITING, awaited)
+            );
+        }
+        let rest = turns.remainder();
+        assert_eq!(rest.len(), usize::from(how == returned), "{part}");
+        assert!(rest.iter().all(|(code, ..)| *code == code::SUB_RUNNING));
+        // Its name says whose part it is.
+        let number = told.names.iter().find(|(_, text)| text == part).unwrap().0;
+        assert_eq!(told.process(told.parents[number].into()), "whole");
+    }
+    Ok(())
+}
+
+#[test]
 fn alternatives_say_which_guard_they_took() -> luna::Result<()> {
     let mut system = System::new("choice");
     system.virtual_clock();
