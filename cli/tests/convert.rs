@@ -173,6 +173,7 @@ fn events() -> Vec<u8> {
         (40, code::WAITING, 7, [255, 0]),
         (41, code::RUNNING, 8, [0, 0]),
         (50, code::DONE, 8, [1, 0]),
+        (55, code::STOLEN, 1, [20, 40]),
         (60, 999, 5, [1, 2]),
     ] {
         let event = Record::Event(Event {
@@ -204,7 +205,7 @@ fn events_are_rows_in_words() {
     let output = luna(&["convert", path(&file), "--to", "csv"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let said = text(&output.stdout);
-    assert!(said.contains("0 messages, 22 events"), "{said}");
+    assert!(said.contains("0 messages, 23 events"), "{said}");
     assert!(said.contains("4 events were lost"), "{said}");
     let rows = fs::read_to_string(folder.join("run.events.csv")).unwrap();
     let expected = "time,event,thread,subject,first,second\n\
@@ -229,6 +230,7 @@ fn events_are_rows_in_words() {
                     0.000000040,waiting,thread of main,source,still ready,\n\
                     0.000000041,running,thread of main,\"sink, or so\",,\n\
                     0.000000050,done,thread of main,\"sink, or so\",error,\n\
+                    0.000000055,stolen,thread of main,core 1,20,40\n\
                     0.000000060,event 999,thread of main,5,1,2\n";
     assert_eq!(rows, expected);
 }
@@ -255,7 +257,7 @@ fn events_are_a_topic() {
             events.push((message.log_time - UNIX as u64, content));
         }
     }
-    assert_eq!(events.len(), 22);
+    assert_eq!(events.len(), 23);
     let (after, communication) = &events[11];
     assert_eq!(*after, 30);
     assert_eq!(communication["event"], "communication");
@@ -303,6 +305,7 @@ fn events_are_tracks_by_the_schema_of_perfetto() {
                     instant source  30 send force ()\n\
                     instant sink, or so  30 receive force ()\n\
                     instant sink, or so  50 done: error ()\n\
+                    instant thread of main  55 stolen core 1 (first=20, second=40)\n\
                     instant thread of main  60 event 999 5 (first=1, second=2)\n";
     let sorted = |text: &str| {
         let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();

@@ -162,6 +162,7 @@ impl Names {
                 let one = self.of(Subject::SubProcess, subject);
                 (one, how.to_owned(), none())
             }
+            code::STOLEN => (format!("core {subject}"), number(a), number(b)),
             code::PRIORITY => (self.process(subject), number(a), number(b)),
             _ => (number(subject), number(a), number(b)),
         };

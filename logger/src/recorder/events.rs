@@ -145,7 +145,10 @@ impl Events {
             code::SUB_RUNNING | code::SUB_WAITING | code::SUB_DONE => Kind::SubProcess,
             _ => Kind::Process,
         };
-        self.mention(kind, subject.into(), &mut put);
+        // Of a core the number is the name.
+        if of != code::STOLEN {
+            self.mention(kind, subject.into(), &mut put);
+        }
         match of {
             code::READY | code::SPAWNED => self.mention(Kind::Process, a, &mut put),
             code::COMMUNICATION => {

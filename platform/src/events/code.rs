@@ -32,9 +32,11 @@ pub const SUB_RUNNING: u16 = 14;
 pub const SUB_WAITING: u16 = 15;
 /// A named sub-process has ended.
 pub const SUB_DONE: u16 = 16;
+/// A hypervisor has run something else on a core.
+pub const STOLEN: u16 = 17;
 
 /// All of them, with their names.
-pub const NAMES: [(u16, &str); 16] = [
+pub const NAMES: [(u16, &str); 17] = [
     (READY, "ready"),
     (RUNNING, "running"),
     (WAITING, "waiting"),
@@ -51,6 +53,7 @@ pub const NAMES: [(u16, &str); 16] = [
     (SUB_RUNNING, "sub-process running"),
     (SUB_WAITING, "sub-process waiting"),
     (SUB_DONE, "sub-process done"),
+    (STOLEN, "stolen"),
 ];
 
 /// In [`WAITING`]: what it waits for is not known, or is several things.
