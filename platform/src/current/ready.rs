@@ -104,7 +104,7 @@ pub fn spend_operation() -> bool {
     })
 }
 
-/// Lets others run after an operation of `process`, which has a [plain turn](plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
+/// Lets others run after an operation of `process`, which has a [plain turn](super::plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
 /// this one: then it is ready again already, and the caller returns `Pending`.
 #[inline(always)]
 pub fn gives_way(process: &Process) -> bool {

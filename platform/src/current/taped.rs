@@ -5,7 +5,7 @@ use super::branch::Branch;
 use crate::tape::Tape;
 use std::ptr::NonNull;
 
-/// Polls the current process as one that has `tape`: it has no [plain turns](plain_turn), and all its operations find the tape.
+/// Polls the current process as one that has `tape`: it has no [plain turns](super::plain_turn), and all its operations find the tape.
 pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
     struct Restore(Branch, Option<NonNull<dyn Tape>>);
     impl Drop for Restore {
