@@ -2,8 +2,10 @@
 //! what the kernel says of the thread.
 
 mod common;
+mod levels;
 
 use common::{COMPLETE, has_real_time, skip, watchdog};
+use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::{Call, ProcessBuilder, Server, call_channel, yield_now};
 use luna_platform::current;
@@ -11,52 +13,6 @@ use luna_platform::thread::current_policy;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-/// What happened, in order.
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<&'static str>>>);
-
-impl Log {
-    fn add(&self, what: &'static str) {
-        self.0.lock().unwrap().push(what);
-    }
-
-    /// What happened between two events, which are there once.
-    fn between(&self, first: &str, last: &str) -> Vec<&'static str> {
-        let log = self.0.lock().unwrap();
-        let at = |what| log.iter().position(|&event| event == what).unwrap();
-        log[at(first) + 1..at(last)].to_vec()
-    }
-}
-
-fn level() -> u8 {
-    current::priority().level
-}
-
-/// A system with one executor.
-fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBuilder)) {
-    let mut system = System::new("levels");
-    let executor = system.executor("one").build().unwrap();
-    build(&|name, level| executor.process(name).priority(level));
-    system.run().unwrap();
-}
-
-/// A process that is ready for long once it is told to, and logs each time that it runs.
-fn burner(process: ProcessBuilder, log: &Log) -> luna::Sender<()> {
-    let (start, started) = luna::channel::<()>();
-    let log = log.clone();
-    process
-        .spawn(async move {
-            started.recv().await?;
-            for _ in 0..50 {
-                log.add("burn");
-                yield_now().await;
-            }
-            Ok(())
-        })
-        .unwrap();
-    start
-}
 
 /// A process of the lowest level, which runs when all others wait: it lets one of them go on.
 fn starter(process: ProcessBuilder) -> luna::Receiver<()> {

@@ -71,6 +71,19 @@ fn raise_on(core: Option<usize>, system: &mut System) -> SafetyReport {
     report.safety
 }
 
+/// A process that waits for ever, and says that it has begun.
+fn wait_in(system: &mut System) -> mpsc::Receiver<()> {
+    let main = system.executor("main").build().unwrap();
+    let (begun, has_begun) = mpsc::channel();
+    main.process("body")
+        .spawn(async move {
+            begun.send(()).unwrap();
+            std::future::pending().await
+        })
+        .unwrap();
+    has_begun
+}
+
 /// Hangs until it is let go, so that no thread of a test stays for ever. It notes nothing: under load it may be left behind before it could.
 fn hang() -> (impl FnMut() + Send + 'static, mpsc::Sender<()>) {
     let (let_go, is_let_go) = mpsc::channel::<()>();
@@ -413,14 +426,7 @@ fn a_drivers_thread_raises_it_before_the_start_while_it_runs_and_after() {
     let log = Log::default();
     let mut system = System::new("during");
     system.on_emergency("neutral", log.noter("neutral"));
-    let main = system.executor("main").build().unwrap();
-    let (begun, has_begun) = mpsc::channel();
-    main.process("body")
-        .spawn(async move {
-            begun.send(()).unwrap();
-            std::future::pending().await
-        })
-        .unwrap();
+    let has_begun = wait_in(&mut system);
     let trigger = system.emergency_trigger();
     let driver = std::thread::spawn(move || {
         has_begun.recv().unwrap();
@@ -453,14 +459,7 @@ fn a_second_run_takes_nothing_from_the_first() {
     let log = Log::default();
     let mut system = System::new("twice");
     system.on_emergency("neutral", log.noter("neutral"));
-    let main = system.executor("main").build().unwrap();
-    let (begun, has_begun) = mpsc::channel();
-    main.process("body")
-        .spawn(async move {
-            begun.send(()).unwrap();
-            std::future::pending().await
-        })
-        .unwrap();
+    let has_begun = wait_in(&mut system);
     std::thread::scope(|scope| {
         let first = scope.spawn(|| system.run());
         has_begun.recv().unwrap();

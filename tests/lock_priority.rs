@@ -2,8 +2,10 @@
 //! kernel says of the threads.
 
 mod common;
+mod levels;
 
 use common::{COMPLETE, has_real_time, skip, watchdog};
+use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::sync::Mutex;
 use luna::{ProcessBuilder, yield_now};
@@ -13,52 +15,6 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
-
-/// What happened, in order.
-#[derive(Clone, Default)]
-struct Log(Arc<std::sync::Mutex<Vec<&'static str>>>);
-
-impl Log {
-    fn add(&self, what: &'static str) {
-        self.0.lock().unwrap().push(what);
-    }
-
-    /// What happened between two events, which are there once.
-    fn between(&self, first: &str, last: &str) -> Vec<&'static str> {
-        let log = self.0.lock().unwrap();
-        let at = |what| log.iter().position(|&event| event == what).unwrap();
-        log[at(first) + 1..at(last)].to_vec()
-    }
-}
-
-fn level() -> u8 {
-    current::priority().level
-}
-
-/// A system with one executor.
-fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBuilder)) {
-    let mut system = System::new("levels");
-    let executor = system.executor("one").build().unwrap();
-    build(&|name, level| executor.process(name).priority(level));
-    system.run().unwrap();
-}
-
-/// A process that is ready for long once it is told to, and logs each time that it runs.
-fn burner(process: ProcessBuilder, log: &Log) -> luna::Sender<()> {
-    let (start, started) = luna::channel::<()>();
-    let log = log.clone();
-    process
-        .spawn(async move {
-            started.recv().await?;
-            for _ in 0..50 {
-                log.add("burn");
-                yield_now().await;
-            }
-            Ok(())
-        })
-        .unwrap();
-    start
-}
 
 /// A process that locks `mutex` once it is let, and holds it for a moment.
 fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {

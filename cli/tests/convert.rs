@@ -141,6 +141,9 @@ fn events() -> Vec<u8> {
         name(Subject::Process, 8, 0, "sink, or so"),
         name(Subject::Channel, 3, 0, "force"),
         name(Subject::Loop, 1, 7, "control"),
+        name(Subject::SubProcess, 1, 7, "left"),
+        name(Subject::SubProcess, 2, 7, "inner"),
+        name(Subject::SubProcess, 3, 7, "left"),
     ] {
         writer.put(&record).unwrap();
     }
@@ -155,12 +158,22 @@ fn events() -> Vec<u8> {
         (12, code::RUNNING, 8, [0, 0]),
         (20, code::WAITING, 8, [3, 3]),
         (21, code::RUNNING, 7, [0, 0]),
+        (22, code::SUB_RUNNING, 1, [7, 0]),
+        (22, code::SUB_RUNNING, 2, [7, 1]),
+        (23, code::SUB_WAITING, 2, [3, 3]),
+        (24, code::SUB_WAITING, 1, [0, 0]),
         (25, code::SLOT, 1, [41, 250]),
         (30, code::COMMUNICATION, 3, [7, 8]),
         (31, code::READY, 8, [7, 0]),
+        (32, code::SUB_DONE, 2, [1, 0]),
+        (33, code::SUB_DONE, 1, [0, 0]),
+        (34, code::SUB_RUNNING, 3, [7, 0]),
+        (35, code::SUB_DONE, 3, [0, 0]),
+        (36, code::SUB_WAITING, 99, [0, 0]),
         (40, code::WAITING, 7, [255, 0]),
         (41, code::RUNNING, 8, [0, 0]),
         (50, code::DONE, 8, [1, 0]),
+        (55, code::STOLEN, 1, [20, 40]),
         (60, 999, 5, [1, 2]),
     ] {
         let event = Record::Event(Event {
@@ -192,7 +205,7 @@ fn events_are_rows_in_words() {
     let output = luna(&["convert", path(&file), "--to", "csv"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let said = text(&output.stdout);
-    assert!(said.contains("0 messages, 13 events"), "{said}");
+    assert!(said.contains("0 messages, 23 events"), "{said}");
     assert!(said.contains("4 events were lost"), "{said}");
     let rows = fs::read_to_string(folder.join("run.events.csv")).unwrap();
     let expected = "time,event,thread,subject,first,second\n\
@@ -202,12 +215,22 @@ fn events_are_rows_in_words() {
                     0.000000012,running,thread of main,\"sink, or so\",,\n\
                     0.000000020,waiting,thread of main,\"sink, or so\",force,\n\
                     0.000000021,running,thread of main,source,,\n\
+                    0.000000022,sub-process running,thread of main,left,source,\n\
+                    0.000000022,sub-process running,thread of main,inner,source,left\n\
+                    0.000000023,sub-process waiting,thread of main,inner,force,\n\
+                    0.000000024,sub-process waiting,thread of main,left,,\n\
                     0.000000025,slot,thread of main,control,41,250\n\
                     0.000000030,communication,thread of main,force,source,\"sink, or so\"\n\
                     0.000000031,ready,thread of main,\"sink, or so\",source,\n\
+                    0.000000032,sub-process done,thread of main,inner,dropped,\n\
+                    0.000000033,sub-process done,thread of main,left,returned,\n\
+                    0.000000034,sub-process running,thread of main,left,source,\n\
+                    0.000000035,sub-process done,thread of main,left,returned,\n\
+                    0.000000036,sub-process waiting,thread of main,sub-process 99,,\n\
                     0.000000040,waiting,thread of main,source,still ready,\n\
                     0.000000041,running,thread of main,\"sink, or so\",,\n\
                     0.000000050,done,thread of main,\"sink, or so\",error,\n\
+                    0.000000055,stolen,thread of main,core 1,20,40\n\
                     0.000000060,event 999,thread of main,5,1,2\n";
     assert_eq!(rows, expected);
 }
@@ -234,8 +257,8 @@ fn events_are_a_topic() {
             events.push((message.log_time - UNIX as u64, content));
         }
     }
-    assert_eq!(events.len(), 13);
-    let (after, communication) = &events[7];
+    assert_eq!(events.len(), 23);
+    let (after, communication) = &events[11];
     assert_eq!(*after, 30);
     assert_eq!(communication["event"], "communication");
     assert_eq!(communication["subject"], "force");
@@ -260,6 +283,13 @@ fn events_are_tracks_by_the_schema_of_perfetto() {
                     track executor main\n\
                     track source\n\
                     track sink, or so\n\
+                    track left\n\
+                    track inner\n\
+                    slice left 22-24 running\n\
+                    slice inner 22-23 running\n\
+                    slice inner 23-32 waiting for force\n\
+                    slice left 24-33 waiting\n\
+                    slice left 34-35 running\n\
                     slice executor main 0-10 asleep\n\
                     slice executor main 12-20 sink, or so\n\
                     slice sink, or so 12-20 running\n\
@@ -275,6 +305,7 @@ fn events_are_tracks_by_the_schema_of_perfetto() {
                     instant source  30 send force ()\n\
                     instant sink, or so  30 receive force ()\n\
                     instant sink, or so  50 done: error ()\n\
+                    instant thread of main  55 stolen core 1 (first=20, second=40)\n\
                     instant thread of main  60 event 999 5 (first=1, second=2)\n";
     let sorted = |text: &str| {
         let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();

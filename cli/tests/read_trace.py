@@ -25,7 +25,7 @@ for packet in trace.packet:
     if kind == "track_descriptor":
         track = packet.track_descriptor
         assert track.uuid not in tracks
-        assert track.HasField("process") or tracks[track.parent_uuid].HasField("process")
+        assert track.HasField("process") or track.parent_uuid in tracks
         tracks[track.uuid] = track
         if track.HasField("process"):
             print("process", track.process.pid, track.process.process_name)

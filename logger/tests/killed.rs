@@ -31,14 +31,25 @@ impl Drop for Temporary {
     }
 }
 
-/// Runs the test `name` of this program as a program of its own.
-fn start(name: &str, file: &Path) -> Child {
-    Command::new(std::env::current_exe().unwrap())
+/// The test `name` of this program as a program of its own, whose output is read.
+fn program(name: &str, file: &Path) -> Command {
+    let mut program = Command::new(std::env::current_exe().unwrap());
+    program
         .args(["--exact", name, "--ignored", "--nocapture"])
         .env(FILE, file)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap()
+        .stdout(Stdio::piped());
+    program
+}
+
+/// What it reports last. It has ended well then: all that it says is read, since it may not write to a pipe that is closed.
+fn reported(mut child: Child) -> Option<String> {
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let reported = lines
+        .map(Result::unwrap)
+        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
+        .last();
+    assert!(child.wait().unwrap().success());
+    reported
 }
 
 fn file() -> PathBuf {
@@ -149,7 +160,9 @@ fn numbers(file: &Path) -> (u64, bool) {
 #[test]
 fn what_was_moved_on_before_a_kill_can_be_read() {
     let file = Temporary::new("killed");
-    let mut child = start("records_until_it_is_killed", &file.0);
+    let mut child = program("records_until_it_is_killed", &file.0)
+        .spawn()
+        .unwrap();
     // Read from until it is killed: it may not find the pipe closed before.
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     // Each line says that the program has gone on.
@@ -170,47 +183,28 @@ fn what_was_moved_on_before_a_kill_can_be_read() {
 #[test]
 fn who_closes_standard_error_ends_no_recording() {
     let file = Temporary::new("unread");
-    let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "records_while_nobody_reads_standard_error"])
-        .args(["--ignored", "--nocapture"])
-        .env(FILE, &file.0)
+    let mut child = program("records_while_nobody_reads_standard_error", &file.0)
         .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     drop(child.stderr.take());
     // Now it may begin.
     drop(child.stdin.take());
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let reported = lines
-        .map(Result::unwrap)
-        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
-        .last();
-    assert!(child.wait().unwrap().success());
-    assert_eq!(reported.as_deref(), Some("5 5 None"));
+    assert_eq!(reported(child).as_deref(), Some("5 5 None"));
     assert_eq!(numbers(&file.0), (5, true));
 }
 
 #[test]
 fn who_does_not_read_standard_error_ends_no_recording() {
     let file = Temporary::new("unread-full");
-    let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "records_while_standard_error_is_full"])
-        .args(["--ignored", "--nocapture"])
-        .env(FILE, &file.0)
-        .stdout(Stdio::piped())
+    let mut child = program("records_while_standard_error_is_full", &file.0)
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     // Open, and nobody reads from it.
     let unread = child.stderr.take();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let reported = lines
-        .map(Result::unwrap)
-        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
-        .last();
-    assert!(child.wait().unwrap().success());
+    let reported = reported(child);
     drop(unread);
     assert_eq!(reported.as_deref(), Some("5000 5000 None"));
     assert_eq!(numbers(&file.0), (5000, true));
@@ -219,14 +213,10 @@ fn who_does_not_read_standard_error_ends_no_recording() {
 #[test]
 fn a_full_disk_keeps_the_blocks_before_it() {
     let file = Temporary::new("full");
-    let mut child = start("records_to_a_disk_that_becomes_full", &file.0);
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let reported = lines
-        .map(Result::unwrap)
-        // To the end: it may not write to a pipe that is closed.
-        .filter_map(|line| Some(line.strip_prefix("reported ")?.to_owned()))
-        .last();
-    assert!(child.wait().unwrap().success());
+    let child = program("records_to_a_disk_that_becomes_full", &file.0)
+        .spawn()
+        .unwrap();
+    let reported = reported(child);
     // A short last block may have found room.
     let (read, _) = numbers(&file.0);
     let length = fs::metadata(&file.0).unwrap().len();

@@ -1,6 +1,7 @@
 //! The time that a hypervisor has taken from the cores of a virtual machine.
 
 use crate::backend::steal as backend;
+use std::path::Path;
 use std::time::Duration;
 
 /// Reads the stolen time. Not for the real-time path: the kernel writes a text of all cores and interrupts for each reading, which takes tens of
@@ -23,6 +24,11 @@ impl StealMeter {
     /// Opens the source; `None` where the system does not tell.
     pub fn open() -> Option<StealMeter> {
         backend::open().map(|source| StealMeter { source })
+    }
+
+    /// The same of a file that has the form of the kernel's, such as a test's.
+    pub fn open_at(path: &Path) -> Option<StealMeter> {
+        backend::open_at(path).map(|source| StealMeter { source })
     }
 
     /// The cores that are switched on, by the system's number of each, and what was stolen from each since the machine began. The kernel gives it in

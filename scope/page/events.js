@@ -4,7 +4,7 @@ const FIRST = 1 << 14, MOST = 1 << 20;
 const BETWEEN = 1 << 12, CHECKPOINTS = MOST / BETWEEN; // events from one checkpoint of all states to the next
 
 export const CODE = { ready: 1, running: 2, waiting: 3, done: 4, communication: 5, alternative: 6, asleep: 7, awake: 8, priority: 9, slot: 10, late: 11, emergency: 12, spawned: 13 };
-export const SUBJECT = { process: 1, executor: 2, channel: 3, barrier: 4, lock: 5, loop: 6, code: 7 };
+export const SUBJECT = { process: 1, executor: 2, channel: 3, barrier: 4, lock: 5, loop: 6, code: 7, subProcess: 8 };
 export const STATES = ["unknown", "ready", "running", "waiting", "done", "failed"];
 const STILL_READY = 255;
 

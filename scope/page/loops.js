@@ -4,7 +4,7 @@ import { $, make, put, spanParts, span, instant, count } from "./text.js";
 import { colours, fit } from "./draw.js";
 
 const PARTS = 16, FINE = 32; // of the scope's histograms: a sixteenth of an octave
-export const CAUSES = ["not known", "the loop itself", "another process of its executor", "the kernel, for another thread", "the hypervisor"];
+export const CAUSES = ["not known", "the loop itself", "another process of its executor", "the kernel, for another thread"];
 
 // The bounds of a part of a histogram, in nanoseconds.
 export function bounds(at) {
@@ -105,9 +105,10 @@ export class Loops {
     const lines = late.slice(-100).reverse().map((one) => {
       const time = this.seconds(one.time);
       const bad = one.cause === 1 || one.cause === 2;
+      const stolen = one.stolen ? `; the hypervisor took ${span(one.stolen[1] / 1e9)} of core ${one.stolen[0]} around then` : "";
       return make("tr", {},
         make("td", { class: "number" }, instant(time, 1e-4)), make("td", {}, this.name(one.loop)), make("td", { class: "n" }, span(one.lateness / 1e9)),
-        make("td", { class: "text" }, make("span", { class: `tag ${bad ? "bad" : one.cause ? "warn" : ""}` }, CAUSES[one.cause] ?? `cause ${one.cause}`)),
+        make("td", { class: "text" }, make("span", { class: `tag ${bad ? "bad" : one.cause ? "warn" : ""}` }, (CAUSES[one.cause] ?? `cause ${one.cause}`) + stolen)),
         make("td", { class: "n" }, make("button", { onclick: () => this.show({ ...one, seconds: time }) }, "Show")));
     });
     this.body.replaceChildren(...lines);

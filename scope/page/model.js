@@ -86,6 +86,7 @@ export class Model {
       case SUBJECT.executor: this.executors.set(number, { name, awake: true }); break;
       case SUBJECT.channel: this.channel(number).name = place(name); break;
       case SUBJECT.loop: this.loops.set(number, { number, name, parent }); break;
+      case SUBJECT.subProcess: break; // not shown, and there may be ever new ones
       default: this.others.set(subject * 4294967296 + number, place(name));
     }
   }

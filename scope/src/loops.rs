@@ -8,6 +8,10 @@ use std::collections::{BTreeMap, VecDeque};
 /// The codes of events that a loop is known by.
 const SLOT: u16 = 10;
 const LATE: u16 = 11;
+/// A hypervisor has run something else on a core, in the time before.
+const STOLEN: u16 = 17;
+/// The cause of a late cycle is not known.
+const UNKNOWN: u64 = 0;
 
 /// More loops than that are not counted.
 const MOST_LOOPS: usize = 1024;
@@ -29,6 +33,8 @@ struct Late {
     time: u64,
     lateness: u64,
     cause: u64,
+    /// The core from which most was stolen around it, and how many nanoseconds, if the cause is not known. It need not be the loop's core.
+    stolen: Option<(u32, u64)>,
 }
 
 impl Loops {
@@ -54,7 +60,21 @@ impl Loops {
                     time: event.time,
                     lateness: event.arguments[0],
                     cause: event.arguments[1],
+                    stolen: None,
                 });
+            }
+            STOLEN => {
+                let [stolen, within] = event.arguments;
+                let from = event.time.saturating_sub(within);
+                let is_around = |late: &&mut Late| {
+                    let slot = late.time.saturating_sub(late.lateness);
+                    late.cause == UNKNOWN && slot < event.time && from < late.time
+                };
+                for late in self.late.iter_mut().rev().filter(is_around) {
+                    if late.stolen.is_none_or(|(_, before)| before < stolen) {
+                        late.stolen = Some((event.subject, stolen));
+                    }
+                }
             }
             _ => return,
         }
@@ -83,6 +103,7 @@ impl Loops {
                 "time": late.time.to_string(),
                 "lateness": late.lateness,
                 "cause": late.cause,
+                "stolen": late.stolen,
             })
         });
         json!({
@@ -91,5 +112,37 @@ impl Loops {
             "late": late.collect::<Vec<_>>(),
             "late_in_all": self.late_in_all,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_stolen_around_a_late_cycle_is_told_of_it() {
+        let mut loops = Loops::default();
+        let mut take = |time, code, subject, arguments| {
+            loops.take(&Event {
+                thread: 0,
+                time,
+                code,
+                subject,
+                arguments,
+            });
+        };
+        take(1_000, LATE, 7, [50, UNKNOWN]);
+        take(2_000, LATE, 7, [50, UNKNOWN]);
+        take(2_100, LATE, 7, [50, 2]);
+        take(2_500, STOLEN, 1, [10, 1_000]);
+        take(2_500, STOLEN, 3, [20, 1_000]);
+        take(2_500, STOLEN, 0, [15, 1_000]);
+        take(2_600, LATE, 7, [50, UNKNOWN]);
+        let json = loops.json();
+        let stolen = |late: usize| &json["late"][late]["stolen"];
+        assert!(stolen(0).is_null(), "before");
+        assert_eq!(*stolen(1), json!([3, 20]));
+        assert!(stolen(2).is_null(), "its cause is known");
+        assert!(stolen(3).is_null(), "after");
     }
 }

@@ -2,6 +2,7 @@
 
 use super::tree::{Label, Node, Tree};
 use luna_platform::current::{self, Process, ProcessId};
+use luna_platform::events::{self, Kind, code};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::fmt;
 use std::future::Future;
@@ -17,6 +18,8 @@ use std::task::{Context, Poll};
 ///
 /// The first 63 bytes of the name are kept, cut between characters. Within `luna::run`, where there is no system, and under other
 /// runtimes it is the future and nothing else.
+///
+/// In a recording with events its turns are told, with its name. The parts of a process that have no name are told as the process.
 ///
 /// Real-time path: yes; nothing is allocated. The first poll and the end take a priority-inheriting lock for a few steps, O(1); the
 /// polls in between cost some stores. Cancel-safe if the future is.
@@ -45,6 +48,8 @@ use std::task::{Context, Poll};
 pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
     Named {
         tree: None,
+        untold: None,
+        is_told: false,
         node: Place(UnsafeCell::new(Node::new(Label::new(name)))),
         future,
         _pinned: PhantomPinned,
@@ -56,10 +61,13 @@ pub fn named<F: Future>(name: &str, future: F) -> Named<F> {
 /// # Invariants
 ///
 /// `node` is in the list of `tree` exactly while there is a `tree`; it is then pinned. Its links, `id`, `parent` and `process` are
-/// written under the list's lock alone, and but for the links by this future alone.
+/// written under the list's lock alone, and but for the links by this future alone. `untold` is `None`, or the process of the node, which is then listed.
 #[must_use = "a sub-process does nothing unless awaited"]
 pub struct Named<F> {
     tree: Option<Arc<Tree>>,
+    /// The process in which it is listed while its turns are not told: that of almost every poll.
+    untold: Option<ProcessId>,
+    is_told: bool,
     node: Place,
     future: F,
     _pinned: PhantomPinned,
@@ -119,7 +127,7 @@ impl<F> Named<F> {
                 return id;
             }
             // It was moved to another process, or to another part of this one.
-            self.unlist();
+            self.unlist(code::sub_ended::DROPPED);
         }
         let Some(tree) = TREE.with_borrow(Clone::clone) else {
             return 0;
@@ -138,11 +146,31 @@ impl<F> Named<F> {
             id
         };
         self.tree = Some(tree);
+        self.is_told = events::is_on();
+        if self.is_told {
+            events::name_in_ring(Kind::SubProcess, id as u32, self.name());
+        } else {
+            self.untold = Some(process);
+        }
         id
     }
 
-    fn unlist(&mut self) {
+    /// `how` is one of [`code::sub_ended`].
+    fn unlist(&mut self, how: u64) {
+        self.untold = None;
         if let Some(tree) = self.tree.take() {
+            if std::mem::take(&mut self.is_told) {
+                // On a thread of another system its number would mean another one.
+                let is_here = TREE.try_with(|here| {
+                    let here = here.borrow();
+                    here.as_ref().is_some_and(|here| Arc::ptr_eq(here, &tree))
+                });
+                if is_here.unwrap_or(false) {
+                    // SAFETY: this future alone writes the field.
+                    let id = unsafe { (*self.node.0.get()).id };
+                    events::tell(code::SUB_DONE, id as u32, || [how, 0]);
+                }
+            }
             let node = NonNull::from(&self.node.0).cast::<Node>();
             // SAFETY: while there was a tree the node was in its list.
             unsafe { tree.list.lock().remove(node) };
@@ -150,10 +178,11 @@ impl<F> Named<F> {
     }
 }
 
-impl<F: Future> Future for Named<F> {
-    type Output = F::Output;
-
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+impl<F: Future> Named<F> {
+    /// # Safety
+    ///
+    /// The future is pinned.
+    unsafe fn poll_within(&mut self, within: u64, cx: &mut Context<'_>) -> Poll<F::Output> {
         /// Says that it does not run any more, also when it has panicked.
         struct Ended<'a> {
             within: u64,
@@ -165,29 +194,71 @@ impl<F: Future> Future for Named<F> {
                 self.is_running.store(false, Ordering::Relaxed);
             }
         }
+        // SAFETY: both are atomic, and may be borrowed while others look at them.
+        let (is_running, level) = unsafe {
+            let node = self.node.0.get();
+            (&(*node).is_running, &(*node).level)
+        };
+        is_running.store(true, Ordering::Relaxed);
+        level.store(current::priority().level, Ordering::Relaxed);
+        let _ended = Ended {
+            within: WITHIN.replace(within),
+            is_running,
+        };
+        // SAFETY: the future is pinned with the whole.
+        unsafe { Pin::new_unchecked(&mut self.future) }.poll(cx)
+    }
+
+    /// A poll that is the first one in this place, or is told, or of what no system looks at.
+    ///
+    /// # Safety
+    ///
+    /// The future is pinned.
+    #[cold]
+    #[inline(never)]
+    unsafe fn poll_otherwise(
+        &mut self,
+        process: ProcessId,
+        cx: &mut Context<'_>,
+    ) -> Poll<F::Output> {
+        // SAFETY: the contract.
+        let id = unsafe { self.list(process) };
+        let around = WITHIN.get();
+        let within = if id == 0 { around } else { id };
+        let is_told = self.is_told;
+        // SAFETY: the contract.
+        let mut poll = || unsafe { self.poll_within(within, cx) };
+        if is_told {
+            events::sub_turn(id as u32, [process.get().into(), around], poll)
+        } else {
+            poll()
+        }
+    }
+}
+
+impl<F: Future> Future for Named<F> {
+    type Output = F::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
         // SAFETY: nothing is moved out.
         let this = unsafe { self.get_unchecked_mut() };
         let process = current::process(|process| process.map(Process::id));
-        // SAFETY: the future is pinned, as this value is.
-        let id = process.map_or(0, |process| unsafe { this.list(process) });
-        let polled = {
-            // SAFETY: both are atomic, and may be borrowed while others look at them.
-            let (is_running, level) = unsafe {
-                let node = this.node.0.get();
-                (&(*node).is_running, &(*node).level)
-            };
-            is_running.store(true, Ordering::Relaxed);
-            level.store(current::priority().level, Ordering::Relaxed);
-            let within = if id == 0 { WITHIN.get() } else { id };
-            let _ended = Ended {
-                within: WITHIN.replace(within),
-                is_running,
-            };
-            // SAFETY: the future is pinned with the whole.
-            unsafe { Pin::new_unchecked(&mut this.future) }.poll(cx)
+        let around = WITHIN.get();
+        // SAFETY: this future alone writes these fields, so it may read them without the lock.
+        let (parent, id) = unsafe { ((*this.node.0.get()).parent, (*this.node.0.get()).id) };
+        let within = match process {
+            None => Some(around),
+            listed if this.untold == listed && parent == around => Some(id),
+            _ => None,
+        };
+        let polled = match (within, process) {
+            // SAFETY: the future is pinned, as this value is.
+            (None, Some(process)) => unsafe { this.poll_otherwise(process, cx) },
+            // SAFETY: as above.
+            (within, _) => unsafe { this.poll_within(within.unwrap_or(around), cx) },
         };
         if polled.is_ready() {
-            this.unlist();
+            this.unlist(code::sub_ended::RETURNED);
         }
         polled
     }
@@ -195,7 +266,7 @@ impl<F: Future> Future for Named<F> {
 
 impl<F> Drop for Named<F> {
     fn drop(&mut self) {
-        self.unlist();
+        self.unlist(code::sub_ended::DROPPED);
     }
 }
 

@@ -99,11 +99,22 @@ pub struct ViaClosure;
 /// - a future with output `luna::Result<()>` that is `Send`;
 /// - a closure that makes one: it runs on the executor's thread, so the future need not be `Send`;
 /// - a type that implements [`Process`].
+///
+/// ```compile_fail,E0277
+/// use luna::prelude::*;
+///
+/// let mut system = System::new("returns nothing");
+/// let main = system.executor("main").build()?;
+/// main.process("greeter").spawn(async { println!("hello") })?; // without an Ok(())
+/// # Ok::<(), luna::Error>(())
+/// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot be spawned as a process",
     label = "not a process",
-    note = "a process is a future or a closure that makes one, with output `luna::Result<()>`, or a type that implements \
-            `luna::Process`; it must be `Send + 'static`, and an async block must end in `Ok(())`"
+    note = "a process is a future or a closure that makes one, with output `luna::Result<()>`, or a type that implements `luna::Process`",
+    note = "an async block ends in `Ok(())`; other errors become `luna::Error` by `?`, or by `.map_err(luna::Error::other)`",
+    note = "it must be `Send + 'static`, with all that it holds across an await, so no `Rc`; a future that is not `Send` is made by a closure, \
+            `spawn(|| body())`, which runs where the process does"
 )]
 pub trait IntoProcess<M> {
     #[doc(hidden)]

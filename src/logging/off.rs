@@ -4,6 +4,7 @@ use crate::error::{Error, SetupError};
 use std::convert::Infallible;
 use std::fmt;
 use std::marker::PhantomData;
+use std::time::Duration;
 
 /// A number, a boolean or a small vector over time. This build has no logger (feature `logger`), so it is nothing: it has no size, and recording is no code.
 pub struct Signal<T>(PhantomData<fn(T)>);
@@ -136,6 +137,8 @@ impl Log {
 
     #[inline(always)]
     pub(crate) fn enter_home(&self) {}
+
+    pub(crate) fn tell_stolen(&self, _: usize, _: Duration, _: Duration) {}
 
     pub(crate) fn tell_safety(&self, _: u32, _: u8) {}
 

@@ -8,7 +8,10 @@ pub use luna_logger::{
 
 use crate::error::{Error, SetupError};
 use luna_logger::{Entered, Hub, Recorder, TimeBase};
+#[cfg(feature = "events")]
+use luna_platform::clock::nanos;
 use std::sync::Arc;
+use std::time::Duration;
 
 #[cfg(feature = "events")]
 pub use luna_logger::EventsReport;
@@ -89,6 +92,18 @@ impl Log {
     pub(crate) fn enter_home(&self) {
         #[cfg(feature = "events")]
         self.0.enter_home();
+    }
+
+    /// A hypervisor took so much of a core in the time that has just passed.
+    pub(crate) fn tell_stolen(&self, core: usize, stolen: Duration, within: Duration) {
+        #[cfg(feature = "events")]
+        self.0.tell(
+            luna_platform::events::code::STOLEN,
+            core as u32,
+            [nanos(stolen), nanos(within)],
+        );
+        #[cfg(not(feature = "events"))]
+        let _ = (core, stolen, within);
     }
 
     /// The safety state has changed, by a process or by nobody (0).

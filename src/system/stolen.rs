@@ -30,17 +30,26 @@ pub(super) struct Stolen {
 
 /// Something was stolen from a core between two samples.
 #[derive(Debug, Clone, Copy)]
-struct Window {
-    core: usize,
+pub(super) struct Window {
+    pub(super) core: usize,
     from: Instant,
     until: Instant,
-    stolen: Duration,
+    pub(super) stolen: Duration,
+}
+
+impl Window {
+    pub(super) fn length(&self) -> Duration {
+        self.until - self.from
+    }
 }
 
 impl Stolen {
     /// Takes the first sample.
     pub(super) fn begin() -> Self {
-        let mut meter = StealMeter::open();
+        Self::of(StealMeter::open())
+    }
+
+    fn of(mut meter: Option<StealMeter>) -> Self {
         // Before the reading: what is read belongs to no earlier time.
         let now = Instant::now();
         Self {
@@ -52,13 +61,13 @@ impl Stolen {
         }
     }
 
-    /// Takes a sample if it is time to; gives when the next one is.
-    pub(super) fn sample_if_due(&mut self) -> Instant {
+    /// Takes a sample if it is time to, as [`sample`](Self::sample); gives when the next one is.
+    pub(super) fn sample_if_due(&mut self, tell: impl FnMut(&Window)) -> Instant {
         if self.meter.is_none() {
             return Instant::NEVER;
         }
         if Instant::now() >= self.sampled + self.pause() {
-            self.sample();
+            self.sample(tell);
         }
         self.sampled + self.pause()
     }
@@ -71,16 +80,16 @@ impl Stolen {
         }
     }
 
-    /// Takes a sample.
-    pub(super) fn sample(&mut self) {
+    /// Takes a sample, and tells of each core from which something was stolen since the one before.
+    pub(super) fn sample(&mut self, tell: impl FnMut(&Window)) {
         if let Some(meter) = &mut self.meter {
             let read = meter.read();
             let now = Instant::now();
-            self.add(read, now);
+            self.add(read, now, tell);
         }
     }
 
-    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant) {
+    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant, mut tell: impl FnMut(&Window)) {
         for &(core, stolen) in &read {
             let before = self.last.iter().find(|(other, _)| *other == core);
             // A core that was just switched on has no past.
@@ -94,12 +103,14 @@ impl Stolen {
             {
                 self.complete_since = forgotten.until;
             }
-            self.windows.push_back(Window {
+            let window = Window {
                 core,
                 from: self.sampled,
                 until: now,
                 stolen,
-            });
+            };
+            tell(&window);
+            self.windows.push_back(window);
         }
         self.last = read;
         self.sampled = now;
@@ -143,12 +154,49 @@ mod tests {
     #[test]
     fn the_windows_around_count() {
         let mut stolen = begun();
-        stolen.add(vec![(0, ms(1000)), (1, ms(70))], at(200));
-        stolen.add(vec![(0, ms(1010)), (1, ms(70))], at(300));
+        stolen.add(vec![(0, ms(1000)), (1, ms(70))], at(200), |_| ());
+        stolen.add(vec![(0, ms(1010)), (1, ms(70))], at(300), |_| ());
         assert_eq!(stolen.between(1, at(150), at(151)), Some(ms(20)));
         assert_eq!(stolen.between(1, at(210), at(220)), Some(Duration::ZERO));
         assert_eq!(stolen.between(0, at(190), at(210)), Some(ms(10)));
         assert_eq!(stolen.between(0, at(110), at(120)), Some(Duration::ZERO));
+    }
+
+    #[cfg(all(target_os = "linux", not(luna_portable)))]
+    #[test]
+    fn what_the_kernel_tells_is_told_of_its_core() {
+        let path = std::env::temp_dir().join(format!("luna-stolen-{}", std::process::id()));
+        let cores = |first: u64, second: u64| {
+            let text = format!(
+                "cpu  1 2 3 4 5 6 7 {} 0 0\ncpu0 1 2 3 4 5 6 7 {first} 0 0\ncpu1 1 2 3 4 5 6 7 {second} 0 0\nintr 1 2 3\n",
+                first + second
+            );
+            std::fs::write(&path, text).unwrap();
+        };
+        cores(100, 0);
+        let mut stolen = Stolen::of(StealMeter::open_at(&path));
+        let tick = stolen.last[0].1 / 100;
+        assert!(!tick.is_zero());
+        let mut told = Vec::new();
+        let mut sample = |stolen: &mut Stolen| {
+            stolen.sample(|window| {
+                assert_eq!(window.until, window.from + window.length());
+                told.push((window.core, window.stolen));
+            });
+            stolen.sampled
+        };
+        let first = sample(&mut stolen);
+        cores(103, 0);
+        let second = sample(&mut stolen);
+        cores(103, 2);
+        let third = sample(&mut stolen);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(told, [(0, 3 * tick), (1, 2 * tick)]);
+        // Both are known of the times in which they were taken, and of no others.
+        assert_eq!(stolen.between(0, first, second), Some(3 * tick));
+        assert_eq!(stolen.between(1, first, second), Some(Duration::ZERO));
+        assert_eq!(stolen.between(0, second, third), Some(Duration::ZERO));
+        assert_eq!(stolen.between(1, second, third), Some(2 * tick));
     }
 
     #[test]
@@ -162,7 +210,7 @@ mod tests {
     #[test]
     fn what_was_not_sampled_is_not_known() {
         let mut stolen = begun();
-        stolen.add(vec![(0, ms(1000)), (2, ms(9000))], at(200));
+        stolen.add(vec![(0, ms(1000)), (2, ms(9000))], at(200), |_| ());
         assert_eq!(stolen.between(0, at(99), at(110)), None, "before");
         assert_eq!(stolen.between(0, at(190), at(201)), None, "after");
         assert_eq!(stolen.between(1, at(110), at(120)), None, "switched off");
@@ -177,7 +225,7 @@ mod tests {
     fn the_oldest_windows_are_forgotten_and_not_denied() {
         let mut stolen = begun();
         for n in 1..=KEPT as u64 + 1 {
-            stolen.add(vec![(0, ms(1000 + 10 * n))], at(100 + 100 * n));
+            stolen.add(vec![(0, ms(1000 + 10 * n))], at(100 + 100 * n), |_| ());
         }
         assert_eq!(stolen.between(0, at(110), at(120)), None);
         assert_eq!(stolen.between(0, at(210), at(220)), Some(ms(10)));

@@ -6,7 +6,7 @@ use super::launch::{Launched, launch};
 use super::plan::{Phase, Plan, Running};
 use super::quiet::Lookout;
 use super::register::{Funeral, Register};
-use super::stolen::Stolen;
+use super::stolen::{Stolen, Window};
 use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
@@ -126,7 +126,12 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     plan.devices().let_go();
     // Only now: who was cancelled where time stood still may have raised one, or panicked, on the way out.
     let was_emergency = emergency.is_safe();
-    stolen.sample();
+    stolen.sample(|window| {
+        // Where time is virtual each recording is to be the same.
+        if scope.has_loops() && !clock_kind.is_virtual() {
+            tell_stolen(&running, window);
+        }
+    });
     let safety = emergency.conclude();
     if let Some(guardian) = guardian {
         guardian.end(safety.failed().next().is_none());
@@ -295,6 +300,11 @@ fn announce_shortfalls(
     );
 }
 
+fn tell_stolen(running: &Running, window: &Window) {
+    let log = &running.common.log;
+    log.tell_stolen(window.core, window.stolen, window.length());
+}
+
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
 /// the OS threads to the crowd, and the deadlock that was found, if one was.
 fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Option<Deadlock> {
@@ -349,7 +359,7 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
         }
         // What a hypervisor takes makes nobody late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
-            stolen.sample_if_due()
+            stolen.sample_if_due(|window| tell_stolen(running, window))
         } else {
             Instant::NEVER
         };

@@ -12,7 +12,7 @@ use crate::record;
 use crate::safety::Ledger;
 use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::current;
-use luna_platform::events;
+use luna_platform::events::{self, Kind};
 use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::panic::{RefUnwindSafe, UnwindSafe};
@@ -556,7 +556,7 @@ impl Periodic {
         self.parameters = self.scope.parameters();
         let name = self.name();
         let statistics = self.statistics();
-        events::name_loop(statistics.number, name.as_str());
+        events::name_in_ring(Kind::Loop, statistics.number, name.as_str());
         statistics.late.begin_here(now);
     }
 

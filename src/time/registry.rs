@@ -8,7 +8,7 @@ use crate::parameters::{Reader, Store};
 use luna_executors::Living;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current;
-use luna_platform::events;
+use luna_platform::events::{self, Kind};
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -257,7 +257,7 @@ impl Scope {
         statistics.number = loops.names.len() as u32;
         drop(loops);
         if !Self::is_preparing() {
-            events::name_loop(statistics.number, name);
+            events::name_in_ring(Kind::Loop, statistics.number, name);
         }
         statistics.period = period;
         if self.grows {

@@ -17,6 +17,7 @@ use std::task::{Context, Poll};
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a guard",
     label = "an alternative takes `recv()`, `send(..)`, `sync()` or `luna::after(..)`, not any future",
+    note = "a guard is the operation itself, without `.await`",
     note = "put other work in the body, or in a process of its own that answers over a channel"
 )]
 pub trait Guard: RawGuard {

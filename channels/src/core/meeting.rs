@@ -10,9 +10,10 @@
 //! ```
 
 use super::AtHome;
-use crate::place::{LastUser, Place, user_number};
+use crate::place::{LastUser, Lists, Place, user_number};
 use crate::waiter::Waiter;
 use luna_platform::current::{self, Process};
+use luna_platform::home_lock::InsideGuard;
 use luna_platform::wait_list::WaitNode;
 use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;
@@ -42,6 +43,24 @@ fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
     }
 }
 
+/// The process whose plain turn this is, and who waits in the place, if its lock favours the home of that process.
+#[inline(always)]
+fn enter<'a, const RECORDED: bool>(
+    place: &'a Place,
+    cx: &'a Context<'_>,
+) -> Option<(&'a Process, InsideGuard<'a, Lists>)> {
+    let Some(process) = turn::<RECORDED>(cx) else {
+        cold_path();
+        return None;
+    };
+    // SAFETY: this is the thread of the process' home.
+    let Some(lists) = (unsafe { place.lock_if_favoured(process.home_number()) }) else {
+        cold_path();
+        return None;
+    };
+    Some((process, lists))
+}
+
 /// Looks for the receiver that waits, and lists the sender if there is none. O(1).
 ///
 /// # Safety
@@ -53,16 +72,11 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     node: NonNull<Waiter<()>>,
     cx: &Context<'_>,
 ) -> Found {
-    let Some(process) = turn::<RECORDED>(cx) else {
-        cold_path();
+    let Some((process, mut lists)) = enter::<RECORDED>(place, cx) else {
         return Found::No;
     };
-    // SAFETY: this is the thread of the process' home. Under the lock a listed node may be looked at. How a node is listed does not depend on its value.
+    // SAFETY: under the lock a listed node may be looked at. How a node is listed does not depend on its value.
     unsafe {
-        let Some(mut lists) = place.lock_if_favoured(process.home_number()) else {
-            cold_path();
-            return Found::No;
-        };
         if lists.is_plain {
             if let Some(first) = lists.receivers.first() {
                 if Waiter::has_plain_wakeup(first.cast::<Waiter<()>>()) {
@@ -99,16 +113,11 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
     node: NonNull<Waiter<()>>,
     cx: &Context<'_>,
 ) -> Found {
-    let Some(process) = turn::<RECORDED>(cx) else {
-        cold_path();
+    let Some((process, mut lists)) = enter::<RECORDED>(place, cx) else {
         return Found::No;
     };
     // SAFETY: as above.
     unsafe {
-        let Some(mut lists) = place.lock_if_favoured(process.home_number()) else {
-            cold_path();
-            return Found::No;
-        };
         if !lists.is_plain {
             cold_path();
             return Found::No;

@@ -1,4 +1,4 @@
-//! Events as tracks of a Perfetto trace: what each process does, and whom each executor runs.
+//! Events as tracks of a Perfetto trace: what each process and each named part of one does, and whom each executor runs.
 
 use super::events::Names;
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
@@ -7,9 +7,10 @@ use luna_logger::format::{Event, Subject};
 use luna_platform::events::code;
 use std::collections::{HashMap, HashSet};
 
-/// Tracks of executors, and those of processes, are numbered from here.
+/// Tracks of executors, those of processes, and those of sub-processes are numbered from here.
 const EXECUTORS: u64 = 1 << 36;
 const PROCESSES: u64 = 1 << 41;
+const SUB_PROCESSES: u64 = 1 << 42;
 
 /// `TrackEvent.Type`
 const BEGIN: u64 = 1;
@@ -30,8 +31,16 @@ pub(super) struct Activity {
     processes: HashMap<u32, State>,
     /// Whose slice is open on an executor's track: a process', or 0 while it sleeps.
     executors: HashMap<u32, u32>,
+    /// The tracks of those sub-processes that live, and whether a slice is open there.
+    sub_processes: HashMap<u32, (Place, u64, bool)>,
+    /// The tracks of those that have ended, for who comes to the same place.
+    free: HashMap<Place, Vec<u64>>,
+    places: u64,
     flows: u64,
 }
+
+/// Where a sub-process stands: the track that it is below, and its name. One that begins again and again has one track.
+type Place = (u64, String);
 
 /// The packets of one event, in their order.
 struct Packets<'a, P> {
@@ -136,10 +145,7 @@ impl Activity {
                         "ready",
                     )?;
                 } else {
-                    let name = match words.first.as_str() {
-                        "" => "waiting".to_owned(),
-                        awaited => format!("waiting for {awaited}"),
-                    };
+                    let name = waiting(&words.first);
                     turn(
                         &mut self.processes,
                         &mut packets,
@@ -168,6 +174,45 @@ impl Activity {
                 packets.begin(track, "asleep")?;
             }
             code::AWAKE => leave(&mut self.executors, &mut packets, event.subject)?,
+            code::SUB_RUNNING => {
+                if !self.sub_processes.contains_key(&process) {
+                    let around = u32::try_from(b).ok();
+                    let around = around.and_then(|around| self.sub_processes.get(&around));
+                    let below = match around {
+                        Some((_, track, _)) => *track,
+                        None => packets.track(Subject::Process, a as u32)?,
+                    };
+                    let place = (below, words.subject.clone());
+                    let track = match self.free.get_mut(&place).and_then(Vec::pop) {
+                        Some(track) => track,
+                        None => {
+                            self.places += 1;
+                            let uuid = SUB_PROCESSES + self.places;
+                            let described =
+                                track(uuid, Some(below), |track| track.text(2, &words.subject));
+                            (packets.put)(described)?;
+                            uuid
+                        }
+                    };
+                    self.sub_processes.insert(process, (place, track, false));
+                }
+                sub_turn(
+                    &mut self.sub_processes,
+                    &mut packets,
+                    process,
+                    Some("running"),
+                )?;
+            }
+            code::SUB_WAITING => {
+                let name = waiting(&words.first);
+                sub_turn(&mut self.sub_processes, &mut packets, process, Some(&name))?;
+            }
+            code::SUB_DONE => {
+                sub_turn(&mut self.sub_processes, &mut packets, process, None)?;
+                if let Some((place, track, _)) = self.sub_processes.remove(&process) {
+                    self.free.entry(place).or_default().push(track);
+                }
+            }
             code::COMMUNICATION => {
                 let ends = [(a, "send"), (b, "receive")];
                 self.flows += 1;
@@ -211,6 +256,29 @@ impl Activity {
         }
         Ok(())
     }
+}
+
+fn waiting(awaited: &str) -> String {
+    match awaited {
+        "" => "waiting".to_owned(),
+        awaited => format!("waiting for {awaited}"),
+    }
+}
+
+/// A sub-process does something else now, or has ended. Of one whose begin was lost nothing is known.
+fn sub_turn<E, P: FnMut(Message) -> Result<(), E>>(
+    sub_processes: &mut HashMap<u32, (Place, u64, bool)>,
+    packets: &mut Packets<'_, P>,
+    one: u32,
+    does: Option<&str>,
+) -> Result<(), E> {
+    let Some((_, track, is_open)) = sub_processes.get_mut(&one) else {
+        return Ok(());
+    };
+    if std::mem::replace(is_open, does.is_some()) {
+        packets.end(*track)?;
+    }
+    does.map_or(Ok(()), |name| packets.begin(*track, name))
 }
 
 /// A process does something else now.

@@ -49,6 +49,7 @@ impl Names {
             Subject::Barrier => "barrier",
             Subject::Lock => "lock",
             Subject::Loop => "loop",
+            Subject::SubProcess => "sub-process",
             _ => "event",
         };
         let known = u32::try_from(number).ok();
@@ -141,6 +142,27 @@ impl Names {
                 };
                 (self.process(subject), degree.to_owned(), none())
             }
+            code::SUB_RUNNING => {
+                let around = match b {
+                    0 => none(),
+                    around => self.of(Subject::SubProcess, around),
+                };
+                let one = self.of(Subject::SubProcess, subject);
+                (one, self.process(a), around)
+            }
+            code::SUB_WAITING => {
+                let one = self.of(Subject::SubProcess, subject);
+                (one, self.awaited([a, b]), none())
+            }
+            code::SUB_DONE => {
+                let how = match a {
+                    code::sub_ended::RETURNED => "returned",
+                    _ => "dropped",
+                };
+                let one = self.of(Subject::SubProcess, subject);
+                (one, how.to_owned(), none())
+            }
+            code::STOLEN => (format!("core {subject}"), number(a), number(b)),
             code::PRIORITY => (self.process(subject), number(a), number(b)),
             _ => (number(subject), number(a), number(b)),
         };

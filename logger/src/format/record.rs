@@ -146,6 +146,8 @@ pub enum Subject {
     Loop = 6,
     /// A kind of event.
     Code = 7,
+    /// A named part of a process.
+    SubProcess = 8,
 }
 
 impl Subject {
@@ -158,6 +160,7 @@ impl Subject {
             Subject::Lock,
             Subject::Loop,
             Subject::Code,
+            Subject::SubProcess,
         ]
         .into_iter()
         .find(|one| *one as u8 == byte)

@@ -142,9 +142,13 @@ impl Events {
             code::COMMUNICATION => Kind::Channel,
             code::ASLEEP | code::AWAKE => Kind::Executor,
             code::SLOT | code::LATE => Kind::Loop,
+            code::SUB_RUNNING | code::SUB_WAITING | code::SUB_DONE => Kind::SubProcess,
             _ => Kind::Process,
         };
-        self.mention(kind, subject.into(), &mut put);
+        // Of a core the number is the name.
+        if of != code::STOLEN {
+            self.mention(kind, subject.into(), &mut put);
+        }
         match of {
             code::READY | code::SPAWNED => self.mention(Kind::Process, a, &mut put),
             code::COMMUNICATION => {
@@ -152,13 +156,17 @@ impl Events {
                 self.mention(Kind::Process, b, &mut put);
             }
             code::ALTERNATIVE => self.mention(Kind::Channel, b, &mut put),
-            code::WAITING => {
+            code::SUB_RUNNING => {
+                self.mention(Kind::Process, a, &mut put);
+                self.mention(Kind::SubProcess, b, &mut put);
+            }
+            code::WAITING | code::SUB_WAITING => {
                 let kinds = [Kind::Channel, Kind::Barrier, Kind::Lock, Kind::Loop];
                 if let Some(kind) = kinds.into_iter().find(|kind| *kind as u64 == a) {
                     self.mention(kind, b, &mut put);
                 }
             }
-            code::DONE => self.ended.push(key(Kind::Process, subject.into())),
+            code::DONE | code::SUB_DONE => self.ended.push(key(kind, subject.into())),
             _ => {}
         }
         put(&Record::Event(Event {
@@ -198,6 +206,7 @@ impl Events {
             Kind::Barrier => Subject::Barrier,
             Kind::Lock => Subject::Lock,
             Kind::Loop => Subject::Loop,
+            Kind::SubProcess => Subject::SubProcess,
         };
         let runs_on = name
             .runs_on
@@ -220,8 +229,12 @@ impl Events {
 
     fn take_part(&mut self, thread: u32, of: u16, subject: u32, [a, b]: [u64; 2]) {
         if of == TEXT_HEAD {
+            let kind = match a >> 32 {
+                kind if kind == Kind::SubProcess as u64 => Kind::SubProcess,
+                _ => Kind::Loop,
+            };
             let name = Name {
-                kind: Kind::Loop,
+                kind,
                 number: subject,
                 parent: b as u32,
                 text: String::new(),
@@ -230,7 +243,7 @@ impl Events {
             let parts = Parts {
                 name,
                 bytes: Vec::new(),
-                length: a as usize,
+                length: a as u32 as usize,
             };
             self.parts.insert(thread, parts);
         } else if of == TEXT
@@ -257,9 +270,12 @@ impl Events {
             self.take_part(thread, head.code(), head.signal(), [entry[2], entry[3]]);
         } else {
             *self.refused.entry(thread).or_default() += 1;
-            if head.code() == code::DONE {
-                self.ended.push(key(Kind::Process, head.signal().into()));
-            }
+            let kind = match head.code() {
+                code::DONE => Kind::Process,
+                code::SUB_DONE => Kind::SubProcess,
+                _ => return,
+            };
+            self.ended.push(key(kind, head.signal().into()));
         }
     }
 

@@ -4,6 +4,7 @@
 //! not taken until then counts as refused, and the sink's thread is left alone with it. A sink that panics is ended at once, so that it says what it had taken and has lost; one that
 //! never returns cannot say that.
 
+use super::monitor::Monitor;
 use super::sink::Sink;
 use crate::format::Tally;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
@@ -11,7 +12,7 @@ use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long a sink that cannot take a block yet is left alone.
@@ -46,11 +47,7 @@ impl News {
     }
 }
 
-#[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
-    changes: Condvar,
-}
+type Shared = Monitor<State>;
 
 #[derive(Default)]
 struct State {
@@ -84,39 +81,32 @@ impl Limiter {
     /// From now on a sink has so long.
     pub(super) fn end_within(&self, limit: Duration) {
         let at = Instant::now() + limit.min(Duration::from_secs(86_400));
-        self.0.state().limit = Some(at);
-        self.0.changes.notify_all();
+        self.0.change(|state| state.limit = Some(at));
     }
 }
 
-impl Shared {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Waits until `is_so`, or the deadline; says whether it came to be so. `asked_to_end`: when the sink was.
-    fn wait_until(&self, asked_to_end: Option<Instant>, is_so: impl Fn(&State) -> bool) -> bool {
-        let mut state = self.state();
-        while !is_so(&state) {
-            let left = match state.limit {
-                None => Duration::from_secs(3600),
-                Some(limit) => {
-                    deadline(limit, asked_to_end).saturating_duration_since(Instant::now())
-                }
-            };
-            if left.is_zero() {
-                state.is_left_alone = true;
-                self.changes.notify_all();
-                return false;
-            }
-            state = self
-                .changes
-                .wait_timeout(state, left)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+/// Waits until it is so, or the deadline; says whether it came to be so. `asked_to_end`: when the sink was.
+fn wait_until(
+    shared: &Shared,
+    asked_to_end: Option<Instant>,
+    is_so: impl Fn(&State) -> bool,
+) -> bool {
+    let mut state = shared.lock();
+    while !is_so(&state) {
+        let limit = state.limit;
+        let left = limit.map_or(Duration::from_secs(3600), |limit| {
+            deadline(limit, asked_to_end).saturating_duration_since(Instant::now())
+        });
+        if left.is_zero() {
+            state.is_left_alone = true;
+            shared.wake();
+            return false;
         }
-        true
+        // A limit may be set meanwhile.
+        state =
+            shared.wait_while_within(state, left, |state| !is_so(state) && state.limit == limit);
     }
+    true
 }
 
 /// Until when a sink is waited for: one for all its blocks, and one for its end, which may be asked for late.
@@ -127,7 +117,7 @@ fn deadline(limit: Instant, asked_to_end: Option<Instant>) -> Instant {
 impl Handoff {
     /// Gives `sink` a thread.
     pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::<Shared>::default();
         let theirs = shared.clone();
         let thread = spawn(
             Attributes::framework("luna-recording", Policy::Other),
@@ -141,7 +131,7 @@ impl Handoff {
                     let ended = AssertUnwindSafe(|| sink.end(Duration::ZERO));
                     let _ = catch_unwind(ended);
                     let lost = catch_unwind(AssertUnwindSafe(|| sink.take_lost()));
-                    gone.0.state().news.add(lost.unwrap_or_default());
+                    gone.0.lock().news.add(lost.unwrap_or_default());
                     resume_unwind(panic);
                 }
                 drop(sink);
@@ -161,7 +151,7 @@ impl Handoff {
     /// What becomes of a block.
     pub(super) fn block(&mut self, block: &[u8]) -> io::Result<()> {
         {
-            let mut state = self.shared.state();
+            let mut state = self.shared.lock();
             state.block.clear();
             state.block.extend_from_slice(block);
         }
@@ -177,7 +167,7 @@ impl Handoff {
     fn ask_for(&mut self, job: Job, asked_to_end: Option<Instant>) -> io::Result<()> {
         let late = || io::Error::new(io::ErrorKind::TimedOut, LATE);
         {
-            let mut state = self.shared.state();
+            let mut state = self.shared.lock();
             let is_late = state
                 .limit
                 .is_some_and(|limit| Instant::now() > deadline(limit, None));
@@ -186,11 +176,11 @@ impl Handoff {
             }
             state.job = job;
         }
-        self.shared.changes.notify_all();
-        self.shared.wait_until(asked_to_end, |state| {
+        self.shared.wake();
+        wait_until(&self.shared, asked_to_end, |state| {
             state.outcome.is_some() || state.is_gone
         });
-        let mut state = self.shared.state();
+        let mut state = self.shared.lock();
         self.news.wants_declarations |= std::mem::take(&mut state.news.wants_declarations);
         self.news.lost.append(&mut state.news.lost);
         // It may have come while the limit passed: then it counts.
@@ -225,7 +215,7 @@ impl Handoff {
         let Some(thread) = self.thread.take() else {
             return outcome;
         };
-        if self.shared.wait_until(asked, |state| state.is_gone) {
+        if wait_until(&self.shared, asked, |state| state.is_gone) {
             let _ = thread.join();
         }
         outcome
@@ -237,8 +227,7 @@ struct Gone(Arc<Shared>);
 
 impl Drop for Gone {
     fn drop(&mut self) {
-        self.0.state().is_gone = true;
-        self.0.changes.notify_all();
+        self.0.change(|state| state.is_gone = true);
     }
 }
 
@@ -247,13 +236,9 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) {
     // Swapped with the block that is under way, so that the sink works on it without the lock.
     let mut block = Vec::new();
     loop {
-        let mut state = shared.state();
-        while state.job == Job::None && !state.is_left_alone {
-            state = shared
-                .changes
-                .wait(state)
-                .unwrap_or_else(PoisonError::into_inner);
-        }
+        let mut state = shared.wait_while(shared.lock(), |state| {
+            state.job == Job::None && !state.is_left_alone
+        });
         if state.is_left_alone {
             return;
         }
@@ -276,12 +261,11 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) {
             Job::Ask | Job::None => Ok(()),
         };
         let (wants, lost) = (sink.wants_declarations(), sink.take_lost());
-        let mut state = shared.state();
-        state.news.wants_declarations |= wants;
-        state.news.add(lost);
-        state.outcome = Some(outcome);
-        drop(state);
-        shared.changes.notify_all();
+        shared.change(|state| {
+            state.news.wants_declarations |= wants;
+            state.news.add(lost);
+            state.outcome = Some(outcome);
+        });
         if job == Job::End {
             return;
         }
@@ -295,15 +279,8 @@ fn take(shared: &Shared, sink: &mut dyn Sink, block: &[u8]) -> Option<io::Result
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
             outcome => return Some(outcome),
         }
-        let state = shared.state();
-        let waited = shared
-            .changes
-            .wait_timeout_while(state, AGAIN, |state| !state.is_left_alone);
-        if waited
-            .unwrap_or_else(PoisonError::into_inner)
-            .0
-            .is_left_alone
-        {
+        let waited = shared.wait_while_within(shared.lock(), AGAIN, |state| !state.is_left_alone);
+        if waited.is_left_alone {
             return None;
         }
     }
@@ -311,8 +288,7 @@ fn take(shared: &Shared, sink: &mut dyn Sink, block: &[u8]) -> Option<io::Result
 
 impl Drop for Handoff {
     fn drop(&mut self) {
-        self.shared.state().is_left_alone = true;
-        self.shared.changes.notify_all();
+        self.shared.change(|state| state.is_left_alone = true);
     }
 }
 

@@ -13,6 +13,7 @@ mod drain;
 #[cfg(feature = "events")]
 mod events;
 mod handoff;
+mod monitor;
 mod output;
 mod queue;
 mod report;

@@ -1,10 +1,11 @@
 //! Messages on standard error, by a thread that nobody waits for: whoever reads there may be as slow as he likes.
 
+use super::monitor::Monitor;
 use luna_platform::thread::{Attributes, Policy, spawn};
 use std::convert::Infallible;
 use std::fmt;
 use std::io::{self, Write};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// The most bytes of lines that wait.
@@ -15,13 +16,7 @@ pub(super) const END_WITHIN: Duration = Duration::from_secs(1);
 
 /// The recorder's end. Dropping it lets the thread end when it has written what waits.
 pub(super) struct Show {
-    shared: Arc<Shared>,
-}
-
-#[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
-    changes: Condvar,
+    shared: Arc<Monitor<State>>,
 }
 
 #[derive(Default)]
@@ -40,12 +35,6 @@ impl State {
     }
 }
 
-impl Shared {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl Show {
     /// On standard error.
     pub(super) fn start() -> Result<Self, String> {
@@ -54,18 +43,17 @@ impl Show {
 
     /// By `write`, which gets whole lines.
     fn on(mut write: impl FnMut(&[u8]) -> io::Result<()> + Send + 'static) -> Result<Self, String> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::<Monitor<State>>::default();
         let theirs = shared.clone();
         let thread = spawn(
             Attributes::framework("luna-messages", Policy::Other),
             move |_| Ok::<_, Infallible>(theirs),
             move |shared| {
                 let mut lines = Vec::new();
-                while shared.take(&mut lines) {
+                while take(&shared, &mut lines) {
                     // Nobody may read there any more: that is no reason to record no more.
                     let _ = write(&lines);
-                    shared.state().is_writing = false;
-                    shared.changes.notify_all();
+                    shared.change(|state| state.is_writing = false);
                 }
             },
         );
@@ -78,65 +66,57 @@ impl Show {
 
     /// Has a line shown, if there is room; else it is counted, and told when there is. Never waits for who reads.
     pub(super) fn line(&self, line: fmt::Arguments<'_>) {
-        let mut state = self.shared.state();
-        let length = state.lines.len();
-        // A vector takes all.
-        let _ = writeln!(state.lines, "{line}");
-        // What comes behind what was left out would stand before the word on it.
-        if state.left_out > 0 || state.lines.len() > ROOM {
-            state.lines.truncate(length);
-            state.left_out += 1;
-        }
-        drop(state);
-        self.shared.changes.notify_all();
+        self.shared.change(|state| {
+            let length = state.lines.len();
+            // A vector takes all.
+            let _ = writeln!(state.lines, "{line}");
+            // What comes behind what was left out would stand before the word on it.
+            if state.left_out > 0 || state.lines.len() > ROOM {
+                state.lines.truncate(length);
+                state.left_out += 1;
+            }
+        });
     }
 
     /// Waits until all is shown, at most so long. Says whether it is.
     pub(super) fn end(&self, limit: Duration) -> bool {
-        let state = self.shared.state();
+        let state = self.shared.lock();
         let waited = self
             .shared
-            .changes
-            .wait_timeout_while(state, limit, |state| !state.is_idle());
-        waited.unwrap_or_else(PoisonError::into_inner).0.is_idle()
+            .wait_while_within(state, limit, |state| !state.is_idle());
+        waited.is_idle()
     }
 }
 
 impl Drop for Show {
     fn drop(&mut self) {
-        self.shared.state().is_over = true;
-        self.shared.changes.notify_all();
+        self.shared.change(|state| state.is_over = true);
     }
 }
 
-impl Shared {
-    /// Waits for lines, and takes them. False when there come no more.
-    fn take(&self, lines: &mut Vec<u8>) -> bool {
-        let state = self.state();
-        let waited = self
-            .changes
-            .wait_while(state, |state| state.is_idle() && !state.is_over);
-        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
-        if state.is_idle() {
-            return false;
-        }
-        lines.clear();
-        std::mem::swap(&mut state.lines, lines);
-        let left_out = std::mem::take(&mut state.left_out);
-        if left_out > 0 {
-            let _ = writeln!(
-                lines,
-                "luna: {left_out} messages not shown: standard error was too slow"
-            );
-        }
-        state.is_writing = true;
-        true
+/// Waits for lines, and takes them. False when there come no more.
+fn take(shared: &Monitor<State>, lines: &mut Vec<u8>) -> bool {
+    let mut state = shared.wait_while(shared.lock(), |state| state.is_idle() && !state.is_over);
+    if state.is_idle() {
+        return false;
     }
+    lines.clear();
+    std::mem::swap(&mut state.lines, lines);
+    let left_out = std::mem::take(&mut state.left_out);
+    if left_out > 0 {
+        let _ = writeln!(
+            lines,
+            "luna: {left_out} messages not shown: standard error was too slow"
+        );
+    }
+    state.is_writing = true;
+    true
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Mutex;
     use std::sync::mpsc::channel;
 
     #[test]

@@ -430,7 +430,7 @@ impl Process {
         // SAFETY: the contract.
         let link = unsafe { self.link() };
         // SAFETY: the contract; by the invariant it is in no queue.
-        super::with_queue(|queue| unsafe {
+        super::ready::with_queue(|queue| unsafe {
             match place {
                 Place::First => queue.push_front(level, link),
                 Place::Last => queue.push_back(level, link),
@@ -456,7 +456,7 @@ impl Process {
             // SAFETY: the contract.
             let link = unsafe { self.link() };
             // SAFETY: the contract, and the invariant.
-            super::with_queue(|queue| unsafe {
+            super::ready::with_queue(|queue| unsafe {
                 queue.remove(queued, link);
                 match place {
                     Place::First => queue.push_front(level, link),

@@ -1,7 +1,7 @@
 //! Branches below their process.
 
 use super::*;
-use std::task::{Wake, Waker};
+use std::task::{Context, Wake, Waker};
 
 static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| unreachable!("all is on one thread"),

@@ -26,9 +26,17 @@ pub const LATE: u16 = 11;
 pub const EMERGENCY: u16 = 12;
 /// A process was spawned.
 pub const SPAWNED: u16 = 13;
+/// A turn of a named sub-process begins, within one of its process.
+pub const SUB_RUNNING: u16 = 14;
+/// A turn of a named sub-process ends, and it waits.
+pub const SUB_WAITING: u16 = 15;
+/// A named sub-process has ended.
+pub const SUB_DONE: u16 = 16;
+/// A hypervisor has run something else on a core.
+pub const STOLEN: u16 = 17;
 
 /// All of them, with their names.
-pub const NAMES: [(u16, &str); 13] = [
+pub const NAMES: [(u16, &str); 17] = [
     (READY, "ready"),
     (RUNNING, "running"),
     (WAITING, "waiting"),
@@ -42,6 +50,10 @@ pub const NAMES: [(u16, &str); 13] = [
     (LATE, "late cycle"),
     (EMERGENCY, "emergency"),
     (SPAWNED, "spawned"),
+    (SUB_RUNNING, "sub-process running"),
+    (SUB_WAITING, "sub-process waiting"),
+    (SUB_DONE, "sub-process done"),
+    (STOLEN, "stolen"),
 ];
 
 /// In [`WAITING`]: what it waits for is not known, or is several things.
@@ -59,6 +71,14 @@ pub mod ended {
     pub const PANICKED: u64 = 2;
     /// It was cancelled.
     pub const CANCELLED: u64 = 3;
+}
+
+/// In [`SUB_DONE`]: how a sub-process has ended.
+pub mod sub_ended {
+    /// It has returned, whatever.
+    pub const RETURNED: u64 = 0;
+    /// It was dropped before, or has panicked, or goes on elsewhere.
+    pub const DROPPED: u64 = 1;
 }
 
 /// In [`LATE`]: why, as far as it is known at that moment.

@@ -47,6 +47,8 @@ pub enum Kind {
     Lock = 5,
     /// A periodic loop.
     Loop = 6,
+    /// A named part of a process. 7 is a kind of event.
+    SubProcess = 8,
 }
 
 #[cfg(all(test, not(loom)))]

@@ -1,6 +1,7 @@
 //! Without events: the same names, and nothing behind them.
 
 use super::Kind;
+use std::task::Poll;
 
 /// Whether the calling thread is recorded: never.
 #[inline(always)]
@@ -70,9 +71,15 @@ pub fn current_process() -> u64 {
 #[inline(always)]
 pub fn name(_: Kind, _: u32, _: u32, _: impl FnOnce() -> String) {}
 
-/// Names a loop: to nobody.
+/// Names something of the current process: to nobody.
 #[inline(always)]
-pub fn name_loop(_: u32, _: &str) {}
+pub fn name_in_ring(_: Kind, _: u32, _: &str) {}
+
+/// Runs the turn of a sub-process: tells nobody.
+#[inline(always)]
+pub fn sub_turn<T>(_: u32, _: [u64; 2], poll: impl FnOnce() -> Poll<T>) -> Poll<T> {
+    poll()
+}
 
 /// Names a process: to nobody.
 #[inline(always)]

@@ -1,10 +1,11 @@
 //! With events.
 
 use super::ring::{Ring, Writer};
-use super::{code, waits};
+use super::{Kind, code, waits};
 use crate::current::{self, User};
 use std::cell::{Cell, RefCell};
 use std::ptr;
+use std::task::Poll;
 
 pub use super::names::{Name, Names, listen, name, name_executor, name_process};
 pub use super::waits::{
@@ -80,7 +81,8 @@ impl Kept {
     }
 }
 
-/// Not an event, but the begin of a loop's name: its length in bytes, and its process. Behind it come parts of 16 bytes each: a name that is made on the real-time path.
+/// Not an event, but the begin of a name that is made on the real-time path: its length in bytes with its [`Kind`] in the upper half, and its process. Behind it come parts of 16
+/// bytes each.
 pub const TEXT_HEAD: u16 = 0xFF00;
 /// Not an event, but a part of a name.
 pub const TEXT: u16 = 0xFF01;
@@ -147,6 +149,17 @@ pub fn end_turn(process: u32, is_ready: bool) {
     }
 }
 
+/// Runs the turn of a sub-process, and tells of it: `of` are its process, and the sub-process around it or 0. What it waits for is told of it alone, and counts as what its
+/// process waits for, too.
+pub fn sub_turn<T>(number: u32, of: [u64; 2], poll: impl FnOnce() -> Poll<T>) -> Poll<T> {
+    put(code::SUB_RUNNING, number, of);
+    let (polled, waits) = waits::of_part(poll);
+    if polled.is_pending() {
+        put(code::SUB_WAITING, number, waits);
+    }
+    polled
+}
+
 /// Notes that the body of the current process has returned an error: for [`done`].
 #[inline]
 pub fn note_failure() {
@@ -184,12 +197,13 @@ pub fn tell_executor(of: u16) {
     }
 }
 
-/// Names a loop of the current process, on the real-time path: in the ring. Wait-free, O(bytes).
-pub fn name_loop(number: u32, name: &str) {
+/// Names a part of the current process, on the real-time path: in the ring. Wait-free, O(bytes).
+pub fn name_in_ring(kind: Kind, number: u32, name: &str) {
     if !is_on() {
         return;
     }
-    put(TEXT_HEAD, number, [name.len() as u64, current_process()]);
+    let head = (kind as u64) << 32 | name.len() as u64;
+    put(TEXT_HEAD, number, [head, current_process()]);
     for part in name.as_bytes().chunks(16) {
         let mut words = [0; 16];
         words[..part.len()].copy_from_slice(part);

@@ -96,6 +96,18 @@ pub fn beside<R>(f: impl FnOnce() -> R) -> R {
     result
 }
 
+/// What a part of the current process does in its turn, and what that part waits for then: for [`code::WAITING`].
+pub(super) fn of_part<R>(f: impl FnOnce() -> R) -> (R, [u64; 2]) {
+    let before = WAITS.replace(Noted::NOTHING);
+    let result = f();
+    let waits = arguments();
+    let noted = WAITS.replace(before);
+    if noted != Noted::NOTHING {
+        note(noted);
+    }
+    (result, waits)
+}
+
 /// While `future` waits, whatever for, the current process waits for this.
 ///
 /// ```

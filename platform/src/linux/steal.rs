@@ -4,6 +4,7 @@ use crate::facts::parse::stolen_ticks;
 use nix::unistd::{SysconfVar, sysconf};
 use std::fs::File;
 use std::io::{Read, Seek};
+use std::path::Path;
 use std::time::Duration;
 
 #[derive(Debug)]
@@ -14,9 +15,13 @@ pub(crate) struct Source {
 }
 
 pub(crate) fn open() -> Option<Source> {
+    open_at(Path::new("/proc/stat"))
+}
+
+pub(crate) fn open_at(path: &Path) -> Option<Source> {
     let ticks = sysconf(SysconfVar::CLK_TCK).ok().flatten()?;
     let mut source = Source {
-        file: File::open("/proc/stat").ok()?,
+        file: File::open(path).ok()?,
         ticks_per_second: u64::try_from(ticks).ok().filter(|&ticks| ticks > 0)?,
         text: String::new(),
     };

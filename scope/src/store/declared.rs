@@ -142,6 +142,11 @@ impl Declared {
                 };
                 self.room.keep(&mut self.signals, info.number, signal)
             }
+            // They are not shown, and there may be ever new ones: nobody who comes later gets them.
+            Record::Name {
+                subject: luna_logger::format::Subject::SubProcess,
+                ..
+            } => true,
             Record::Name {
                 subject,
                 number,

@@ -1,9 +1,9 @@
-//! Branches with errors of any type, by autoref specialization.
+//! Branches with errors of any type, by autoref specialization: a method of that name is looked for on `&&Branch`, then on `&&&Branch`, then on `&Branch`.
 
 use crate::error::{Error, Result};
 use std::cell::Cell;
 use std::fmt;
-use std::future::Future;
+use std::future::{Future, Pending};
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
@@ -16,12 +16,28 @@ impl<F> fmt::Debug for Branch<F> {
     }
 }
 
-impl<F> Branch<F> {
-    /// Takes the branch as it was written.
+/// What a branch gives: a `Result`, whose error turns into [`Error`].
+#[diagnostic::on_unimplemented(
+    message = "a branch of `par!` gives `{Self}`, where a `Result` is expected",
+    label = "this branch gives no `Result`",
+    note = "a branch is a future with output `Result<T, E>`, where `E` turns into `luna::Error`; an async block ends in \
+            `Ok(())`, or in `Ok(value)`, and has no `;` behind it"
+)]
+pub trait Outcome {}
+
+impl<T, E: Into<Error>> Outcome for Result<T, E> {}
+
+impl<F: Future> Branch<F>
+where
+    F::Output: Outcome,
+{
+    /// Takes the branch as it was written. What it has to be is asked for here, where the compiler points at it.
     pub fn new(branch: F) -> Self {
         Branch(Cell::new(Some(branch)))
     }
+}
 
+impl<F> Branch<F> {
     fn take(&self) -> F {
         self.0.take().expect("the macro takes each branch once")
     }
@@ -35,7 +51,7 @@ pub trait Exact {
     fn branch(self) -> Self::Branch;
 }
 
-impl<F: Future<Output = Result<T>>, T> Exact for Branch<F> {
+impl<F: Future<Output = Result<T>>, T> Exact for &&Branch<F> {
     type Branch = F;
     fn branch(self) -> F {
         self.take()
@@ -50,7 +66,7 @@ pub trait Converted {
     fn branch(self) -> Self::Branch;
 }
 
-impl<F, T, E> Converted for &Branch<F>
+impl<F, T, E> Converted for &&&Branch<F>
 where
     F: Future<Output = Result<T, E>>,
     E: Into<Error>,
@@ -58,6 +74,18 @@ where
     type Branch = Converting<F>;
     fn branch(self) -> Converting<F> {
         Converting(self.take())
+    }
+}
+
+/// What is no branch, which [`Branch::new`] has said already: that there is this keeps the compiler from saying it in other words.
+pub trait Refused {
+    /// Something with which it can go on.
+    fn branch<T>(self) -> Pending<Result<T>>;
+}
+
+impl<F> Refused for &Branch<F> {
+    fn branch<T>(self) -> Pending<Result<T>> {
+        std::future::pending()
     }
 }
 

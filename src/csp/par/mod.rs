@@ -5,7 +5,7 @@ mod convert;
 mod join;
 
 pub use collection::{ParAll, par_all, par_for};
-pub use convert::{Branch, Converted, Converting, Exact};
+pub use convert::{Branch, Converted, Converting, Exact, Outcome, Refused};
 pub use join::{Branches, Join, Slot, join};
 
 /// Runs branches in parallel and waits for all of them: CSP's parallel composition, occam's `PAR`.
@@ -51,6 +51,18 @@ pub use join::{Branches, Join, Slot, join};
 ///     Ok(sum)
 /// })?;
 /// assert_eq!(total, 55);
+/// # Ok::<(), luna::Error>(())
+/// ```
+///
+/// A branch that gives no `Result` is refused when the program is compiled:
+///
+/// ```compile_fail,E0277
+/// use luna::prelude::*;
+///
+/// luna::run(async {
+///     par!(async { Ok(()) }, async { println!("no Ok(()) here") }).await?;
+///     Ok(())
+/// })?;
 /// # Ok::<(), luna::Error>(())
 /// ```
 #[macro_export]
@@ -103,8 +115,8 @@ macro_rules! pri_par {
 macro_rules! __par_of {
     ($by_priority:literal, $($branch:expr),+) => {{
         // Chooses by autoref, whatever the branch's error is: taken as it is if it is `luna::Error` or still open, else converted.
-        #[allow(unused_imports, reason = "which of the two is needed depends on the branches")]
-        use $crate::__par::{Converted as _, Exact as _};
-        $crate::__par::join::<$by_priority, _>(($($crate::__par::Branch::new($branch).branch(),)+))
+        #[allow(unused_imports, reason = "which of them is needed depends on the branches")]
+        use $crate::__par::{Converted as _, Exact as _, Refused as _};
+        $crate::__par::join::<$by_priority, _>(($((&&$crate::__par::Branch::new($branch)).branch(),)+))
     }};
 }

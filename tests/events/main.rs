@@ -1,5 +1,8 @@
 //! CSP events of systems, as their recordings have them.
 
+mod losses;
+mod waits;
+
 use luna::prelude::*;
 use luna::{Logging, Sink};
 use luna_logger::format::{Event, Reader, Record, Subject};
@@ -250,59 +253,6 @@ fn on_virtual_time_each_recording_is_the_same() -> luna::Result<()> {
     Ok(())
 }
 
-/// A sink that refuses each other block.
-struct Moody(Memory, bool);
-
-impl Sink for Moody {
-    fn begin(&mut self, head: &[u8]) -> io::Result<()> {
-        self.0.begin(head)
-    }
-
-    fn block(&mut self, block: &[u8]) -> io::Result<()> {
-        self.1 = !self.1;
-        if self.1 {
-            return Err(io::Error::other("not now"));
-        }
-        self.0.block(block)
-    }
-}
-
-#[test]
-fn what_is_recorded_and_what_is_lost_is_all_there_was() -> luna::Result<()> {
-    let rounds = 3000;
-    // On virtual time there are as many each time.
-    let run = |recording: Logging| -> luna::Result<_> {
-        let mut system = System::new("commstime");
-        system.virtual_clock().log(recording);
-        commstime(&mut system, rounds)?;
-        Ok(system.run()?.logging.unwrap().events)
-    };
-    let memory = Memory::default();
-    let all = run(Logging::to_sink(memory.clone()).room_for_events(1 << 20))?;
-    assert_eq!(all.lost, 0);
-    assert!(all.recorded >= 16 * rounds, "{all:?}");
-
-    let memory = Memory::default();
-    let few = run(Logging::to_sink(memory.clone()).room_for_events(64))?;
-    assert_eq!(few.recorded + few.lost, all.recorded);
-    let told = Told::read(&memory);
-    assert_eq!(
-        (told.events.len() as u64, told.lost),
-        (few.recorded, few.lost)
-    );
-
-    let memory = Memory::default();
-    let sink = Moody(memory.clone(), false);
-    let moody = run(Logging::to_sink(sink).room_for_events(1 << 20))?;
-    assert_eq!(moody.recorded + moody.lost, all.recorded);
-    // What was not refused can be read, with its names.
-    let told = Told::read(&memory);
-    assert_eq!(told.events.len() as u64, moody.recorded);
-    let is_named = |(channel, _, _): &(&str, &str, &str)| !channel.is_empty();
-    assert!(told.communications().iter().all(is_named));
-    Ok(())
-}
-
 #[test]
 fn alternatives_say_which_guard_they_took() -> luna::Result<()> {
     let mut system = System::new("choice");
@@ -543,143 +493,6 @@ fn os_threads_and_processes_that_come_later_are_told() -> luna::Result<()> {
                 .all(|two| *two == [code::RUNNING, code::WAITING])
         );
     }
-    Ok(())
-}
-
-/// What a process waits for at the end of each turn that does not leave it ready: the kind, and the name of a channel or loop.
-fn waits<'a>(told: &'a Told, process: &str) -> Vec<(u64, &'a str)> {
-    told.of(code::WAITING)
-        .filter(|event| told.process(event.subject.into()) == process)
-        .filter(|event| event.arguments[0] != code::STILL_READY)
-        .map(|event| {
-            let [kind, number] = event.arguments;
-            let name = match kind {
-                _ if kind == Subject::Channel as u64 => told.name(Subject::Channel, number),
-                _ if kind == Subject::Loop as u64 => told.name(Subject::Loop, number),
-                _ => "",
-            };
-            (kind, name)
-        })
-        .collect()
-}
-
-#[test]
-fn what_a_process_waits_for_is_one_thing_or_not_known() -> luna::Result<()> {
-    const NOT_KNOWN: (u64, &str) = (code::WAITS_UNKNOWN, "");
-    let mut system = System::new("waits");
-    system.virtual_clock();
-    let memory = recorded(&mut system);
-    let period = std::time::Duration::from_millis(10);
-    let main = system.executor("main").build()?;
-    // Nobody sends by this one, and its sender lives as long as the others need it.
-    let (silent, never) = luna::channel::<u8>();
-    let never = Arc::new(never.named("never"));
-    let (answers, answer) = luna::channel::<u8>();
-    let answer = answer.named("answer");
-    main.process("looper").spawn(async move {
-        let mut tick = luna::periodic("loop", period)?;
-        for _ in 0..2 {
-            tick.next().await;
-        }
-        Ok(())
-    })?;
-    let of_both = never.clone();
-    main.process("both").spawn(async move {
-        let mut tick = luna::periodic("beside", period)?;
-        luna::par!(
-            async {
-                let received = of_both.recv_timeout(period / 2).await;
-                assert!(received.unwrap_err().is_timeout());
-                Ok(())
-            },
-            async {
-                tick.next().await;
-                Ok::<_, luna::Error>(())
-            },
-        )
-        .await?;
-        Ok(())
-    })?;
-    main.process("patient").spawn(async move {
-        // Gives up in its turn, and then waits for something else.
-        let given_up = never.recv_unless(async {}).await;
-        assert!(given_up.unwrap_err().is_timeout());
-        luna::after(period).await;
-        let given_up = never.recv_unless(async {}).await;
-        assert!(given_up.unwrap_err().is_timeout());
-        assert_eq!(answer.recv().await?, 1);
-        // Its deadline is not what it waits for.
-        assert!(never.recv_timeout(period).await.is_err());
-        luna::pri_alt! {
-            _ = never.recv() => (),
-            _ = luna::after(period) => (),
-        }
-        Ok(())
-    })?;
-    main.process("answers").spawn(async move {
-        luna::after(3 * period).await;
-        answers.send(1).await?;
-        luna::after(3 * period).await;
-        drop(silent);
-        Ok(())
-    })?;
-    system.run()?;
-    let told = Told::read(&memory);
-    let (channel, in_loop) = (Subject::Channel as u64, Subject::Loop as u64);
-    assert_eq!(waits(&told, "looper"), [(in_loop, "loop"); 2]);
-    // The other branch waits on when this one has given up.
-    assert_eq!(waits(&told, "both")[0], NOT_KNOWN);
-    assert_eq!(
-        waits(&told, "patient"),
-        [
-            NOT_KNOWN,
-            (channel, "answer"),
-            (channel, "never"),
-            NOT_KNOWN
-        ]
-    );
-    Ok(())
-}
-
-/// Calls `f` on a thread of its own, and waits for it.
-fn elsewhere<R: Send>(f: impl FnOnce() -> R + Send) -> R {
-    std::thread::scope(|scope| scope.spawn(f).join().unwrap())
-}
-
-#[test]
-fn what_is_done_in_the_turn_in_which_it_was_to_wait_is_not_waited_for() -> luna::Result<()> {
-    let mut system = System::new("hasty");
-    let memory = recorded(&mut system);
-    let main = system.executor("main").build()?;
-    let (early, first) = luna::channel::<u8>();
-    let (second, early_too) = luna::channel::<u8>();
-    let (later, last) = luna::channel::<u8>();
-    let (first, last) = (first.named("first"), last.named("last"));
-    main.process("hasty").priority(2).spawn(async move {
-        let mut receives = std::pin::pin!(first.recv());
-        let mut sends = std::pin::pin!(second.send(2));
-        // One turn, which goes on until the partners have been there.
-        std::future::poll_fn(|cx| {
-            assert!(receives.as_mut().poll(cx).is_pending());
-            assert_eq!(elsewhere(|| early.blocking_send(1)), Ok(()));
-            assert_eq!(receives.as_mut().poll(cx), Poll::Ready(Ok(1)));
-            assert!(sends.as_mut().poll(cx).is_pending());
-            assert_eq!(elsewhere(|| early_too.blocking_recv()), Ok(2));
-            assert_eq!(sends.as_mut().poll(cx), Poll::Ready(Ok(())));
-            Poll::Ready(())
-        })
-        .await;
-        assert_eq!(last.recv().await, Ok(3));
-        Ok(())
-    })?;
-    // Comes when the other waits.
-    main.process("last").priority(1).spawn(async move {
-        later.send(3).await?;
-        Ok(())
-    })?;
-    system.run()?;
-    let told = Told::read(&memory);
-    assert_eq!(waits(&told, "hasty")[0], (Subject::Channel as u64, "last"));
     Ok(())
 }
 

@@ -1,0 +1,50 @@
+//! What two threads share, each of which waits for what the other makes of it.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A state under a lock, and who waits for it to change. Nothing of the user's runs under the lock, so a panic there leaves a state that is whole.
+#[derive(Default)]
+pub(super) struct Monitor<T> {
+    state: Mutex<T>,
+    changes: Condvar,
+}
+
+impl<T> Monitor<T> {
+    pub(super) fn lock(&self) -> MutexGuard<'_, T> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes the state, and wakes who waits.
+    pub(super) fn change<R>(&self, change: impl FnOnce(&mut T) -> R) -> R {
+        let result = change(&mut self.lock());
+        self.wake();
+        result
+    }
+
+    /// Wakes who waits, after a change under the lock.
+    pub(super) fn wake(&self) {
+        self.changes.notify_all();
+    }
+
+    /// Waits while the state is so.
+    pub(super) fn wait_while<'a>(
+        &self,
+        state: MutexGuard<'a, T>,
+        is_so: impl FnMut(&mut T) -> bool,
+    ) -> MutexGuard<'a, T> {
+        let waited = self.changes.wait_while(state, is_so);
+        waited.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits while the state is so, at most so long.
+    pub(super) fn wait_while_within<'a>(
+        &self,
+        state: MutexGuard<'a, T>,
+        limit: Duration,
+        is_so: impl FnMut(&mut T) -> bool,
+    ) -> MutexGuard<'a, T> {
+        let waited = self.changes.wait_timeout_while(state, limit, is_so);
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+}

@@ -1,0 +1,131 @@
+//! Which part of the current process is being polled.
+
+use super::{LEVELS, Place, THREAD, ready_again};
+use std::task::Context;
+
+/// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
+/// runs below its process, in the lowest six; the one between says that it is a part and not the whole. Above them, whether the process has a
+/// [tape](crate::tape), and in the upper half which branch it is, if it has. One word, since it is saved and restored around each poll.
+#[derive(Clone, Copy)]
+pub(super) struct Branch(pub(super) u64);
+
+impl Branch {
+    /// No branch, but the process itself.
+    pub(super) const WHOLE: Branch = Branch(0);
+    const FAILED: u64 = 1 << 7;
+    const PART: u64 = 1 << 6;
+    pub(super) const TAPED: u64 = 1 << 8;
+
+    /// Whether it runs at its process' level, and nobody has failed: it may be a part.
+    #[inline]
+    pub(super) fn is_plain(self) -> bool {
+        self.0 & !Self::PART == 0
+    }
+
+    #[inline]
+    pub(super) fn has_failed(self) -> bool {
+        self.0 & Self::FAILED != 0
+    }
+
+    #[inline]
+    pub(super) fn lowered(self) -> u8 {
+        (self.0 & 0x3f) as u8
+    }
+
+    #[inline]
+    pub(super) fn is_taped(self) -> bool {
+        self.0 & Self::TAPED != 0
+    }
+
+    /// The path of parallel constructs down to it, as a number; 0 is the process itself.
+    #[inline]
+    pub(super) fn path(self) -> u32 {
+        (self.0 >> 32) as u32
+    }
+
+    /// A branch of this one.
+    #[inline]
+    pub(super) fn branch(self, failed: bool, levels: u8, number: u32) -> Branch {
+        // More than all levels is as good as all, and stays clear of the bits.
+        let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS - 1);
+        let mut branch = Branch(
+            self.0 & Self::FAILED | u64::from(failed) << 7 | Self::PART | u64::from(lowered),
+        );
+        if self.is_taped() {
+            branch.0 |= Self::TAPED | u64::from(self.path_of(number)) << 32;
+        }
+        branch
+    }
+
+    /// The path of branch `number` of this one.
+    #[cold]
+    pub(super) fn path_of(self, number: u32) -> u32 {
+        // FNV-1a by words: different enough for the few paths of a process.
+        ((self.path() ^ 0x811c_9dc5).wrapping_mul(0x0100_0193) ^ (number + 1))
+            .wrapping_mul(0x0100_0193)
+            .max(1)
+    }
+}
+
+/// How many levels the branch that is being polled runs below its process.
+#[inline]
+pub(super) fn lowered() -> u8 {
+    THREAD.with(|thread| thread.branch.get().lowered())
+}
+
+/// Whether a branch is being polled, which has siblings that may be ready.
+#[inline]
+pub fn in_branch() -> bool {
+    THREAD.with(|thread| thread.branch.get().0 & Branch::PART != 0)
+}
+
+/// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.
+#[inline]
+pub fn branch_failed() -> bool {
+    THREAD.with(|thread| thread.branch.get().has_failed())
+}
+
+/// Ends the branch that is being polled, one of whose siblings has failed: for an operation that then cannot go on, and has no error to
+/// return. The caller returns `Pending`; the construct drops the branch where it waits, unless another of the branch's operations has an error to give
+/// in the same poll ([`stay_in_branch`]). In case that changes nothing, the branch is polled once more.
+pub fn end_branch(cx: &Context<'_>) {
+    THREAD.with(|thread| thread.branch_ended.set(true));
+    ready_again(cx, Place::Last);
+}
+
+/// Takes [`end_branch`] back: an operation gives the branch the error by which it learns of the failure, and may do what it has to.
+#[inline]
+pub fn stay_in_branch() {
+    THREAD.with(|thread| thread.branch_ended.set(false));
+}
+
+/// Whether the branch that was just polled is to be dropped. Asked by its construct after each poll in which it knew of a failure.
+#[inline]
+pub fn take_branch_end() -> bool {
+    THREAD.with(|thread| thread.branch_ended.replace(false))
+}
+
+/// Polls a branch of a parallel construct, telling it whether a sibling `failed`. Failure reaches nested constructs too.
+#[inline]
+pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
+    with_branch_below(failed, 0, 0, poll)
+}
+
+/// Polls a branch as [`with_branch`] does, `levels` below whoever polls it, but not below level 0. Its operations wait at that
+/// level, and their wakes queue the process there. In nested constructs the levels add up. `number` tells it from its siblings.
+#[inline]
+pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
+    struct Restore(Branch);
+    impl Drop for Restore {
+        #[inline]
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.branch.set(self.0));
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        let before = thread.branch.get();
+        thread.branch.set(before.branch(failed, levels, number));
+        Restore(before)
+    });
+    poll()
+}

@@ -1,0 +1,128 @@
+//! Who is ready on this thread, and when the current process lets others run.
+
+use super::branch::lowered;
+use super::run_queue::RunQueue;
+use super::{Place, Process, THREAD, is_replayed, process};
+use std::ptr::NonNull;
+use std::task::Context;
+
+#[inline]
+pub(super) fn with_queue<R>(f: impl FnOnce(&RunQueue) -> R) -> R {
+    THREAD.with(|thread| f(&thread.queue))
+}
+
+/// The levels at which this thread's executor has a ready process, one bit each.
+#[inline]
+pub fn ready_levels() -> u32 {
+    with_queue(RunQueue::bits)
+}
+
+/// Lets the processes of this thread, which is no executor's, believe that at these levels others are ready: for tests.
+#[doc(hidden)]
+pub fn pretend_ready_levels(bits: u32) {
+    with_queue(|queue| queue.pretend(bits));
+}
+
+/// Takes the process whose turn it is out of this thread's run queue, and gives its owner. It was readied by [`Process::ready_at`] or a wakeup, and is live as
+/// long as its owner keeps it.
+#[inline(always)]
+pub fn next_ready() -> Option<NonNull<()>> {
+    Some(with_queue(RunQueue::pop)?.cast())
+}
+
+/// Whether a process of higher level than the current one, or the current branch, is ready on its executor: then a completed
+/// communication lets it run.
+#[inline]
+pub fn is_outranked() -> bool {
+    THREAD.with(|thread| {
+        thread.process.get().is_some_and(|process| {
+            // SAFETY: as in `process`.
+            let process = unsafe { process.as_ref() };
+            let level = process
+                .level()
+                .saturating_sub(thread.branch.get().lowered());
+            // Two shifts, since a shift by 32 is none.
+            (thread.queue.bits() >> level) >> 1 != 0
+        })
+    })
+}
+
+/// Readies the current process again, at `place` among those of its level; more urgent ones run before it in any case. The caller
+/// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
+#[inline]
+pub fn ready_again(cx: &Context<'_>, place: Place) {
+    process(|process| match process {
+        // SAFETY: this is the home's thread, and the process lives while it is polled.
+        Some(process) if process.is_owned() && process.is_polled_with(cx) => unsafe {
+            process.ready_here(lowered(), place);
+        },
+        _ => cx.waker().wake_by_ref(),
+    });
+}
+
+/// Lets those run before the current branch that outrank it: if there are any, the process is ready again already, and the caller returns
+/// `Pending`. A branch whose process can be readied at its own level alone (it is polled by a combinator with wakers of its own) does not:
+/// the process would come again before them.
+#[inline]
+pub fn give_way(cx: &Context<'_>) -> bool {
+    is_outranked() && {
+        // A waker readies the process at its own level alone.
+        let has_level = lowered() == 0
+            || process(|process| {
+                process.is_some_and(|own| own.is_owned() && own.is_polled_with(cx))
+            });
+        if has_level {
+            ready_again(cx, Place::First);
+        }
+        has_level
+    }
+}
+
+/// How many operations one poll may complete without waiting before the process lets others run.
+///
+/// A process whose operations always find a partner would else keep its executor from its timers and from wakes from elsewhere.
+pub const OPERATIONS_PER_POLL: u32 = 64;
+
+/// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
+///
+/// Always `true` where no process of LUNA runs: other runtimes have means of their own.
+#[inline]
+pub fn count_operation() -> bool {
+    spend_operation() || is_replayed()
+}
+
+/// As [`count_operation`], but that it is `false` in a replayed process always: for who has to ask then whether the process may go on.
+#[inline]
+pub fn spend_operation() -> bool {
+    THREAD.with(|thread| {
+        if thread.process.get().is_none() {
+            return true;
+        }
+        let left = thread.operations_left.get();
+        thread.operations_left.set(left.saturating_sub(1));
+        left != 0
+    })
+}
+
+/// Lets others run after an operation of `process`, which has a [plain turn](super::plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
+/// this one: then it is ready again already, and the caller returns `Pending`.
+#[inline(always)]
+pub fn gives_way(process: &Process) -> bool {
+    let gives_way = THREAD.with(|thread| {
+        if process.is_outranked(thread.queue.bits()) {
+            return Some(Place::First);
+        }
+        let left = thread.operations_left.get();
+        if left == 0 {
+            return Some(Place::Last);
+        }
+        thread.operations_left.set(left - 1);
+        None
+    });
+    let Some(place) = gives_way else {
+        return false;
+    };
+    // SAFETY: it is the current process, of an executor, so this is its home's thread and it lives.
+    unsafe { process.ready_here(0, place) };
+    true
+}

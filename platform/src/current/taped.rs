@@ -1,0 +1,75 @@
+//! Whether the current process is recorded or replayed, and by what.
+
+use super::THREAD;
+use super::branch::Branch;
+use crate::tape::Tape;
+use std::ptr::NonNull;
+
+/// Polls the current process as one that has `tape`: it has no [plain turns](super::plain_turn), and all its operations find the tape.
+pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
+    struct Restore(Branch, Option<NonNull<dyn Tape>>);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| {
+                thread.branch.set(self.0);
+                thread.tape.set(self.1);
+            });
+        }
+    }
+    let is_replay = tape.is_replay();
+    let tape: *const (dyn Tape + '_) = tape;
+    // SAFETY: the same pointer; it is taken back before what it borrows goes, and `tape` lends it for no longer than a call.
+    let tape: *mut (dyn Tape + 'static) = unsafe { std::mem::transmute(tape) };
+    let _restore = THREAD.with(|thread| {
+        let branch = thread.branch.get();
+        thread.branch.set(Branch(branch.0 | Branch::TAPED));
+        if is_replay {
+            // So that each operation that need not wait comes by who asks whether its process may go on.
+            thread.operations_left.set(0);
+        }
+        Restore(branch, thread.tape.replace(NonNull::new(tape)))
+    });
+    poll()
+}
+
+/// Calls `f` as if the current process had no tape: for what is done within one of its operations.
+pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(Branch);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.branch.set(self.0));
+        }
+    }
+    let _restore = THREAD.with(|thread| {
+        let branch = thread.branch.get();
+        thread.branch.set(Branch(branch.0 & !Branch::TAPED));
+        Restore(branch)
+    });
+    f()
+}
+
+/// Whether the current process has a tape.
+#[inline]
+pub fn is_taped() -> bool {
+    THREAD.with(|thread| thread.branch.get().is_taped())
+}
+
+/// Whether the current process is replayed.
+#[cold]
+pub fn is_replayed() -> bool {
+    tape(|tape| tape.is_replay()).unwrap_or_default()
+}
+
+/// Calls `f` with the current process' tape, if it has one.
+pub fn tape<R>(f: impl FnOnce(&dyn Tape) -> R) -> Option<R> {
+    is_taped().then(|| {
+        let tape = THREAD.with(|thread| thread.tape.get())?;
+        // SAFETY: `with_tape` sets it from a reference that lives until it takes it back, and the closure cannot keep what it is lent.
+        Some(f(unsafe { tape.as_ref() }))
+    })?
+}
+
+/// Which branch of the current process is being polled, if it has a tape: a number of the way down to it; 0 is the process itself.
+pub fn branch_path() -> u32 {
+    THREAD.with(|thread| thread.branch.get().path())
+}

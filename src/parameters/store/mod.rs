@@ -1,0 +1,220 @@
+//! All parameters of a system: what was declared, what was set, and who has taken it. Its lock is for the set-up and for who sets, never for the path.
+
+mod declaring;
+mod setting;
+mod telling;
+
+use super::cells::{Cells, Reader};
+use super::error::{Reason, Refusal, SetError, Source};
+use super::form::Form;
+use super::nearest::nearest;
+use super::sources::{self, Given, merge};
+use super::value::Value;
+use super::watch::{self, Stamp};
+use crate::logging::Log;
+use luna_platform::clock::Clock;
+use luna_platform::current;
+use luna_platform::lock::PiLock;
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The parameters of a system.
+pub(crate) struct Store {
+    system: String,
+    state: Mutex<State>,
+    /// For loops that begin: by their processes.
+    readers: PiLock<Vec<Arc<Reader>>>,
+}
+
+#[derive(Default)]
+struct State {
+    phase: Phase,
+    /// As the program asks.
+    file: Option<PathBuf>,
+    given: Vec<Given>,
+    /// Of the file, before the start has read it.
+    stamp: Option<Stamp>,
+    /// What the start found, until somebody declares it.
+    wishes: BTreeMap<String, Given>,
+    refused: Vec<Refusal>,
+    entries: Vec<Entry>,
+    numbers: HashMap<Arc<str>, usize>,
+    groups: Vec<Group>,
+    /// How many sets were taken since the start.
+    sets: u64,
+    is_replay: bool,
+    log: Option<Log>,
+    clock: Option<Clock>,
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    #[default]
+    Described,
+    Running,
+    Ended,
+}
+
+/// What a parameter is declared as.
+pub(super) struct Declared {
+    pub(super) name: Arc<str>,
+    pub(super) unit: String,
+    pub(super) description: String,
+    pub(super) form: Form,
+    pub(super) default: Box<[u64]>,
+    pub(super) is_shared: bool,
+}
+
+struct Entry {
+    declared: Declared,
+    words: Box<[u64]>,
+    /// The set that it was last named in.
+    set: u64,
+    /// Where its value came from, unless it is the default.
+    source: Option<Source>,
+}
+
+/// The parameters of one process.
+struct Group {
+    reader: Arc<Reader>,
+    cells: Vec<Arc<Cells>>,
+    /// All sets up to this one were taken, or did not concern it, when it was last offered another.
+    taken: u64,
+}
+
+impl Group {
+    /// Whether what it reads is of this set, or a later one; it is of all sets if nothing is on offer.
+    fn has_taken(&self, set: u64) -> bool {
+        set <= self.taken || !self.reader.slots.is_fresh()
+    }
+
+    /// Whether anybody has a handle of it, or a loop that takes it.
+    fn is_used(&self) -> bool {
+        // Its own, the list's, and one of each of its parameters.
+        self.cells.iter().any(|cells| Arc::strong_count(cells) > 1)
+            || Arc::strong_count(&self.reader) > 2 + self.cells.len()
+    }
+}
+
+impl Store {
+    pub(crate) fn new(system: &str) -> Arc<Self> {
+        Arc::new(Self {
+            system: system.to_owned(),
+            state: Mutex::default(),
+            readers: PiLock::new(Vec::new()),
+        })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Names the file to read at the start.
+    pub(crate) fn read_from(&self, file: PathBuf) {
+        self.state().file = Some(file);
+    }
+
+    /// Gives values that come over those of the file.
+    pub(super) fn give(&self, given: Given) {
+        let mut state = self.state();
+        // The last word counts; but who writes two on one command line means one of them.
+        let is_argument = |given: &Given| given.source == Source::Argument;
+        state.given.retain(|earlier| {
+            earlier.name != given.name || is_argument(earlier) && is_argument(&given)
+        });
+        state.given.push(given);
+    }
+
+    /// The file, and what comes over it.
+    fn sources(&self) -> (Option<PathBuf>, Vec<Given>) {
+        let state = self.state();
+        let file = state.file.clone();
+        let given = state.given.clone();
+        (file.or_else(sources::file_of_environment), given)
+    }
+
+    /// Reads what the parameters of a system that starts are to be. Gives that, as a recording is to keep it; `recorded` takes its place in a replay.
+    pub(crate) fn begin(
+        &self,
+        log: &Log,
+        clock: &Clock,
+        recorded: Option<&[(String, String)]>,
+    ) -> Result<Vec<(String, String)>, SetError> {
+        let mut refused = Vec::new();
+        let mut stamp = None;
+        let wishes = match recorded {
+            Some(recorded) => {
+                let given = recorded.iter().map(|(name, value)| Given {
+                    name: name.clone(),
+                    value: Value::Written(value.clone()),
+                    source: Source::Recording,
+                });
+                merge([given.collect()], &mut refused)
+            }
+            None => {
+                let (file, given) = self.sources();
+                stamp = file.as_deref().and_then(watch::stamp);
+                let file = file.as_deref().map(sources::read).transpose()?;
+                let environment = sources::values_of_environment()?;
+                merge([file.unwrap_or_default(), environment, given], &mut refused)
+            }
+        };
+        let kept = wishes
+            .iter()
+            .map(|(name, given)| (name.clone(), given.value.to_string()));
+        let kept = kept.collect();
+        let mut state = self.state();
+        state.stamp = stamp;
+        state.wishes = wishes;
+        state.refused = refused;
+        state.is_replay = recorded.is_some();
+        state.log = Some(log.clone());
+        state.clock = Some(clock.clone());
+        Ok(kept)
+    }
+
+    /// All `pre_run` are over: every value must have been somebody's, and one that it can have.
+    pub(crate) fn all_declared(&self) -> Result<(), SetError> {
+        let mut state = self.state();
+        let mut refused = std::mem::take(&mut state.refused);
+        let wishes = std::mem::take(&mut state.wishes);
+        let names = || state.entries.iter().map(|entry| &*entry.declared.name);
+        refused.extend(wishes.into_values().map(|given| {
+            let nearest = nearest(&given.name, names()).map(str::to_owned);
+            given.refused("", Reason::Unknown { nearest })
+        }));
+        if !refused.is_empty() {
+            return Err(SetError::Refused(refused));
+        }
+        state.phase = Phase::Running;
+        state.tell(|entry| {
+            let default = &entry.declared.default;
+            (entry.words != *default).then(|| default.clone())
+        });
+        Ok(())
+    }
+
+    /// The system has ended.
+    pub(crate) fn end(&self) {
+        let mut state = self.state();
+        state.phase = Phase::Ended;
+        state.log = None;
+        state.clock = None;
+    }
+
+    /// Of the file, before the start has read it.
+    pub(super) fn stamp(&self) -> Option<Stamp> {
+        self.state().stamp
+    }
+
+    /// The file that is read, if there is one.
+    pub(crate) fn file(&self) -> Option<PathBuf> {
+        self.sources().0
+    }
+}
+
+/// What a process that is recorded does here cannot be replayed.
+fn note_outside(construct: &'static str) {
+    current::tape(|tape| tape.outside(construct));
+}

@@ -1,0 +1,156 @@
+//! Sets of values that take the place of others while the system runs.
+
+use super::{Group, Phase, State, Store, note_outside};
+use crate::parameters::error::{Reason, Refusal, SetError, Source};
+use crate::parameters::nearest::nearest;
+use crate::parameters::sources::{self, Given, merge};
+use luna_platform::current;
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+
+impl Store {
+    /// Reads the file again: the values are what a start would make them.
+    pub(in crate::parameters) fn reload(&self) -> Result<u64, SetError> {
+        note_outside("Parameters::reload");
+        let (file, given) = self.readable()?;
+        self.take_file(sources::read(&file)?, given)
+    }
+
+    /// As [`reload`](Self::reload), if the file is whole, which is asked when it has been read; else whatever was read is nothing.
+    pub(in crate::parameters) fn reload_if(
+        &self,
+        is_whole: impl FnOnce() -> bool,
+    ) -> Result<(), SetError> {
+        let (file, given) = self.readable()?;
+        let read = sources::read(&file);
+        if is_whole() {
+            self.take_file(read?, given)?;
+        }
+        Ok(())
+    }
+
+    /// The file that is to be read again, and what comes over it.
+    fn readable(&self) -> Result<(PathBuf, Vec<Given>), SetError> {
+        let (file, given) = self.sources();
+        let file = file.ok_or(SetError::NoFile)?;
+        self.is_running(&self.state())?;
+        Ok((file, given))
+    }
+
+    fn take_file(&self, file: Vec<Given>, given: Vec<Given>) -> Result<u64, SetError> {
+        let environment = sources::values_of_environment()?;
+        let mut refused = Vec::new();
+        let wishes = merge([file, environment, given], &mut refused);
+        self.replace(wishes.into_values(), refused, true)
+    }
+
+    fn is_running(&self, state: &State) -> Result<(), SetError> {
+        match state.phase {
+            Phase::Running => Ok(()),
+            Phase::Described | Phase::Ended => Err(SetError::NotRunning {
+                system: self.system.clone(),
+            }),
+        }
+    }
+
+    /// Replaces the values of some parameters, all or none.
+    pub(in crate::parameters) fn set(&self, given: Vec<Given>) -> Result<u64, SetError> {
+        let mut refused = Vec::new();
+        let given = merge([given], &mut refused);
+        let set = self.replace(given.into_values(), refused, false)?;
+        // What others have set meanwhile cannot be foreseen.
+        Ok(crate::record::input("set of parameters", || set))
+    }
+
+    fn replace(
+        &self,
+        given: impl IntoIterator<Item = Given>,
+        mut refused: Vec<Refusal>,
+        all: bool,
+    ) -> Result<u64, SetError> {
+        let mut guard = self.state();
+        let state = &mut *guard;
+        self.is_running(state)?;
+        if state.is_replay && !current::is_taped() {
+            return Err(SetError::Replayed);
+        }
+        let mut new: BTreeMap<usize, (Box<[u64]>, Option<Source>)> = BTreeMap::new();
+        if all {
+            let defaults = state.entries.iter().enumerate();
+            new.extend(
+                defaults.map(|(number, entry)| (number, (entry.declared.default.clone(), None))),
+            );
+        }
+        for given in given {
+            match state.check(&given) {
+                Ok((number, words)) => drop(new.insert(number, (words, Some(given.source)))),
+                Err(refusal) => refused.push(*refusal),
+            }
+        }
+        if !refused.is_empty() {
+            return Err(SetError::Refused(refused));
+        }
+        if new.is_empty() {
+            return Ok(state.sets);
+        }
+        state.sets += 1;
+        let set = state.sets;
+        let mut former = HashMap::new();
+        for (&number, (words, source)) in &mut new {
+            let entry = &mut state.entries[number];
+            entry.set = set;
+            entry.source = source.take();
+            if entry.words != *words {
+                former.insert(
+                    number,
+                    std::mem::replace(&mut entry.words, std::mem::take(words)),
+                );
+            }
+        }
+        // Nobody reads what a process that has ended leaves.
+        for group in state.groups.iter_mut().filter(|group| group.is_used()) {
+            let Group { reader, cells, .. } = &*group;
+            if !cells.iter().any(|cells| former.contains_key(&cells.entry)) {
+                continue;
+            }
+            let had_taken = reader.slots.publish(set + 1, |slot| {
+                for cells in cells {
+                    cells.fill(slot, &state.entries[cells.entry].words);
+                }
+            });
+            if had_taken {
+                group.taken = set - 1;
+            }
+        }
+        state.tell(|entry| former.remove(state.numbers.get(&entry.declared.name)?));
+        Ok(set)
+    }
+
+    /// Whether everybody reads what the set of this number made of it.
+    pub(in crate::parameters) fn is_taken(&self, set: u64) -> bool {
+        note_outside("Parameters::is_taken");
+        let state = self.state();
+        set <= state.sets
+            && state
+                .groups
+                .iter()
+                .filter(|group| group.is_used())
+                .all(|group| group.has_taken(set))
+    }
+}
+
+impl State {
+    /// The number of the parameter, and the words of its new value.
+    fn check(&self, given: &Given) -> Result<(usize, Box<[u64]>), Box<Refusal>> {
+        let Some(&number) = self.numbers.get(&*given.name) else {
+            let names = self.entries.iter().map(|entry| &*entry.declared.name);
+            let nearest = nearest(&given.name, names).map(str::to_owned);
+            return Err(given.refused("", Reason::Unknown { nearest }).into());
+        };
+        let declared = &self.entries[number].declared;
+        match declared.form.pack(&given.value) {
+            Ok(words) => Ok((number, words)),
+            Err(reason) => Err(given.refused(&declared.unit, reason).into()),
+        }
+    }
+}

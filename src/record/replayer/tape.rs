@@ -1,0 +1,279 @@
+//! What the operations of a replayed process are told.
+
+use super::stamps::after;
+use super::strand::Stage;
+use super::track::{Track, told};
+use crate::record::error::RecordError;
+use crate::record::event::{Event as Noted, Kind};
+use luna_platform::tape::{About, Event, Tape, Turn, What};
+use std::task::{Context, Poll};
+
+impl Tape for Track {
+    fn enter(&self, cx: &mut Context<'_>) -> Poll<Turn> {
+        if self.is_off() {
+            return Poll::Pending;
+        }
+        let entered = self.with_strand(|strand| {
+            match strand.stage {
+                Stage::Running(turn) => return Poll::Ready(Ok(turn)),
+                Stage::Entering => {}
+                Stage::Idle => {
+                    strand.operations += 1;
+                    strand.is_call = false;
+                    strand.stage = Stage::Entering;
+                }
+            }
+            let entered = self.entering(strand, cx);
+            if let Poll::Ready(Ok(turn)) = entered {
+                strand.stage = Stage::Running(turn);
+            }
+            entered.map_err(|found| (strand.operations, strand.events.front().map(told), found))
+        });
+        match entered {
+            Poll::Pending => Poll::Pending,
+            Poll::Ready(Ok(turn)) => Poll::Ready(turn),
+            Poll::Ready(Err((operation, expected, found))) => {
+                match expected {
+                    Some(expected) => self.differ(operation, None, expected, found.into()),
+                    None => self.beyond(operation, found),
+                }
+                Poll::Pending
+            }
+        }
+    }
+
+    fn call(&self, _: bool) -> Turn {
+        if self.is_off() {
+            return Turn::Look;
+        }
+        self.with_strand(|strand| {
+            strand.operations += 1;
+            strand.is_call = true;
+            strand.stage = Stage::Running(Turn::Look);
+        });
+        let turn = match self.take_event(true) {
+            Some(Noted {
+                kind:
+                    Kind::Outcome {
+                        what,
+                        number,
+                        stamp,
+                    },
+                ..
+            }) => Turn::Given(Event {
+                what,
+                number,
+                stamp,
+            }),
+            Some(event) => {
+                let operation = event.operation;
+                self.differ(operation, None, told(&event), "an operation at once".into());
+                Turn::Look
+            }
+            None => {
+                self.nothing_for(None, "an operation at once");
+                Turn::Look
+            }
+        };
+        self.with_strand(|strand| strand.stage = Stage::Running(turn));
+        turn
+    }
+
+    fn is_replay(&self) -> bool {
+        true
+    }
+
+    fn leave(&self, event: Event) {
+        if self.is_off() {
+            return;
+        }
+        let stage = self.with_strand(|strand| std::mem::replace(&mut strand.stage, Stage::Idle));
+        let Stage::Running(turn) = stage else { return };
+        self.idle_polls.set(0);
+        let operation = self.with_strand(|strand| strand.operations);
+        match turn {
+            Turn::Given(given) => {
+                if !self.with_strand(|strand| strand.is_call) {
+                    self.take_event(false);
+                }
+                let is_same = given.what == event.what
+                    && (given.number == event.number || given.what == What::Time);
+                if !is_same {
+                    let words = |event: Event| {
+                        told(&Noted {
+                            path: 0,
+                            operation,
+                            is_call: false,
+                            kind: Kind::Outcome {
+                                what: event.what,
+                                number: event.number,
+                                stamp: event.stamp,
+                            },
+                        })
+                    };
+                    self.differ(operation, None, words(given), words(event));
+                }
+            }
+            _ if event.what == What::Done => {}
+            _ => self.differ(
+                operation,
+                None,
+                "a success".into(),
+                "another outcome".into(),
+            ),
+        }
+    }
+
+    fn abandon(&self) {
+        self.with_strand(|strand| strand.stage = Stage::Idle);
+    }
+
+    fn hold(&self, cx: &mut Context<'_>) -> Poll<()> {
+        if self.is_off() {
+            return Poll::Pending;
+        }
+        self.with_strand(
+            |strand| match strand.events.front().map(|event| &event.kind) {
+                // What came after it was not recorded any more.
+                Some(Kind::Cut(_))
+                    if strand.events[0].operation == strand.operations
+                        && !strand.events[0].is_call =>
+                {
+                    Poll::Pending
+                }
+                _ => strand.wait_for_calls(cx),
+            },
+        )
+    }
+
+    fn choice(&self) -> Option<u32> {
+        self.with_strand(|strand| match strand.stage {
+            Stage::Running(Turn::Given(Event {
+                what: What::Chosen,
+                number,
+                ..
+            })) => u32::try_from(number).ok(),
+            _ => None,
+        })
+    }
+
+    fn stamp(&self, _: bool) -> u64 {
+        self.with_strand(|strand| match strand.stage {
+            Stage::Running(Turn::Given(event)) => event.stamp,
+            _ => 0,
+        })
+    }
+
+    fn own_stamp(&self) -> u64 {
+        0
+    }
+
+    fn put(&self, about: About, name: u32, bytes: &[u8]) {
+        if self.is_off() {
+            return;
+        }
+        self.with_strand(|strand| strand.operations += 1);
+        let output = self.outputs.get() + 1;
+        self.outputs.set(output);
+        match self.take_event(true) {
+            Some(Noted {
+                kind:
+                    Kind::Bytes {
+                        about: of,
+                        name: named,
+                        bytes: recorded,
+                    },
+                ..
+            }) if of == about && named == name && recorded == bytes => {}
+            Some(event) => {
+                let found = format!("the output {bytes:?}");
+                self.differ(event.operation, Some(output), told(&event), found);
+            }
+            None => self.nothing_for(Some(output), "an output"),
+        }
+    }
+
+    fn get(&self, about: About, name: u32, into: &mut [u8]) -> Option<usize> {
+        if self.is_off() {
+            return None;
+        }
+        let is_call = matches!(about, About::Input | About::Output);
+        self.with_strand(|strand| match is_call {
+            true => strand.operations += 1,
+            false => strand.stage = Stage::Idle,
+        });
+        let what = match about {
+            About::Cycle => "a cycle of a loop",
+            About::Read => "bytes from outside",
+            _ => "an input",
+        };
+        match self.take_event(is_call) {
+            Some(Noted {
+                kind:
+                    Kind::Bytes {
+                        about: of,
+                        name: named,
+                        bytes,
+                    },
+                ..
+            }) if of == about && named == name && bytes.len() <= into.len() => {
+                into[..bytes.len()].copy_from_slice(&bytes);
+                Some(bytes.len())
+            }
+            Some(event) => {
+                self.differ(
+                    event.operation,
+                    None,
+                    told(&event),
+                    format!("other than {what}"),
+                );
+                None
+            }
+            None => {
+                self.nothing_for(None, what);
+                None
+            }
+        }
+    }
+
+    fn strand(&self) -> u32 {
+        1
+    }
+
+    fn process(&self) -> u32 {
+        self.number
+    }
+
+    fn outside(&self, construct: &'static str) {
+        if !self.is_off() {
+            self.replayer.note(RecordError::Outside {
+                process: self.name.clone(),
+                construct: construct.to_owned(),
+            });
+        }
+    }
+
+    fn settle(&self, cx: &mut Context<'_>) -> Poll<()> {
+        self.with_strand(|strand| match strand.stage {
+            Stage::Running(Turn::Given(Event { stamp, .. })) if stamp != 0 => {
+                strand.wait_for(after(stamp), cx)
+            }
+            _ => Poll::Ready(()),
+        })
+    }
+
+    fn differs(&self, what: &'static str) {
+        if !self.is_off() {
+            let (operation, expected) = self.with_strand(|strand| {
+                (
+                    strand.operations,
+                    match strand.stage {
+                        Stage::Running(Turn::Given(_)) => "that it does",
+                        _ => "something else",
+                    },
+                )
+            });
+            self.differ(operation, None, expected.into(), what.into());
+        }
+    }
+}

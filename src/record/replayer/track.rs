@@ -1,0 +1,278 @@
+//! What replays one process, and finds where it does something else than was recorded.
+
+use super::Replayer;
+use super::stamps::{LATE, at};
+use super::strand::Strand;
+use crate::record::error::{Divergence, RecordError};
+use crate::record::event::{Event as Noted, Kind};
+use luna_platform::current;
+use luna_platform::tape::{About, Event, Turn, What};
+use luna_platform::timer_queue::Sleep;
+use std::cell::{Cell, RefCell};
+use std::collections::{HashMap, VecDeque};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::task::{Context, Poll};
+
+/// How often a process is polled without an event, when one of its strands is past what was recorded: the others may have some left.
+const MOST_IDLE_POLLS: u32 = 1000;
+
+/// What replays one process.
+pub(crate) struct Track {
+    pub(super) replayer: Arc<Replayer>,
+    pub(super) name: String,
+    /// In the recording, from 1.
+    pub(super) number: u32,
+    pub(super) strands: RefCell<HashMap<u32, Strand>>,
+    pub(super) end: RefCell<Pin<Box<Sleep>>>,
+    pub(super) begun: Cell<bool>,
+    pub(super) outputs: Cell<u64>,
+    /// The recording says nothing more of it.
+    pub(super) past_end: Cell<bool>,
+    /// It returned in the recording. Else what a strand does after its last event was not recorded any more.
+    pub(super) returns: bool,
+    /// A strand has done something at once after that: it cannot be made to wait for that.
+    pub(super) has_overrun: Cell<bool>,
+    /// How often it was polled since the last event or operation.
+    pub(super) idle_polls: Cell<u32>,
+}
+
+impl Track {
+    /// Whether the body is not to be polled any more: it has come further than the recording, or the replay has come to a difference, and it would only go on.
+    pub(crate) fn rests(&self) -> bool {
+        let is_at_cut = |strand: &Strand| {
+            let next = strand.events.front();
+            next.is_some_and(|event| {
+                matches!(event.kind, Kind::Cut(_)) && event.operation <= strand.operations
+            })
+        };
+        if self.has_overrun.get() || self.strands.borrow().get(&0).is_some_and(is_at_cut) {
+            let polls = self.idle_polls.get() + 1;
+            self.idle_polls.set(polls);
+            if polls > MOST_IDLE_POLLS {
+                self.past_end.set(true);
+            }
+        }
+        self.past_end.get() || self.replayer.differs()
+    }
+
+    /// Whether the body may be polled for the first time.
+    pub(crate) fn begins(&self, cx: &mut Context<'_>) -> bool {
+        if !self.begun.get() {
+            let mut strands = self.strands.borrow_mut();
+            let polled = strands
+                .get_mut(&0)
+                .map_or(Poll::Ready(()), |strand| strand.wait_for_calls(cx));
+            self.begun.set(polled.is_ready());
+        }
+        self.begun.get()
+    }
+
+    /// Whether nothing more comes, so that the body, which is at rest, is to be dropped.
+    pub(crate) fn is_over(&self, cx: &mut Context<'_>) -> bool {
+        let is_over = self.end.borrow_mut().as_mut().poll(cx).is_ready();
+        if is_over {
+            self.replayer.is_over.store(true, Ordering::Relaxed);
+            self.check_rest();
+        }
+        is_over
+    }
+
+    /// The process has returned.
+    pub(crate) fn end(&self) {
+        if self.is_off() {
+            return;
+        }
+        let mut strands = self.strands.borrow_mut();
+        let strand = strands
+            .entry(0)
+            .or_insert_with(|| Strand::new(VecDeque::new()));
+        let next = strand.events.front();
+        if next
+            .is_some_and(|event| event.kind == Kind::Ended && event.operation == strand.operations)
+        {
+            strand.events.pop_front();
+            self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
+            drop(strands);
+            return self.check_rest();
+        }
+        let operation = strand.operations;
+        let expected = next.map(told);
+        drop(strands);
+        match expected {
+            Some(expected) => self.differ(operation, None, expected, "the process returns".into()),
+            None => self.beyond(operation, "the process returns"),
+        }
+    }
+
+    /// All that was recorded has to have come again.
+    pub(super) fn check_rest(&self) {
+        if self.replayer.differs() || !self.replayer.is_whole || self.past_end.get() {
+            return;
+        }
+        let strands = self.strands.borrow();
+        for strand in strands.values() {
+            let next = strand.events.front();
+            if let Some(event) = next.filter(|event| !matches!(event.kind, Kind::Cut(_))) {
+                let (expected, operation) = (told(event), event.operation);
+                return self.differ(operation, None, expected, "nothing".into());
+            }
+        }
+    }
+
+    pub(super) fn differ(
+        &self,
+        operation: u64,
+        output: Option<u64>,
+        expected: String,
+        found: String,
+    ) {
+        self.replayer
+            .note(RecordError::Diverged(Box::new(Divergence {
+                event: self.replayer.replayed.load(Ordering::Relaxed),
+                process: self.name.clone(),
+                operation,
+                output,
+                expected,
+                found,
+            })));
+    }
+
+    /// Something is done of which the recording says nothing more.
+    pub(super) fn beyond(&self, operation: u64, found: &str) {
+        if self.replayer.is_whole {
+            self.differ(operation, None, "nothing more".into(), found.into());
+        }
+        self.past_end.set(true);
+    }
+
+    pub(super) fn is_off(&self) -> bool {
+        self.past_end.get()
+            || self.replayer.differs()
+            || self.replayer.is_over.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn with_strand<R>(&self, f: impl FnOnce(&mut Strand) -> R) -> R {
+        let mut strands = self.strands.borrow_mut();
+        let strand = strands
+            .entry(current::branch_path())
+            .or_insert_with(|| Strand::new(VecDeque::new()));
+        f(strand)
+    }
+
+    /// Takes the strand's next event, if it is of the present operation and a call as it is.
+    pub(super) fn take_event(&self, is_call: bool) -> Option<Noted> {
+        self.with_strand(|strand| {
+            let operation = strand.operations;
+            strand.events.pop_front_if(|event| {
+                let is_same = event.operation == operation && event.is_call == is_call;
+                is_same && !matches!(event.kind, Kind::Cut(_))
+            })
+        })
+        .inspect(|_| {
+            self.idle_polls.set(0);
+            self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
+        })
+    }
+
+    pub(super) fn entering(
+        &self,
+        strand: &mut Strand,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<Turn, &'static str>> {
+        let operation = strand.operations;
+        let Some(event) = strand.events.front() else {
+            return match current::branch_path() {
+                0 => Poll::Ready(Err("it goes on")),
+                // A branch that has no events, or none any more, foresees all, as its process goes on to its end.
+                _ if self.returns => Poll::Ready(Ok(Turn::Look)),
+                // How far it had come was not recorded.
+                _ => Poll::Pending,
+            };
+        };
+        if event.operation < operation {
+            return match event.kind {
+                Kind::Cut(_) => Poll::Pending,
+                Kind::Ended => Poll::Ready(Err("it goes on")),
+                _ => Poll::Ready(Err("another operation")),
+            };
+        }
+        if event.operation > operation {
+            return Poll::Ready(Ok(Turn::Look));
+        }
+        let is_cut = matches!(event.kind, Kind::Cut(_));
+        if event.is_call && !is_cut {
+            return Poll::Ready(Err("an operation that may wait"));
+        }
+        match event.kind {
+            Kind::Outcome {
+                what,
+                number,
+                stamp,
+            } => {
+                let polled = match what {
+                    What::Done | What::Chosen if stamp != 0 => strand.wait_for(at(stamp), cx),
+                    What::Failed | What::TimedOut => strand.wait_for_calls_after_this(cx),
+                    _ => Poll::Ready(()),
+                };
+                polled.map(|()| {
+                    Ok(Turn::Given(Event {
+                        what,
+                        number,
+                        stamp,
+                    }))
+                })
+            }
+            Kind::Bytes { .. } => Poll::Ready(Ok(Turn::Look)),
+            // It is the last one.
+            Kind::Ended => Poll::Ready(Ok(Turn::Look)),
+            // A partner may have had it all the same: so it is offered, when all else has happened.
+            Kind::Cut(true) => strand.wait_for(at(LATE), cx).map(|()| Ok(Turn::Look)),
+            Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
+        }
+    }
+
+    /// There is no event for what is done now.
+    pub(super) fn nothing_for(&self, output: Option<u64>, found: &str) {
+        let (operation, expected, is_cut) = self.with_strand(|strand| {
+            let next = strand.events.front();
+            let is_cut = match next {
+                Some(event) => {
+                    matches!(event.kind, Kind::Cut(_)) && event.operation < strand.operations
+                }
+                None => current::branch_path() != 0 && !self.returns,
+            };
+            (strand.operations, next.map(told), is_cut)
+        });
+        if is_cut {
+            return self.has_overrun.set(true);
+        }
+        match expected {
+            Some(expected) => self.differ(operation, output, expected, found.into()),
+            None => self.beyond(operation, found),
+        }
+    }
+}
+
+/// An event in words.
+pub(super) fn told(event: &Noted) -> String {
+    let call = if event.is_call { " at once" } else { "" };
+    match &event.kind {
+        Kind::Outcome { what, number, .. } => match what {
+            What::Done => format!("a success{call}"),
+            What::Failed => format!("a failure{call} ({number})"),
+            What::TimedOut => "a timeout".to_owned(),
+            What::Chosen => format!("guard {number}"),
+            What::Time => "a look at the clock".to_owned(),
+        },
+        Kind::Bytes { about, bytes, .. } => match about {
+            About::Input => "an input".to_owned(),
+            About::Output => format!("the output {bytes:?}"),
+            About::Cycle => "a cycle of a loop".to_owned(),
+            About::Read => "bytes from outside".to_owned(),
+        },
+        Kind::Ended => "that the process returns".to_owned(),
+        Kind::Cut(_) => "that the process is ended".to_owned(),
+    }
+}

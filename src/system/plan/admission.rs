@@ -1,0 +1,288 @@
+//! How a process comes to a system: described beside others, or started beside those that run.
+
+use super::described::{Place, ProcessPlan};
+use super::running::{Running, Started};
+use super::{Members, Phase, Plan, duplicate};
+use crate::csp::process::{Build, Common, Prepared, clean_up, prepare, start};
+use crate::error::{Result, SetupError};
+use crate::system::neighbours;
+use luna_executors::ProcessHandle;
+use luna_platform::current::ProcessId;
+use std::sync::{Arc, MutexGuard};
+
+/// The name of a process that is about to be added. Dropping it gives the name back.
+pub(crate) struct Reservation<'a> {
+    plan: &'a Plan,
+    name: Option<Arc<str>>,
+}
+
+impl Reservation<'_> {
+    /// The name stays taken.
+    pub(crate) fn keep(mut self) {
+        self.name = None;
+    }
+}
+
+impl Drop for Reservation<'_> {
+    fn drop(&mut self) {
+        if let Some(name) = &self.name {
+            self.plan.members().started.give_name_back(name);
+        }
+    }
+}
+
+impl Plan {
+    /// Takes the name of a process whose body is still to be made.
+    pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
+        drop(self.admit(Ok(name))?);
+        Ok(Reservation {
+            plan: self,
+            name: Some(name.clone()),
+        })
+    }
+
+    /// As [`add_reserved`](Self::add_reserved), for a process whose type is not known.
+    pub(crate) fn add_reserved_boxed(&self, plan: ProcessPlan) -> Result<ProcessId> {
+        let id = plan.id();
+        let mut members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            return Err(self.ended(plan.name()));
+        }
+        if members.running.is_some() {
+            self.start_prepared(members, plan)?;
+        } else {
+            members.waiting.push(plan);
+        }
+        Ok(id)
+    }
+
+    /// Adds a process: to be started with the others, or at once if they run. O(1) but for what is the user's, and those that have ended meanwhile.
+    pub(crate) fn add_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let id = plan.id();
+        let members = self.admit(plan.own_name())?;
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
+    }
+
+    /// As [`add_process`](Self::add_process), to a system that runs.
+    pub(crate) fn start_process<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessHandle> {
+        let mut members = self.admit(plan.own_name())?;
+        if members.running.is_none() {
+            if let Ok(name) = plan.own_name() {
+                members.started.give_name_back(name);
+            }
+            drop(members);
+            let process = plan.name().to_string();
+            return Err(SetupError::NotRunning { process }.into());
+        }
+        match self.add_admitted(members, plan, true)? {
+            Some(handle) => Ok(handle),
+            None => unreachable!("the system runs"),
+        }
+    }
+
+    /// As [`add_process`](Self::add_process), for one whose name is [reserved](Self::reserve).
+    pub(crate) fn add_reserved<B: Build>(&self, plan: ProcessPlan<B>) -> Result<ProcessId> {
+        let id = plan.id();
+        let members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            return Err(self.ended(plan.name()));
+        }
+        self.add_admitted(members, plan, false)?;
+        Ok(id)
+    }
+
+    /// Gives the handle of a process that starts at once, if it is `wanted`.
+    fn add_admitted<B: Build>(
+        &self,
+        mut members: MutexGuard<'_, Members>,
+        plan: ProcessPlan<B>,
+        wanted: bool,
+    ) -> Result<Option<ProcessHandle>> {
+        let id = plan.id();
+        let Members {
+            running: Some(running),
+            started,
+            ..
+        } = &mut *members
+        else {
+            members.waiting.push(plan.boxed());
+            return Ok(None);
+        };
+        let Place::Executor(number) = plan.place else {
+            return self.start_prepared(members, plan.boxed()).map(Some);
+        };
+        let Prepared { resident, build } = plan.prepared;
+        if resident.is_some() {
+            return self
+                .start_prepared(
+                    members,
+                    ProcessPlan {
+                        prepared: Prepared { resident, build },
+                        ..plan
+                    }
+                    .boxed(),
+                )
+                .map(Some);
+        }
+        // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
+        let (mut member, mut announced, frame) =
+            running.announce(number, plan.spec, plan.ledger, None, started.verdict());
+        member.is_late = true;
+        member.shares_name = plan.shares_name;
+        started.enter(id, member, &running.common.emergency);
+        let handle = wanted.then(|| announced.handle());
+        if announced.is_built_here() {
+            // The executor is in a process' turn, so it does not end meanwhile.
+            drop(members);
+            drop(start(build, announced, frame));
+        } else {
+            let refused = start(build, announced, frame);
+            drop(members);
+            drop(refused);
+        }
+        Ok(handle)
+    }
+
+    /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
+    fn admit(&self, name: Result<&Arc<str>, &Arc<str>>) -> Result<MutexGuard<'_, Members>> {
+        let mut guard = self.members();
+        let members = &mut *guard;
+        if members.phase == Phase::Ended {
+            let (Ok(name) | Err(name)) = name;
+            drop(guard);
+            return Err(self.ended(name));
+        }
+        if let Some(running) = &members.running {
+            let Common {
+                living, emergency, ..
+            } = &*running.common;
+            members.started.note_ends(living, emergency);
+        }
+        if let Ok(name) = name
+            && !members.started.take_name(name)
+        {
+            // Who had it may have ended, and others may know that, though its executor has not told of it yet.
+            if let Some(running) = &members.running {
+                members.started.look_for_ends(&running.common.emergency);
+            }
+            if !members.started.take_name(name) {
+                return Err(duplicate("process", name));
+            }
+        }
+        Ok(guard)
+    }
+
+    /// Starts a process that takes longer, beside those that run.
+    fn start_prepared(
+        &self,
+        members: MutexGuard<'_, Members>,
+        plan: ProcessPlan,
+    ) -> Result<ProcessHandle> {
+        let (name, shares_name) = (plan.name().clone(), plan.shares_name);
+        let Some(running) = members.running.clone() else {
+            drop(members);
+            return Err(self.ended(&name));
+        };
+        self.start_late(members, &running, plan, &name)
+            .inspect_err(|_| {
+                // It never was, so it may be tried again.
+                if !shares_name {
+                    self.members().started.give_name_back(&name);
+                }
+            })
+    }
+
+    /// Forgets a process that has ended before it was entered: its end is told before that.
+    fn never_entered(&self, running: &Running, id: ProcessId) {
+        let Common {
+            living, emergency, ..
+        } = &*running.common;
+        let mut members = self.members();
+        members.started.note_ends(living, emergency);
+        members.started.never_entered(id);
+    }
+
+    /// Starts a process beside those that run. Its `pre_run` and its thread's start happen without the lock: they may take long, and spawn.
+    fn start_late<'a>(
+        &'a self,
+        mut members: MutexGuard<'a, Members>,
+        running: &Running,
+        mut plan: ProcessPlan,
+        name: &str,
+    ) -> Result<ProcessHandle> {
+        let id = plan.id();
+        let _clock = running.common.clock.enter();
+        let _log = running.common.log.enter();
+        if let Some(resident) = &mut plan.prepared.resident {
+            drop(members);
+            let _scope = running.common.scope.clone().enter_to_prepare();
+            let declared = plan.spec.name();
+            self.parameters
+                .declaring(id, declared, || prepare(&mut **resident))
+                .map_err(|error| error.in_process(name))?;
+            members = self.members();
+        }
+        let on_thread = matches!(plan.place, Place::Thread { .. });
+        if on_thread {
+            if running.simulation.is_none() {
+                let places = &members.places;
+                neighbours::join(&mut plan, &running.executors, places, &members.threads);
+            }
+            drop(members);
+        } else if members.phase == Phase::Ended {
+            // On an executor the lock is kept from the look at the phase until it is entered: the end cannot come in between.
+            drop(members);
+            clean_up(plan.prepared.resident);
+            return Err(self.ended(name));
+        } else {
+            // Nothing of the user's runs there.
+            return match running.start(plan) {
+                Ok((member, Started::OnExecutor(mut pending))) => {
+                    let handle = member.handle.clone();
+                    members.enter_late(id, member, running);
+                    if pending.is_built_here() {
+                        // The executor is in a process' turn, so it does not end meanwhile.
+                        drop(members);
+                        drop(pending.hand_over());
+                    } else {
+                        let refused = pending.hand_over();
+                        drop(members);
+                        drop(refused);
+                    }
+                    Ok(handle)
+                }
+                Ok((_, Started::OnThread(_))) => unreachable!("its place is an executor"),
+                Err(refused) => {
+                    drop(members);
+                    Err(refused.clean_up())
+                }
+            };
+        }
+        let (mut member, thread) = match running.start(plan) {
+            Ok((member, Started::OnThread(thread))) => (member, thread),
+            Ok((_, Started::OnExecutor(_))) => unreachable!("its place is a thread"),
+            Err(refused) => {
+                self.never_entered(running, id);
+                return Err(refused.clean_up());
+            }
+        };
+        // The thread is held until the system is known to run still.
+        let mut members = self.members();
+        if members.phase == Phase::Ended {
+            drop(members);
+            // Its body ends before it began.
+            drop(thread);
+            self.never_entered(running, id);
+            clean_up(member.take_resident());
+            return Err(self.ended(name));
+        }
+        let handle = member.handle.clone();
+        members.enter_late(id, member, running);
+        thread.1.release();
+        members.threads.push(thread);
+        Ok(handle)
+    }
+}

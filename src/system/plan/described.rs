@@ -1,0 +1,74 @@
+//! What is to be: executors and processes, as they were described.
+
+use crate::csp::composition::{ThreadKind, ThreadPart};
+use crate::csp::process::{Build, Prepared, Start};
+use crate::safety::Ledger;
+use luna_executors::ProcessSpec;
+use luna_platform::current::ProcessId;
+use luna_platform::thread::Attributes;
+use std::sync::Arc;
+
+/// Where a process is to run.
+pub(crate) enum Place {
+    /// The executor with this number.
+    Executor(usize),
+    /// A thread of its own.
+    Thread {
+        name: String,
+        attributes: Box<Attributes>,
+    },
+}
+
+/// An executor to be.
+pub(crate) struct ExecutorPlan {
+    pub(crate) name: String,
+    pub(crate) attributes: Attributes,
+}
+
+impl ExecutorPlan {
+    /// It as a part of the system, as it was asked for.
+    pub(crate) fn part(&self) -> ThreadPart {
+        ThreadPart::asked(&self.name, ThreadKind::Executor, &self.attributes)
+    }
+}
+
+/// A process to be, whose body `B` makes.
+pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
+    pub(crate) place: Place,
+    pub(crate) spec: ProcessSpec,
+    /// Others may have its name too.
+    pub(crate) shares_name: bool,
+    pub(crate) ledger: Option<Arc<Ledger>>,
+    pub(crate) prepared: Prepared<B>,
+}
+
+impl<B> ProcessPlan<B> {
+    pub(crate) fn name(&self) -> &Arc<str> {
+        self.spec.name()
+    }
+
+    pub(crate) fn id(&self) -> ProcessId {
+        self.spec.id()
+    }
+
+    /// Its name, if it is to be its own; else the name as an error.
+    pub(super) fn own_name(&self) -> Result<&Arc<str>, &Arc<str>> {
+        match self.shares_name {
+            false => Ok(self.name()),
+            true => Err(self.name()),
+        }
+    }
+}
+
+impl<B: Build> ProcessPlan<B> {
+    /// It among others, whatever makes them.
+    pub(super) fn boxed(self) -> ProcessPlan {
+        ProcessPlan {
+            place: self.place,
+            spec: self.spec,
+            shares_name: self.shares_name,
+            ledger: self.ledger,
+            prepared: self.prepared.boxed(),
+        }
+    }
+}

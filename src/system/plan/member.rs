@@ -1,0 +1,110 @@
+//! A process that was started, as its system knows it.
+
+use crate::csp::composition::ThreadPart;
+use crate::csp::process::{Phases, Verdict};
+use crate::safety::Ledger;
+use luna_executors::ProcessHandle;
+use std::sync::Arc;
+
+/// A process that was started. There may be very many: what few have lies apart.
+pub(crate) struct Member {
+    pub(crate) handle: ProcessHandle,
+    /// Until its end was noted: its body refers to it.
+    verdict: Option<Arc<Verdict>>,
+    seldom: Option<Box<Seldom>>,
+    /// Its place in the order of starts.
+    pub(crate) order: u64,
+    /// The number of its executor, or [`NO_EXECUTOR`].
+    executor: u32,
+    /// It was spawned while the system ran.
+    pub(crate) is_late: bool,
+    pub(crate) shares_name: bool,
+    pub(crate) has_failed: bool,
+    /// Its end was noted.
+    pub(crate) buried: bool,
+}
+
+/// In the place of the number of an executor: it has a thread of its own.
+const NO_EXECUTOR: u32 = u32::MAX;
+
+/// What few members have.
+struct Seldom {
+    ledger: Option<Arc<Ledger>>,
+    resident: Option<Box<dyn Phases>>,
+    thread: Option<Box<ThreadPart>>,
+}
+
+impl Member {
+    pub(in crate::system) fn new(
+        handle: ProcessHandle,
+        verdict: Arc<Verdict>,
+        on: On,
+        ledger: Option<Arc<Ledger>>,
+        resident: Option<Box<dyn Phases>>,
+    ) -> Self {
+        let (executor, thread) = match on {
+            On::Executor(number) => (u32::try_from(number).unwrap_or(NO_EXECUTOR), None),
+            On::Thread(part) => (NO_EXECUTOR, Some(part)),
+        };
+        let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
+        Self {
+            handle,
+            verdict: Some(verdict),
+            seldom: has_any.then(|| {
+                Box::new(Seldom {
+                    ledger,
+                    resident,
+                    thread,
+                })
+            }),
+            order: 0,
+            executor,
+            is_late: false,
+            shares_name: false,
+            has_failed: false,
+            buried: false,
+        }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        self.handle.name()
+    }
+
+    pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
+        self.seldom.as_ref()?.ledger.as_ref()
+    }
+
+    pub(crate) fn take_verdict(&mut self) -> Option<Arc<Verdict>> {
+        self.verdict.take()
+    }
+
+    pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
+        self.seldom.as_mut()?.resident.take()
+    }
+
+    /// Whether it shares its thread.
+    pub(crate) fn is_on_executor(&self) -> bool {
+        self.executor != NO_EXECUTOR
+    }
+
+    /// Where it was started.
+    pub(crate) fn on(&self) -> On {
+        match self
+            .seldom
+            .as_ref()
+            .and_then(|seldom| seldom.thread.as_ref())
+        {
+            Some(part) => On::Thread(part.clone()),
+            None => On::Executor(self.executor as usize),
+        }
+    }
+}
+
+/// Where a process was started.
+#[derive(Clone)]
+pub(crate) enum On {
+    /// The executor with this number.
+    Executor(usize),
+    /// A thread of its own.
+    Thread(Box<ThreadPart>),
+}

@@ -1,0 +1,254 @@
+//! What a system is to be, and what it has become: shared by its handles.
+
+mod admission;
+mod described;
+mod member;
+mod running;
+
+pub(crate) use described::{ExecutorPlan, Place, ProcessPlan};
+pub(crate) use member::{Member, On};
+pub(crate) use running::{NamedThread, NotStarted, Running, Started};
+
+use super::clock::ClockPlan;
+use super::register::Register;
+use super::stand_in::StandIns;
+use crate::csp::composition::ThreadPart;
+use crate::csp::tree::Tree;
+use crate::error::{Error, Result, SetupError};
+use crate::logging::Asked;
+use crate::parameters::Store;
+use crate::record::TapePlan;
+use crate::report::Report;
+use crate::safety::{Emergency, Guardian};
+use crate::time::Manager;
+use luna_executors::ProcessHandle;
+use luna_platform::current::ProcessId;
+use std::collections::HashSet;
+use std::panic::{AssertUnwindSafe, RefUnwindSafe, UnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A system's plan. Its locks are for the set-up, the end, and the non-real-time side.
+pub(crate) struct Plan {
+    name: String,
+    settings: Mutex<Settings>,
+    members: Mutex<Members>,
+    stand_ins: Mutex<StandIns>,
+    /// Nobody can be replaced any more.
+    stand_ins_closed: AtomicBool,
+    #[cfg(unix)]
+    devices: Arc<crate::devices::Devices>,
+    tree: Arc<Tree>,
+    emergency: Arc<Emergency>,
+    parameters: Arc<Store>,
+}
+
+// Nothing of the user's runs under its locks, and what they guard is whole between two statements. So who catches a panic finds the system as it was, or as it ended: described, with or
+// without the process that panicked as it was made, or run.
+impl UnwindSafe for Plan {}
+impl RefUnwindSafe for Plan {}
+
+#[derive(Default)]
+pub(crate) struct Settings {
+    pub(crate) strict: bool,
+    pub(crate) lock_memory: bool,
+    pub(crate) max_loops: Option<usize>,
+    /// Who wakes the loops, if it is not their executors.
+    pub(crate) manager: Option<Arc<Manager>>,
+    pub(crate) max_timers: Option<usize>,
+    /// The core of the timer manager.
+    pub(crate) timer_core: Option<usize>,
+    /// Of how many that have ended more than their number is known.
+    pub(crate) remembered: Option<usize>,
+    /// Whether the death of the program that started this one is an emergency.
+    pub(crate) parents_death: bool,
+    pub(crate) guardian: Option<Guardian>,
+    pub(crate) clock: ClockPlan,
+    /// What is to be recorded.
+    pub(crate) logging: Asked,
+    pub(crate) tapes: TapePlan,
+    /// How often to look whether the file of parameters has changed.
+    pub(crate) look_at_parameters: Option<Duration>,
+    /// How many turns may be taken at one instant of a virtual clock; as many as stated.
+    pub(crate) most_turns: Option<u64>,
+}
+
+#[derive(Default)]
+pub(crate) struct Members {
+    pub(crate) phase: Phase,
+    pub(crate) executors: Vec<ExecutorPlan>,
+    /// The executors that were started, as parts of the system.
+    pub(crate) places: Vec<ThreadPart>,
+    pub(crate) waiting: Vec<ProcessPlan>,
+    /// Before who was started: dropping a thread waits for its body, which refers to its process.
+    pub(crate) threads: Vec<NamedThread>,
+    pub(crate) started: Register,
+    pub(crate) running: Option<Arc<Running>>,
+    /// Of the run that has ended.
+    pub(crate) report: Option<Report>,
+    thread_names: HashSet<String>,
+}
+
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Phase {
+    #[default]
+    Described,
+    Running,
+    Ended,
+}
+
+impl Members {
+    /// Enters a process that starts while the system runs.
+    fn enter_late(&mut self, id: ProcessId, mut member: Member, running: &Running) {
+        member.is_late = true;
+        self.started.enter(id, member, &running.common.emergency);
+    }
+
+    /// Takes the name of an executor or a thread.
+    fn take_thread_name(&mut self, name: &str) -> Result<()> {
+        if !self.thread_names.insert(name.to_owned()) {
+            return Err(duplicate("executor", name));
+        }
+        Ok(())
+    }
+}
+
+fn duplicate(kind: &'static str, name: &str) -> Error {
+    SetupError::DuplicateName {
+        kind,
+        name: name.to_owned(),
+    }
+    .into()
+}
+
+impl Plan {
+    pub(crate) fn new(name: &str) -> Arc<Self> {
+        Arc::new_cyclic(|plan| Self {
+            name: name.to_owned(),
+            settings: Mutex::default(),
+            members: Mutex::default(),
+            stand_ins: Mutex::default(),
+            stand_ins_closed: AtomicBool::new(false),
+            #[cfg(unix)]
+            devices: Default::default(),
+            tree: Tree::new(),
+            emergency: Emergency::new(plan.clone()),
+            parameters: Store::new(name),
+        })
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The named sub-processes.
+    pub(crate) fn tree(&self) -> &Arc<Tree> {
+        &self.tree
+    }
+
+    pub(crate) fn emergency(&self) -> &Arc<Emergency> {
+        &self.emergency
+    }
+
+    pub(crate) fn parameters(&self) -> &Arc<Store> {
+        &self.parameters
+    }
+
+    pub(crate) fn settings(&self) -> MutexGuard<'_, Settings> {
+        self.settings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn stand_ins(&self) -> MutexGuard<'_, StandIns> {
+        self.stand_ins
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// When the system starts: every stand-in must have found whom it stands in for.
+    pub(crate) fn close_stand_ins(&self) -> Result<()> {
+        self.stand_ins().close()?;
+        self.stand_ins_closed.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// A process that is spawned without its ends cannot be replaced. While the system runs nobody waits to replace one.
+    pub(crate) fn check_plain(&self, process: &str) -> Result<()> {
+        if self.stand_ins_closed.load(Ordering::Acquire) {
+            return Ok(());
+        }
+        self.stand_ins().check_plain(process)
+    }
+
+    #[cfg(unix)]
+    pub(crate) fn devices(&self) -> &Arc<crate::devices::Devices> {
+        &self.devices
+    }
+
+    pub(crate) fn members(&self) -> MutexGuard<'_, Members> {
+        self.members.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Nobody will run the system: drops what it was to consist of, which may hold the plan, unless it has been run. What is dropped is the user's: without a lock.
+    pub(crate) fn abandon(&self) {
+        // Also of a start that failed on them.
+        let stand_ins = std::mem::take(&mut *self.stand_ins());
+        drop(stand_ins);
+        let waiting = {
+            let mut members = self.members();
+            if members.phase != Phase::Described {
+                return;
+            }
+            members.phase = Phase::Ended;
+            std::mem::take(&mut members.waiting)
+        };
+        for process in waiting {
+            // One panic in a drop, which the hook tells, keeps no other from its own.
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(process)));
+        }
+        let settings = std::mem::take(&mut *self.settings());
+        drop(settings);
+        self.emergency.conclude();
+    }
+
+    /// Whether the system has been run.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.members().phase != Phase::Described
+    }
+
+    /// Adds an executor; gives its number.
+    pub(crate) fn add_executor(&self, executor: ExecutorPlan) -> Result<usize> {
+        let mut members = self.members();
+        if members.phase != Phase::Described {
+            return Err(SetupError::AlreadyRun {
+                system: self.name.clone(),
+            }
+            .into());
+        }
+        members.take_thread_name(&executor.name)?;
+        members.executors.push(executor);
+        Ok(members.executors.len() - 1)
+    }
+
+    /// Takes the name of an OS thread, which executors share.
+    pub(crate) fn take_thread_name(&self, name: &str) -> Result<()> {
+        self.members().take_thread_name(name)
+    }
+
+    fn ended(&self, process: &str) -> Error {
+        SetupError::Ended {
+            system: self.name.clone(),
+            process: process.to_owned(),
+        }
+        .into()
+    }
+
+    /// The name of a process that was started and is remembered.
+    pub(crate) fn process_name(&self, id: ProcessId) -> Option<String> {
+        self.members().started.name(id).map(str::to_owned)
+    }
+
+    pub(crate) fn process_handle(&self, id: ProcessId) -> Option<ProcessHandle> {
+        self.members().started.handle(id)
+    }
+}

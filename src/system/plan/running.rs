@@ -1,0 +1,167 @@
+//! How a process is started where the system runs.
+
+use super::described::{Place, ProcessPlan};
+use super::member::{Member, On};
+use crate::csp::composition::{ThreadKind, ThreadPart};
+use crate::csp::process::{Common, Frame, Phases, Prepared, Start, Verdict, clean_up};
+use crate::error::Error;
+use crate::safety::Ledger;
+use luna_executors::{
+    Announced, ExecutorHandle, OsThread, ProcessSpec, Refused, SimulationHandle, Standstill,
+};
+use luna_platform::thread::Mode;
+use std::sync::Arc;
+
+/// What processes are started with while the system runs.
+pub(crate) struct Running {
+    pub(crate) executors: Vec<ExecutorHandle>,
+    pub(crate) common: Arc<Common>,
+    pub(crate) mode: Mode,
+    /// What runs them, if their time is virtual.
+    pub(crate) simulation: Option<SimulationHandle>,
+}
+
+/// An OS thread with its name.
+pub(crate) type NamedThread = (String, OsThread);
+
+/// A process that could not be started, and what is left of it to clean up.
+pub(crate) struct NotStarted {
+    pub(crate) error: Error,
+    pub(crate) resident: Option<Box<dyn Phases>>,
+}
+
+impl NotStarted {
+    /// Cleans up what is left of it.
+    pub(super) fn clean_up(self) -> Error {
+        clean_up(self.resident);
+        self.error
+    }
+}
+
+/// A process that is entered, and not handed over to its executor yet.
+pub(crate) struct Pending {
+    announced: Announced,
+    starter: Box<dyn Start>,
+    frame: Frame,
+}
+
+impl Pending {
+    /// Whether handing it over calls what is the user's.
+    pub(super) fn is_built_here(&mut self) -> bool {
+        self.announced.is_built_here()
+    }
+
+    /// What is given is the user's: to be dropped without a lock.
+    #[must_use = "what was refused is dropped without a lock"]
+    pub(crate) fn hand_over(self) -> Option<Refused> {
+        self.starter.on_executor(self.announced, self.frame)
+    }
+}
+
+/// What comes of a process that is started.
+pub(crate) enum Started {
+    OnExecutor(Pending),
+    OnThread(NamedThread),
+}
+
+impl Running {
+    /// Whether there is nothing more to wait for: all processes have ended or time does not go on, and an emergency, if there is one, is over.
+    pub(crate) fn is_over(&self) -> bool {
+        let Common {
+            emergency, living, ..
+        } = &*self.common;
+        emergency.is_safe()
+            || !emergency.has_begun() && (living.count() == 0 || self.standstill().is_some())
+    }
+
+    /// Why time does not go on, if it does not.
+    pub(crate) fn standstill(&self) -> Option<Standstill> {
+        self.simulation.as_ref()?.standstill()
+    }
+
+    /// Announces a prepared process on an executor. Nothing of the user's runs there.
+    pub(super) fn announce(
+        &self,
+        number: usize,
+        mut spec: ProcessSpec,
+        ledger: Option<Arc<Ledger>>,
+        resident: Option<Box<dyn Phases>>,
+        verdict: Arc<Verdict>,
+    ) -> (Member, Announced, Frame) {
+        let common = &self.common;
+        if let Some(ledger) = &ledger {
+            ledger.join(&common.emergency, &common.living);
+        }
+        spec = spec.listed();
+        if resident.is_none() && ledger.is_none() {
+            spec = spec.unhurried();
+        }
+        if common.tapes.are_there() {
+            spec = common.tapes.tape(spec);
+        }
+        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
+        let frame = unsafe { Frame::new(common, &verdict) };
+        let announced = self.executors[number].announce(spec);
+        let on = On::Executor(number);
+        let member = Member::new(announced.handle(), verdict, on, ledger, resident);
+        (member, announced, frame)
+    }
+
+    /// Starts a prepared process: on a thread, which is held; on an executor once it is handed over.
+    pub(crate) fn start(&self, plan: ProcessPlan) -> Result<(Member, Started), NotStarted> {
+        let ProcessPlan {
+            place,
+            spec,
+            shares_name,
+            ledger,
+            prepared:
+                Prepared {
+                    resident,
+                    build: starter,
+                },
+        } = plan;
+        let (thread_name, attributes) = match place {
+            Place::Executor(number) => {
+                let (mut member, announced, frame) =
+                    self.announce(number, spec, ledger, resident, Verdict::new());
+                member.shares_name = shares_name;
+                let pending = Pending {
+                    announced,
+                    starter,
+                    frame,
+                };
+                return Ok((member, Started::OnExecutor(pending)));
+            }
+            Place::Thread { name, attributes } => (name, attributes),
+        };
+        let common = &self.common;
+        let verdict = Verdict::new();
+        // SAFETY: as in `announce`; if the thread does not start there is no body.
+        let frame = unsafe { Frame::new(common, &verdict) };
+        if let Some(ledger) = &ledger {
+            ledger.join(&common.emergency, &common.living);
+        }
+        let name = spec.name().clone();
+        let started = starter.on_thread(
+            (*attributes).mode(self.mode),
+            common.tapes.tape(spec.listed()),
+            self.simulation.as_ref(),
+            frame,
+        );
+        match started {
+            Ok(thread) => {
+                let part =
+                    ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
+                let on = On::Thread(Box::new(part));
+                let handle = thread.process().clone();
+                let mut member = Member::new(handle, verdict, on, ledger, resident);
+                member.shares_name = shares_name;
+                Ok((member, Started::OnThread((thread_name, thread))))
+            }
+            Err(error) => Err(NotStarted {
+                error: Error::not_started(&name, error),
+                resident,
+            }),
+        }
+    }
+}

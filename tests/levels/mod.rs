@@ -1,0 +1,52 @@
+//! One executor with processes of several levels, and the order of what happens there: for tests of who is lent a priority.
+
+use luna::prelude::*;
+use luna::{ProcessBuilder, yield_now};
+use luna_platform::current;
+use std::sync::{Arc, Mutex};
+
+/// What happened, in order.
+#[derive(Clone, Default)]
+pub(crate) struct Log(pub(crate) Arc<Mutex<Vec<&'static str>>>);
+
+impl Log {
+    pub(crate) fn add(&self, what: &'static str) {
+        self.0.lock().unwrap().push(what);
+    }
+
+    /// What happened between two events, which are there once.
+    pub(crate) fn between(&self, first: &str, last: &str) -> Vec<&'static str> {
+        let log = self.0.lock().unwrap();
+        let at = |what| log.iter().position(|&event| event == what).unwrap();
+        log[at(first) + 1..at(last)].to_vec()
+    }
+}
+
+pub(crate) fn level() -> u8 {
+    current::priority().level
+}
+
+/// A system with one executor.
+pub(crate) fn on_one_executor(build: impl FnOnce(&dyn Fn(&str, u8) -> ProcessBuilder)) {
+    let mut system = System::new("levels");
+    let executor = system.executor("one").build().unwrap();
+    build(&|name, level| executor.process(name).priority(level));
+    system.run().unwrap();
+}
+
+/// A process that is ready for long once it is told to, and logs each time that it runs.
+pub(crate) fn burner(process: ProcessBuilder, log: &Log) -> luna::Sender<()> {
+    let (start, started) = luna::channel::<()>();
+    let log = log.clone();
+    process
+        .spawn(async move {
+            started.recv().await?;
+            for _ in 0..50 {
+                log.add("burn");
+                yield_now().await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    start
+}
