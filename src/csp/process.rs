@@ -7,10 +7,11 @@ use crate::logging::Log;
 use crate::record::Tapes;
 use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
-use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
+use luna_executors::{
+    Announced, LastWords, Living, OsThread, ProcessSpec, Refused, SimulationHandle,
+};
 use luna_platform::clock::Clock;
 use luna_platform::events;
-use luna_platform::lock::PiLock;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -23,9 +24,7 @@ use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// A process with three phases.
@@ -351,40 +350,22 @@ impl Common {
 }
 
 /// What the framework gives a body on its way.
-///
-/// # Invariants
-///
-/// Whoever has the verdict keeps it, for this body alone, until the body is gone; or for ever, if the body may never go.
 pub(crate) struct Frame {
-    verdict: NonNull<Verdict>,
     /// Given back with the frame.
     common: ManuallyDrop<Arc<Common>>,
 }
 
-// SAFETY: a verdict may be referred to from any thread, and so may what bodies have in common.
-unsafe impl Send for Frame {}
-
 impl Frame {
-    /// # Safety
-    ///
-    /// The caller keeps to the type's invariant.
-    pub(crate) unsafe fn new(common: &Arc<Common>, verdict: &Arc<Verdict>) -> Self {
+    pub(crate) fn new(common: &Arc<Common>) -> Self {
         Self {
-            verdict: NonNull::from(&**verdict),
             common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
         }
     }
-
-    fn verdict(&self) -> &Verdict {
-        // SAFETY: the invariant: the body has this frame, so it is not gone.
-        unsafe { self.verdict.as_ref() }
-    }
 }
 
-/// A frame may go to any thread because of these.
+/// A frame may go to any thread because of this.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
-    shared::<Verdict>();
     shared::<Arc<Common>>();
 };
 
@@ -397,40 +378,18 @@ impl Drop for Frame {
     }
 }
 
-/// How a body ended, if it was not cancelled and did not panic.
-pub(crate) struct Verdict {
-    ended: PiLock<Option<Ended>>,
-    is_said: AtomicBool,
+/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an error.
+pub(crate) struct Verdict(pub(crate) Option<Ended>);
+
+impl LastWords for Verdict {
+    fn is_nothing(&self) -> bool {
+        self.0.is_none()
+    }
 }
 
 pub(crate) enum Ended {
-    Returned(Result<()>),
+    Returned(Error),
     Failed(Failure),
-}
-
-impl Verdict {
-    pub(crate) fn new() -> Arc<Self> {
-        Arc::new(Self {
-            ended: PiLock::new(None),
-            is_said: AtomicBool::new(false),
-        })
-    }
-
-    fn say(&self, ended: Ended) {
-        *self.ended.lock() = Some(ended);
-        self.is_said.store(true, Ordering::Release);
-    }
-
-    /// What was said. Nothing is said any more once the body is gone.
-    pub(crate) fn take(&self) -> Option<Ended> {
-        let is_said = self.is_said.load(Ordering::Acquire);
-        is_said.then(|| self.ended.lock().take())?
-    }
-
-    /// Whether its body has gone without a word, so that it can be another's.
-    pub(crate) fn is_unused(&self) -> bool {
-        !self.is_said.load(Ordering::Relaxed)
-    }
 }
 
 /// Why the framework ends a process: without allocation, since others go on.
@@ -479,10 +438,10 @@ impl<F> Supervised<F> {
 }
 
 impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
-    type Output = ();
+    type Output = Verdict;
 
     #[inline(always)]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Verdict> {
         // SAFETY: the body is pinned with the whole, and never moved.
         let (body, frame) = unsafe {
             let this = self.get_unchecked_mut();
@@ -495,16 +454,17 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
                 cold_path();
-                // That it returned without an error is what nothing said means.
-                if !matches!(ended, Ok(Ok(()))) {
+                let ended = match ended {
+                    Ok(Ok(())) => None,
+                    Ok(Err(error)) => Some(Ended::Returned(error)),
+                    Err(failure) => Some(Ended::Failed(failure)),
+                };
+                if ended.is_some() {
                     events::note_failure();
-                    frame
-                        .verdict()
-                        .say(ended.map_or_else(Ended::Failed, Ended::Returned));
                     // It is to be said of soon, and its own end is told to nobody who is not listening for any.
                     frame.common.living.announce_next();
                 }
-                Poll::Ready(())
+                Poll::Ready(Verdict(ended))
             }
         }
     }

@@ -6,7 +6,7 @@ use super::register::Register;
 use super::stand_in::StandIns;
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{
-    Build, Common, Frame, Phases, Prepared, Start, Verdict, clean_up, prepare, start,
+    Build, Common, Frame, Phases, Prepared, Start, clean_up, prepare, start,
 };
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result, SetupError};
@@ -141,8 +141,6 @@ impl<B: Build> ProcessPlan<B> {
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
     pub(crate) handle: ProcessHandle,
-    /// Until its end was noted: its body refers to it.
-    verdict: Option<Arc<Verdict>>,
     seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
     pub(crate) order: u64,
@@ -169,7 +167,6 @@ struct Seldom {
 impl Member {
     pub(super) fn new(
         handle: ProcessHandle,
-        verdict: Arc<Verdict>,
         on: On,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
@@ -181,7 +178,6 @@ impl Member {
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
         Self {
             handle,
-            verdict: Some(verdict),
             seldom: has_any.then(|| {
                 Box::new(Seldom {
                     ledger,
@@ -204,10 +200,6 @@ impl Member {
 
     pub(crate) fn ledger(&self) -> Option<&Arc<Ledger>> {
         self.seldom.as_ref()?.ledger.as_ref()
-    }
-
-    pub(crate) fn take_verdict(&mut self) -> Option<Arc<Verdict>> {
-        self.verdict.take()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
@@ -307,7 +299,6 @@ impl Running {
         mut spec: ProcessSpec,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
-        verdict: Arc<Verdict>,
     ) -> (Member, Announced, Frame) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
@@ -320,11 +311,10 @@ impl Running {
         if common.tapes.are_there() {
             spec = common.tapes.tape(spec);
         }
-        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
-        let frame = unsafe { Frame::new(common, &verdict) };
+        let frame = Frame::new(common);
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
-        let member = Member::new(announced.handle(), verdict, on, ledger, resident);
+        let member = Member::new(announced.handle(), on, ledger, resident);
         (member, announced, frame)
     }
 
@@ -343,8 +333,7 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (mut member, announced, frame) =
-                    self.announce(number, spec, ledger, resident, Verdict::new());
+                let (mut member, announced, frame) = self.announce(number, spec, ledger, resident);
                 member.shares_name = shares_name;
                 let pending = Pending {
                     announced,
@@ -356,9 +345,7 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let verdict = Verdict::new();
-        // SAFETY: as in `announce`; if the thread does not start there is no body.
-        let frame = unsafe { Frame::new(common, &verdict) };
+        let frame = Frame::new(common);
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }
@@ -375,7 +362,7 @@ impl Running {
                     ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
                 let on = On::Thread(Box::new(part));
                 let handle = thread.process().clone();
-                let mut member = Member::new(handle, verdict, on, ledger, resident);
+                let mut member = Member::new(handle, on, ledger, resident);
                 member.shares_name = shares_name;
                 Ok((member, Started::OnThread((thread_name, thread))))
             }
@@ -674,7 +661,7 @@ impl Plan {
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
         let (mut member, mut announced, frame) =
-            running.announce(number, plan.spec, plan.ledger, None, started.verdict());
+            running.announce(number, plan.spec, plan.ledger, None);
         member.is_late = true;
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);

@@ -17,9 +17,6 @@ use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
-/// How many verdicts are kept for those that come.
-const VERDICTS: usize = 64;
-
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
 
@@ -86,8 +83,6 @@ pub(crate) struct Register {
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
-    /// Of those that have ended without a word, for those that come.
-    verdicts: Vec<Arc<Verdict>>,
     /// Those that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
@@ -112,7 +107,6 @@ impl Default for Register {
             premature: HashSet::new(),
             funerals: VecDeque::new(),
             has_news: false,
-            verdicts: Vec::new(),
             ended: VecDeque::new(),
             most_ended: REMEMBERED,
             earlier: EarlierProcesses::default(),
@@ -151,11 +145,6 @@ impl Register {
         if !self.premature.is_empty() && self.premature.remove(&id) {
             self.note_end(id, emergency);
         }
-    }
-
-    /// Room for what a process may say as it ends.
-    pub(super) fn verdict(&mut self) -> Arc<Verdict> {
-        self.verdicts.pop().unwrap_or_else(Verdict::new)
     }
 
     /// Forgets a process that ended and was not entered.
@@ -212,17 +201,9 @@ impl Register {
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let verdict = member.take_verdict();
-        let said = verdict.as_ref().and_then(|verdict| verdict.take());
+        let said = member.handle.take_last_words::<Verdict>();
         let has_left_body = member.handle.has_left_body();
-        match verdict {
-            // The body that was left refers to it.
-            Some(verdict) if has_left_body => std::mem::forget(verdict),
-            Some(verdict) if verdict.is_unused() && self.verdicts.len() < VERDICTS => {
-                self.verdicts.push(verdict);
-            }
-            _ => {}
-        }
+        let said = said.and_then(|verdict| verdict.0);
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
@@ -409,7 +390,7 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
     let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
-        (_, Some(Ended::Returned(Err(error)))) => error,
+        (_, Some(Ended::Returned(error))) => error,
         (_, Some(Ended::Failed(failure))) => failure.into(),
         _ => return None,
     };

@@ -2,12 +2,15 @@
 
 mod body;
 mod join;
+mod last_words;
 mod living;
 mod overseer;
 mod record;
 
-pub(crate) use body::{Body, Of, Recorded};
+pub(crate) use body::{Body, End, Recorded};
 pub use join::Join;
+pub use last_words::LastWords;
+pub(crate) use last_words::{Words, WordsMethods};
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
 pub(crate) use overseer::prepare as prepare_thread;
@@ -261,6 +264,12 @@ impl ProcessHandle {
     /// must then stay. Asked after the end.
     pub fn has_left_body(&self) -> bool {
         self.0.has_left_body()
+    }
+
+    /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
+    /// real-time path: it frees; O(1).
+    pub fn take_last_words<O: LastWords>(&self) -> Option<O> {
+        self.0.take_words()
     }
 
     /// How it ended, if it has.

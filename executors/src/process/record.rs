@@ -1,6 +1,7 @@
 //! What outlives the body of a process: its name, what it does, and how it ended.
 
 use super::join::JoinNode;
+use super::last_words::{LastWords, Words};
 use super::living::Living;
 use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, ProcessSpec, ProcessState, panic_message};
@@ -20,8 +21,10 @@ use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before anybody asked: the message of a panic is made off the real-time path.
-pub(super) enum RawExit {
+pub(crate) enum RawExit {
     Completed,
+    /// Completed, and has said something.
+    Said(Words),
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
@@ -35,6 +38,8 @@ impl Outcome {
     const CANCELLED: u8 = 2;
     /// What was said is behind the lock.
     const PANICKED: u8 = 3;
+    /// Completed, and what was said is behind the lock.
+    const SAID: u8 = 4;
 }
 
 /// Why an executor looks twice at a process before it polls it.
@@ -137,11 +142,38 @@ pub(crate) struct Record {
 
 /// What is looked at and changed from other threads.
 pub(super) struct Shown {
-    /// How to wake a process that is not there yet.
-    waker: Option<Box<Waker>>,
     pub(super) joining: WaitList,
+    beside: Beside,
+}
+
+/// What there is of a process that is not there yet, or has ended.
+enum Beside {
+    Nothing,
+    /// How to wake one that is not there yet.
+    Waker(Box<Waker>),
     /// What it has panicked with.
-    panic: Option<Box<dyn Any + Send>>,
+    Panic(Box<dyn Any + Send>),
+    /// What it has said.
+    Words(Words),
+}
+
+impl Shown {
+    fn waker(&self) -> Option<&Waker> {
+        match &self.beside {
+            Beside::Waker(waker) => Some(waker),
+            _ => None,
+        }
+    }
+
+    fn take_waker(&mut self) -> Option<Box<Waker>> {
+        match std::mem::replace(&mut self.beside, Beside::Nothing) {
+            Beside::Waker(waker) => Some(waker),
+            other => {
+                self.beside = other;
+                None
+            }
+        }
+    }
 }
 
 /// Of a process whose polls are timed.
@@ -159,9 +191,8 @@ impl Record {
     pub(crate) fn new(spec: ProcessSpec, living: &Living, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
-            waker: None,
             joining: WaitList::new(),
-            panic: None,
+            beside: Beside::Nothing,
         };
         path::name_process(spec.id, &spec.name);
         events::tell(events::code::SPAWNED, spec.id.get(), || {
@@ -236,18 +267,34 @@ impl Record {
     pub(super) fn exit(&self) -> Option<Exit> {
         Some(match self.outcome.load(Ordering::Acquire) {
             Outcome::NONE => return None,
-            Outcome::COMPLETED => Exit::Completed,
+            Outcome::COMPLETED | Outcome::SAID => Exit::Completed,
             Outcome::CANCELLED => Exit::Cancelled,
-            _ => {
-                let shown = self.shown.lock();
-                Exit::Panicked(
-                    shown
-                        .panic
-                        .as_deref()
-                        .map_or_else(String::new, panic_message),
-                )
-            }
+            _ => Exit::Panicked(match &self.shown.lock().beside {
+                Beside::Panic(payload) => panic_message(&**payload),
+                _ => String::new(),
+            }),
         })
+    }
+
+    /// What was said, if it is of this type and was not taken.
+    pub(super) fn take_words<O: LastWords>(&self) -> Option<O> {
+        if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
+            return None;
+        }
+        let mut shown = self.shown.lock();
+        let words = match std::mem::replace(&mut shown.beside, Beside::Nothing) {
+            Beside::Words(words) => words,
+            other => {
+                shown.beside = other;
+                return None;
+            }
+        };
+        drop(shown);
+        // Without the lock: it frees.
+        words
+            .take()
+            .map_err(|words| self.shown.lock().beside = Beside::Words(words))
+            .ok()
     }
 
     /// Whether its polls are timed.
@@ -336,7 +383,14 @@ impl Record {
     /// Says how to wake it before it is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
         let waker = Box::new(waker);
-        let before = self.shown.lock().waker.replace(waker);
+        let before = {
+            let mut shown = self.shown.lock();
+            let before = shown.take_waker();
+            if matches!(shown.beside, Beside::Nothing) {
+                shown.beside = Beside::Waker(waker);
+            }
+            before
+        };
         drop(before);
     }
 
@@ -349,7 +403,7 @@ impl Record {
         let before = {
             let mut shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
-            shown.waker.take()
+            shown.take_waker()
         };
         // Here, and not on the real-time path.
         drop(before);
@@ -365,7 +419,7 @@ impl Record {
             let mut shown = self.shown.lock();
             // SAFETY: the lock is held.
             unsafe { self.seen.forget() };
-            shown.waker.take()
+            shown.take_waker()
         };
         drop(waker);
     }
@@ -379,7 +433,7 @@ impl Record {
                 process.notify(Notice::CANCELLED);
                 process.waker().cloned()
             } else {
-                shown.waker.as_deref().cloned()
+                shown.waker().cloned()
             }
         };
         if let Some(waker) = waker {
@@ -409,7 +463,7 @@ impl Record {
     }
 
     /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
-    pub(super) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
+    pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
         let mut shown = self.shown.lock();
         if self.has_ended() {
             drop(shown);
@@ -418,24 +472,29 @@ impl Record {
         events::done(
             self.id.get(),
             match exit {
-                RawExit::Completed => events::code::ended::OK,
+                RawExit::Completed | RawExit::Said(_) => events::code::ended::OK,
                 RawExit::Cancelled => events::code::ended::CANCELLED,
                 RawExit::Panicked(_) => events::code::ended::PANICKED,
             },
         );
-        let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
+        let in_a_hurry =
+            !self.unhurried || matches!(exit, RawExit::Cancelled | RawExit::Panicked(_));
+        let mut waker = shown.take_waker();
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
+            RawExit::Said(words) => {
+                shown.beside = Beside::Words(words);
+                Outcome::SAID
+            }
             RawExit::Cancelled => Outcome::CANCELLED,
             RawExit::Panicked(payload) => {
-                shown.panic = Some(payload);
+                shown.beside = Beside::Panic(payload);
                 Outcome::PANICKED
             }
         };
         // Nobody has anything to ask of the process itself any more.
         // SAFETY: the lock is held.
         unsafe { self.seen.forget() };
-        let mut waker = shown.waker.take();
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = shown.joining.pop() {

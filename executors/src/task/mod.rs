@@ -20,12 +20,12 @@ mod waker;
 
 use crate::executor::{self, Shared};
 use crate::interference;
-use crate::process::{Body, Notice, Of, Record};
+use crate::process::{Body, End, LastWords, Notice, Record, Words, WordsMethods};
 use crate::seats::{Seat, Seats};
 use luna_platform::current::{self, Methods, Place, Process};
 use luna_platform::events;
 use luna_platform::reclaim::Retired;
-use std::any::Any;
+use std::any::{Any, TypeId};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
 use std::mem::{ManuallyDrop, offset_of};
@@ -33,7 +33,7 @@ use std::pin::Pin;
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
-use std::task::Context;
+use std::task::{Context, Poll};
 
 thread_local! {
     /// The tasks of the executor that this thread is that are not retired.
@@ -96,19 +96,8 @@ struct BodyMethods {
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
 }
 
-impl Task {
-    /// Whose body is to be polled.
-    #[inline(always)]
-    fn of(&self) -> Of<'_> {
-        Of {
-            record: &self.record,
-            living: self.shared.living(),
-        }
-    }
-}
-
 #[repr(C)]
-struct Whole<F> {
+struct Whole<F: Future> {
     task: Task,
     body: UnsafeCell<Body<F>>,
 }
@@ -116,7 +105,7 @@ struct Whole<F> {
 /// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
 pub(crate) fn start<F>(shared: Arc<Shared>, record: Arc<Record>, future: F)
 where
-    F: Future<Output = ()> + 'static,
+    F: Future<Output: LastWords> + 'static,
 {
     let process = Process::new(
         record.id(),
@@ -211,7 +200,7 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
 ///
 /// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body while the borrow lasts.
 #[inline(always)]
-unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
+unsafe fn body<'a, F: Future>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
     // SAFETY: the contract; the body stays where it is until it is dropped.
     unsafe { Pin::new_unchecked(&mut *task.cast::<Whole<F>>().as_ref().body.get()) }
 }
@@ -219,10 +208,21 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 /// # Safety
 ///
 /// As for [`body`], of whose `Whole<F>` `owner` is the head; and the body has not ended.
-unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool {
+unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
+where
+    F: Future<Output: LastWords>,
+{
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_unended(|| task.as_ref().of(), cx) }
+    unsafe {
+        match body::<F>(task).poll_unended(cx) {
+            Poll::Pending => false,
+            Poll::Ready(words) => {
+                end_body::<F>(task, End::Completed(words));
+                true
+            }
+        }
+    }
 }
 
 /// # Safety
@@ -230,11 +230,19 @@ unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>)
 /// As for [`poll`], but the body may have ended.
 unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
-    F: Future<Output = ()>,
+    F: Future<Output: LastWords>,
 {
     let task = owner.cast::<Task>();
-    // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_attentively(task.as_ref().of(), cx) }
+    // SAFETY: the contract. Who has ended is not polled by `run_attentively`, and says nothing more.
+    unsafe {
+        match body::<F>(task).poll_attentively(&task.as_ref().record, cx) {
+            None => false,
+            Some(end) => {
+                end_body::<F>(task, end);
+                true
+            }
+        }
+    }
 }
 
 /// # Safety
@@ -242,10 +250,67 @@ where
 /// As for [`body`].
 unsafe fn end_panicked<F>(task: NonNull<Task>, payload: Box<dyn Any + Send>)
 where
-    F: Future<Output = ()>,
+    F: Future<Output: LastWords>,
 {
     // SAFETY: the contract.
-    unsafe { body::<F>(task).end_panicked(task.as_ref().of(), payload) };
+    unsafe { end_body::<F>(task, End::Panicked(payload)) };
+}
+
+/// Drops the body, and tells how it ended. What it said stays in its place, and keeps the task until it is taken.
+///
+/// # Safety
+///
+/// As for [`body`]; and it has not ended before.
+#[cold]
+unsafe fn end_body<F>(task: NonNull<Task>, end: End<F::Output>)
+where
+    F: Future<Output: LastWords>,
+{
+    // SAFETY: the contract. No borrow of the body is left when others learn of what it said, and from then on it is theirs.
+    unsafe {
+        let this = task.as_ref();
+        let end = body::<F>(task).end(&this.record, end);
+        let exit = end.told(|words| {
+            body::<F>(task).keep(words);
+            let methods = const {
+                &WordsMethods {
+                    type_id: TypeId::of::<F::Output>,
+                    take: take_words::<F>,
+                    discard: discard_words::<F>,
+                }
+            };
+            waker::add(task);
+            Words::new(task.cast(), methods)
+        });
+        this.record.finish(exit, this.shared.living());
+    }
+}
+
+/// # Safety
+///
+/// `owner` is the head of a live `Whole<F>` whose body has ended and whose last words are the caller's, as is one reference to it; `to` is room for them.
+unsafe fn take_words<F: Future>(owner: NonNull<()>, to: *mut ()) {
+    // SAFETY: the contract; the words stay with this call, so that nobody else accesses the body.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let words = body::<F>(task).take_words();
+        // By the contract there are some.
+        to.cast::<F::Output>().write(words.unwrap_unchecked());
+        waker::remove(task);
+    }
+}
+
+/// # Safety
+///
+/// As for [`take_words`].
+unsafe fn discard_words<F: Future>(owner: NonNull<()>) {
+    // SAFETY: the contract.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let words = body::<F>(task).take_words();
+        waker::remove(task);
+        drop(words);
+    }
 }
 
 /// As [`Methods::ready_elsewhere`] says.
@@ -391,7 +456,7 @@ unsafe fn free(owner: NonNull<()>) {
 /// # Safety
 ///
 /// `head` is the field of a `Whole<F>` that nobody uses any more, and whose body has ended.
-unsafe fn free_retired<F>(head: NonNull<Retired>) {
+unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
     // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own, and can go on any thread.
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
