@@ -325,7 +325,7 @@ pub(crate) struct Common {
 thread_local! {
     /// What the bodies of this thread have in common, once there is one.
     static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
-    /// What its bodies that have ended had of it.
+    /// What those that have begun were brought of it.
     static SPARE_COMMON: Spare<Common> = const { Spare::new() };
 }
 
@@ -347,9 +347,18 @@ impl Common {
         SPARE_COMMON.with(|spare| spare.keep(self));
         ENTERED.set(Some(self.clone()));
     }
+
+    /// What the bodies of this thread have in common, of which the caller is one.
+    fn with(f: impl FnOnce(&Self)) {
+        // The reference is one more, since what is done with it is done without the borrow.
+        let entered = ENTERED.try_with(|entered| entered.borrow().clone());
+        if let Ok(Some(common)) = entered {
+            f(&common);
+        }
+    }
 }
 
-/// What the framework gives a body on its way.
+/// What the framework gives a body on its way: on its thread it finds the same by itself.
 pub(crate) struct Frame {
     /// Given back with the frame.
     common: ManuallyDrop<Arc<Common>>,
@@ -416,10 +425,9 @@ pub(crate) async fn fail_current(failure: Failure) -> ! {
     std::future::pending().await
 }
 
-/// A body with the failures that the framework finds in it.
+/// A body with the failures that the framework finds in it. On a thread that has [entered](Common::enter_thread).
 pub(crate) struct Supervised<F> {
     body: ManuallyDrop<F>,
-    frame: Frame,
 }
 
 impl<F> Supervised<F> {
@@ -427,12 +435,11 @@ impl<F> Supervised<F> {
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.enter_thread();
         frame.common.log.enter_home();
-        let alarm = Alarm(&frame);
+        let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);
         Self {
             body: ManuallyDrop::new(body),
-            frame,
         }
     }
 }
@@ -443,11 +450,8 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
     #[inline(always)]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Verdict> {
         // SAFETY: the body is pinned with the whole, and never moved.
-        let (body, frame) = unsafe {
-            let this = self.get_unchecked_mut();
-            (Pin::new_unchecked(&mut *this.body), &this.frame)
-        };
-        let alarm = Alarm(frame);
+        let body = unsafe { Pin::new_unchecked(&mut *self.get_unchecked_mut().body) };
+        let alarm = Alarm;
         let polled = poll_until_failure(body, cx);
         std::mem::forget(alarm);
         match polled {
@@ -462,7 +466,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
                 if ended.is_some() {
                     events::note_failure();
                     // It is to be said of soon, and its own end is told to nobody who is not listening for any.
-                    frame.common.living.announce_next();
+                    Common::with(|common| common.living.announce_next());
                 }
                 Poll::Ready(Verdict(ended))
             }
@@ -473,7 +477,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
         // Also a panic of what a cancelled body leaves.
-        let alarm = Alarm(&self.frame);
+        let alarm = Alarm;
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
         std::mem::forget(alarm);
@@ -481,11 +485,12 @@ impl<F> Drop for Supervised<F> {
 }
 
 /// A panic in a process is an emergency: triggered here, as it leaves the body, not when somebody finds the process ended.
-struct Alarm<'a>(&'a Frame);
+struct Alarm;
 
-impl Drop for Alarm<'_> {
+impl Drop for Alarm {
+    #[cold]
     fn drop(&mut self) {
-        self.0.common.emergency.trigger(Cause::Panic);
+        Common::with(|common| common.emergency.trigger(Cause::Panic));
     }
 }
 

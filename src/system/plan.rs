@@ -17,8 +17,8 @@ use crate::report::Report;
 use crate::safety::{Emergency, Guardian, Ledger};
 use crate::time::Manager;
 use luna_executors::{
-    Announced, ExecutorHandle, OsThread, ProcessHandle, ProcessSpec, Refused, SimulationHandle,
-    Standstill,
+    Announced, ExecutorHandle, Name, OsThread, ProcessHandle, ProcessSpec, Refused,
+    SimulationHandle, Standstill,
 };
 use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Mode};
@@ -108,7 +108,7 @@ pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
 }
 
 impl<B> ProcessPlan<B> {
-    pub(crate) fn name(&self) -> &Arc<str> {
+    pub(crate) fn name(&self) -> &Name {
         self.spec.name()
     }
 
@@ -117,7 +117,7 @@ impl<B> ProcessPlan<B> {
     }
 
     /// Its name, if it is to be its own; else the name as an error.
-    fn own_name(&self) -> Result<&Arc<str>, &Arc<str>> {
+    fn own_name(&self) -> Result<&Name, &Name> {
         match self.shares_name {
             false => Ok(self.name()),
             true => Err(self.name()),
@@ -425,7 +425,7 @@ impl Members {
 /// The name of a process that is about to be added. Dropping it gives the name back.
 pub(crate) struct Reservation<'a> {
     plan: &'a Plan,
-    name: Option<Arc<str>>,
+    name: Option<Name>,
 }
 
 impl Reservation<'_> {
@@ -565,7 +565,7 @@ impl Plan {
     }
 
     /// Takes the name of a process whose body is still to be made.
-    pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
+    pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
         drop(self.admit(Ok(name))?);
         Ok(Reservation {
             plan: self,
@@ -679,7 +679,7 @@ impl Plan {
     }
 
     /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
-    fn admit(&self, name: Result<&Arc<str>, &Arc<str>>) -> Result<MutexGuard<'_, Members>> {
+    fn admit(&self, name: Result<&Name, &Name>) -> Result<MutexGuard<'_, Members>> {
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {

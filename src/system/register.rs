@@ -11,11 +11,10 @@ use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
-use luna_executors::{Exit, Living, ProcessHandle};
+use luna_executors::{Exit, Living, Name, ProcessHandle};
 use luna_platform::current::ProcessId;
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
-use std::sync::Arc;
 
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
@@ -74,7 +73,7 @@ type Found = Option<(u64, Error)>;
 
 pub(crate) struct Register {
     members: ById<Member>,
-    names: HashSet<Arc<str>, BuildHasherDefault<Spread>>,
+    names: HashSet<Name, BuildHasherDefault<Spread>>,
     /// How many were ever started: the next one's place in the order.
     started: u64,
     /// Those with budgets, in the order of their start.
@@ -122,7 +121,7 @@ impl Default for Register {
 
 impl Register {
     /// Takes a name, unless one who is remembered has it.
-    pub(super) fn take_name(&mut self, name: &Arc<str>) -> bool {
+    pub(super) fn take_name(&mut self, name: &Name) -> bool {
         self.names.insert(name.clone())
     }
 

@@ -4,6 +4,7 @@ mod body;
 mod join;
 mod last_words;
 mod living;
+mod name;
 mod overseer;
 mod record;
 
@@ -13,6 +14,7 @@ pub use last_words::LastWords;
 pub(crate) use last_words::{Words, WordsMethods};
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
+pub use name::Name;
 pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::{Notice, Record};
@@ -28,7 +30,7 @@ use std::time::Duration;
 #[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
-    name: Arc<str>,
+    name: Name,
     level: u8,
     timed: bool,
     listed: bool,
@@ -43,7 +45,7 @@ impl ProcessSpec {
     pub const DEFAULT_LEVEL: u8 = 16;
 
     /// A process called `name`, at [`DEFAULT_LEVEL`](Self::DEFAULT_LEVEL).
-    pub fn new(name: impl Into<Arc<str>>) -> Self {
+    pub fn new(name: impl Into<Name>) -> Self {
         Self {
             id: ProcessId::new(),
             name: name.into(),
@@ -57,7 +59,7 @@ impl ProcessSpec {
     }
 
     /// The name that the process will have.
-    pub fn name(&self) -> &Arc<str> {
+    pub fn name(&self) -> &Name {
         &self.name
     }
 
@@ -216,7 +218,7 @@ impl ProcessHandle {
 
     /// The level on its executor, 0 (lowest) to 31.
     pub fn priority(&self) -> u8 {
-        self.0.level
+        self.0.level()
     }
 
     /// What the process was doing at some instant during this call.

@@ -4,9 +4,9 @@ use super::join::JoinNode;
 use super::last_words::{LastWords, Words};
 use super::living::Living;
 use super::overseer::{self, Overseer, Sentence};
-use super::{Exit, ProcessSpec, ProcessState, panic_message};
+use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_platform::clock::Instant;
-use luna_platform::current::{Activity, Process, ProcessId};
+use luna_platform::current::{Activity, LEVELS, Process, ProcessId};
 use luna_platform::events;
 use luna_platform::home_lock::HomeLock;
 use luna_platform::path;
@@ -40,6 +40,25 @@ impl Outcome {
     const PANICKED: u8 = 3;
     /// Completed, and what was said is behind the lock.
     const SAID: u8 = 4;
+}
+
+/// What is done when it ends, beside its level.
+struct How;
+
+impl How {
+    /// Its end is listed.
+    const LISTED: u8 = 1 << 5;
+    const UNHURRIED: u8 = 1 << 6;
+}
+
+/// What may become of a process.
+struct Fate;
+
+impl Fate {
+    /// Its thread has gone under with the body, which still refers to what it was made of.
+    const BODY_LEFT: u8 = 1;
+    /// It was ended by its overseer.
+    const POISONED: u8 = 2;
 }
 
 /// Why an executor looks twice at a process before it polls it.
@@ -118,19 +137,15 @@ impl Seen {
 
 /// What outlives the body of a process.
 pub(crate) struct Record {
-    pub(super) name: Arc<str>,
+    pub(super) name: Name,
     pub(super) id: ProcessId,
-    pub(super) level: u8,
+    /// Its level, and [how](How) it ends.
+    level_and_how: u8,
     /// One of [`Outcome`].
     outcome: AtomicU8,
-    /// Its thread has gone under with the body, which still refers to what it was made of.
-    body_left: AtomicBool,
     pub(super) cancelled: AtomicBool,
-    /// It was ended by its overseer.
-    poisoned: AtomicBool,
-    /// Whether its end is to be listed.
-    listed: bool,
-    unhurried: bool,
+    /// What else became of it: some [`Fate`].
+    fate: AtomicU8,
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: HomeLock<Shown>,
@@ -198,6 +213,7 @@ impl Record {
         events::tell(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
         });
+        let flag = |is_set, bit| if is_set { bit } else { 0 };
         let is_timed = spec.timed || spec.overseer.is_some();
         let timing = (is_timed || spec.taper.is_some()).then(|| {
             Box::new(Timing {
@@ -210,13 +226,12 @@ impl Record {
         Arc::new(Self {
             name: spec.name,
             id: spec.id,
-            level: spec.level,
+            level_and_how: spec.level
+                | flag(spec.listed, How::LISTED)
+                | flag(spec.unhurried, How::UNHURRIED),
             outcome: AtomicU8::new(Outcome::NONE),
-            body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
-            poisoned: AtomicBool::new(false),
-            listed: spec.listed,
-            unhurried: spec.unhurried,
+            fate: AtomicU8::new(0),
             seen: Seen::nothing(),
             shown: if is_home {
                 HomeLock::favouring_this_home(shown)
@@ -237,7 +252,11 @@ impl Record {
     }
 
     pub(crate) fn level(&self) -> u8 {
-        self.level
+        self.level_and_how & (LEVELS - 1)
+    }
+
+    fn is(&self, how: u8) -> bool {
+        self.level_and_how & how != 0
     }
 
     #[inline]
@@ -370,14 +389,14 @@ impl Record {
         // The record has another, so nothing is freed here.
         overseer::set(None);
         if overseer.poll_ends(began, now) == Sentence::Poison {
-            self.poisoned.store(true, Ordering::Relaxed);
+            self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
             self.cancelled.store(true, Ordering::Release);
         }
     }
 
     /// Whether the channel ends that go with its body are to poison their channels.
     pub(super) fn is_poisoned(&self) -> bool {
-        self.poisoned.load(Ordering::Relaxed)
+        self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
     }
 
     /// Says how to wake it before it is there. Allocates.
@@ -444,12 +463,12 @@ impl Record {
     /// Says that the process' body is never dropped, if it has not ended: called before it is ended.
     pub(crate) fn leave_body(&self) {
         if !self.has_ended() {
-            self.body_left.store(true, Ordering::Release);
+            self.fate.fetch_or(Fate::BODY_LEFT, Ordering::Release);
         }
     }
 
     pub(super) fn has_left_body(&self) -> bool {
-        self.body_left.load(Ordering::Acquire)
+        self.fate.load(Ordering::Acquire) & Fate::BODY_LEFT != 0
     }
 
     /// Ends a process whose body never ran.
@@ -478,7 +497,7 @@ impl Record {
             },
         );
         let in_a_hurry =
-            !self.unhurried || matches!(exit, RawExit::Cancelled | RawExit::Panicked(_));
+            !self.is(How::UNHURRIED) || matches!(exit, RawExit::Cancelled | RawExit::Panicked(_));
         let mut waker = shown.take_waker();
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
@@ -527,12 +546,12 @@ impl Record {
 
     /// Tells who counts and lists the processes that this one has ended.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
-        if !in_a_hurry && living.keep(self, self.listed) {
+        if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
             return;
         }
         // In the order of their ends.
         living.tell_kept();
-        if self.listed {
+        if self.is(How::LISTED) {
             living.list_ended(self.clone());
         }
         living.leave(in_a_hurry);
@@ -544,7 +563,7 @@ impl fmt::Debug for Record {
         f.debug_struct("Process")
             .field("name", &self.name)
             .field("id", &self.id.get())
-            .field("level", &self.level)
+            .field("level", &self.level())
             .field("state", &self.state())
             .finish_non_exhaustive()
     }

@@ -77,7 +77,6 @@ impl Tasks {
 struct Task {
     /// First, so that the task lies where its process lies.
     process: Process,
-    methods: &'static BodyMethods,
     record: Arc<Record>,
     /// Given back as the task is freed.
     shared: ManuallyDrop<Arc<Shared>>,
@@ -88,12 +87,24 @@ struct Task {
     retired: Retired,
 }
 
-/// What is seldom done with a body.
+/// What is seldom done with a body: found by its process' methods.
 struct BodyMethods {
     /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
     poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
     /// Ends a body that has panicked.
     end_panicked: unsafe fn(NonNull<Task>, Box<dyn Any + Send>),
+}
+
+impl Task {
+    /// # Safety
+    ///
+    /// Its process has an owner, the task.
+    unsafe fn methods(&self) -> &'static BodyMethods {
+        // SAFETY: the contract.
+        let seldom = unsafe { self.process.methods() }.seldom;
+        let methods = seldom.and_then(|methods| methods.downcast_ref());
+        methods.expect("`start` has said them")
+    }
 }
 
 #[repr(C)]
@@ -118,26 +129,21 @@ where
     let (whole, skipped) = memory::allocate::<Whole<F>>();
     let level = record.level();
     let notices = record.notices();
-    let value = Whole {
-        task: Task {
-            process,
-            methods: const {
-                &BodyMethods {
-                    poll_attentively: poll_attentively::<F>,
-                    end_panicked: end_panicked::<F>,
-                }
-            },
-            record,
-            shared: ManuallyDrop::new(shared),
-            seat,
-            references: AtomicU32::new(waker::FIRST),
-            skipped,
-            retired: Retired::new(free_retired::<F>),
-        },
-        body: UnsafeCell::new(Body::new(future)),
+    // Each part is written where it lies: a whole that is made first is moved there by a copy.
+    let head = Task {
+        process,
+        record,
+        shared: ManuallyDrop::new(shared),
+        seat,
+        references: AtomicU32::new(waker::FIRST),
+        skipped,
+        retired: Retired::new(free_retired::<F>),
     };
-    // SAFETY: it is room for it.
-    unsafe { whole.write(value) };
+    // SAFETY: it is room for both.
+    unsafe {
+        (&raw mut (*whole.as_ptr()).task).write(head);
+        (&raw mut (*whole.as_ptr()).body).write(UnsafeCell::new(Body::new(future)));
+    }
     let task = whole.cast::<Task>();
     // SAFETY: nobody else knows the task yet, so nobody polls it. It stays where it is until `free` was called, and is ended once, by `retire`.
     unsafe {
@@ -148,6 +154,10 @@ where
                 ready_elsewhere,
                 free,
                 poll: poll::<F>,
+                seldom: Some(&BodyMethods {
+                    poll_attentively: poll_attentively::<F>,
+                    end_panicked: end_panicked::<F>,
+                }),
             }
         };
         this.process.set_owner(task.cast(), methods);
@@ -374,7 +384,7 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
         let poll = match is_plain {
             true => this.process.methods().poll,
-            false => this.methods.poll_attentively,
+            false => this.methods().poll_attentively,
         };
         let (has_ended, is_queued) = current::give_turn(&this.process, || {
             if this.process.notices() & Notice::RECORDED != 0 {
@@ -401,7 +411,7 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
     let task = owner.cast::<Task>();
     // SAFETY: it is the current process, whose poll has unwound, so nobody accesses its body. Its methods are those of a task: here only tasks have turns.
     unsafe {
-        (task.as_ref().methods.end_panicked)(task, payload);
+        (task.as_ref().methods().end_panicked)(task, payload);
         interference::polled(task.as_ref().process.id());
         if let Some((_, is_queued)) = current::take_interrupted() {
             end(task, is_queued);
@@ -476,8 +486,8 @@ mod tests {
     /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
-        assert!(size_of::<Task>() <= 240, "{}", size_of::<Task>());
-        assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
-        assert!(size_of::<Process>() <= 176, "{}", size_of::<Process>());
+        assert!(size_of::<Task>() <= 208, "{}", size_of::<Task>());
+        assert!(size_of::<Record>() <= 104, "{}", size_of::<Record>());
+        assert!(size_of::<Process>() <= 152, "{}", size_of::<Process>());
     }
 }
