@@ -390,6 +390,23 @@ impl Drop for Frame {
 /// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an error.
 pub(crate) struct Verdict(pub(crate) Option<Ended>);
 
+impl Verdict {
+    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends do.
+    #[cold]
+    #[inline(never)]
+    fn of(ended: Result<Result<()>, Failure>) -> Self {
+        let ended = match ended {
+            Ok(Ok(())) => return Self(None),
+            Ok(Err(error)) => Ended::Returned(error),
+            Err(failure) => Ended::Failed(failure),
+        };
+        events::note_failure();
+        // It is to be said of soon, and its own end is told to nobody who is not listening for any.
+        Common::with(|common| common.living.announce_next());
+        Self(Some(ended))
+    }
+}
+
 impl LastWords for Verdict {
     fn is_nothing(&self) -> bool {
         self.0.is_none()
@@ -458,17 +475,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
                 cold_path();
-                let ended = match ended {
-                    Ok(Ok(())) => None,
-                    Ok(Err(error)) => Some(Ended::Returned(error)),
-                    Err(failure) => Some(Ended::Failed(failure)),
-                };
-                if ended.is_some() {
-                    events::note_failure();
-                    // It is to be said of soon, and its own end is told to nobody who is not listening for any.
-                    Common::with(|common| common.living.announce_next());
-                }
-                Poll::Ready(Verdict(ended))
+                Poll::Ready(Verdict::of(ended))
             }
         }
     }
@@ -489,6 +496,7 @@ struct Alarm;
 
 impl Drop for Alarm {
     #[cold]
+    #[inline(never)]
     fn drop(&mut self) {
         Common::with(|common| common.emergency.trigger(Cause::Panic));
     }

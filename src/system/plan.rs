@@ -202,6 +202,11 @@ impl Member {
         self.seldom.as_ref()?.ledger.as_ref()
     }
 
+    /// Whether it has nothing that few have.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.seldom.is_none()
+    }
+
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {
         self.seldom.as_mut()?.resident.take()
     }

@@ -194,15 +194,43 @@ impl Register {
         }
         self.has_news = true;
         let exit = member.handle.exit();
+        let said = member.handle.take_last_words::<Verdict>();
+        let said = said.and_then(|verdict| verdict.0);
+        let may_be_forgotten = member.is_late && member.is_on_executor();
+        // Most have nothing that is to be seen to.
+        if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
+            self.see_to(id, exit, said, emergency);
+        }
+        if may_be_forgotten {
+            self.ended.push_back(id);
+            // Two, so that one which is kept for its news is made up for.
+            for _ in 0..2 {
+                if self.ended.len() > self.most_ended {
+                    self.forget_one();
+                }
+            }
+        }
+    }
+
+    /// Sees to what is left of a process that has ended: its error, what is to be cleaned up, and who is to be told.
+    #[cold]
+    fn see_to(
+        &mut self,
+        id: ProcessId,
+        exit: Option<Exit>,
+        said: Option<Ended>,
+        emergency: &Emergency,
+    ) {
+        let Some(member) = self.members.get_mut(id) else {
+            return;
+        };
         // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
             emergency.trigger(Cause::Panic);
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let said = member.handle.take_last_words::<Verdict>();
         let has_left_body = member.handle.has_left_body();
-        let said = said.and_then(|verdict| verdict.0);
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
@@ -226,15 +254,6 @@ impl Register {
                 error,
                 forgotten: None,
             });
-        }
-        if member.is_late && member.is_on_executor() {
-            self.ended.push_back(id);
-            // Two, so that one which is kept for its news is made up for.
-            for _ in 0..2 {
-                if self.ended.len() > self.most_ended {
-                    self.forget_one();
-                }
-            }
         }
     }
 

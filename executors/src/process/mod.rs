@@ -270,11 +270,13 @@ impl ProcessHandle {
 
     /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
     /// real-time path: it frees; O(1).
+    #[inline]
     pub fn take_last_words<O: LastWords>(&self) -> Option<O> {
         self.0.take_words()
     }
 
     /// How it ended, if it has.
+    #[inline]
     pub fn exit(&self) -> Option<Exit> {
         self.0.exit()
     }

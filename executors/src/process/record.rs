@@ -283,23 +283,36 @@ impl Record {
     }
 
     /// How it ended, if it has. The message of a panic is made here.
+    #[inline]
     pub(super) fn exit(&self) -> Option<Exit> {
         Some(match self.outcome.load(Ordering::Acquire) {
             Outcome::NONE => return None,
             Outcome::COMPLETED | Outcome::SAID => Exit::Completed,
             Outcome::CANCELLED => Exit::Cancelled,
-            _ => Exit::Panicked(match &self.shown.lock().beside {
-                Beside::Panic(payload) => panic_message(&**payload),
-                _ => String::new(),
-            }),
+            _ => self.panicked(),
+        })
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn panicked(&self) -> Exit {
+        Exit::Panicked(match &self.shown.lock().beside {
+            Beside::Panic(payload) => panic_message(&**payload),
+            _ => String::new(),
         })
     }
 
     /// What was said, if it is of this type and was not taken.
+    #[inline]
     pub(super) fn take_words<O: LastWords>(&self) -> Option<O> {
         if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
             return None;
         }
+        self.take_what_was_said()
+    }
+
+    #[cold]
+    fn take_what_was_said<O: LastWords>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
         let words = match std::mem::replace(&mut shown.beside, Beside::Nothing) {
             Beside::Words(words) => words,
