@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU32, Ordering, fence};
 ///
 /// # Invariants
 ///
-/// It leads to a head that [`layout`] of its length was allocated for, with that much text behind it, and is counted in it.
+/// It leads to a head that `layout` of its length was allocated for, with that much text behind it, and is counted in it.
 pub struct Name(NonNull<Head>);
 
 struct Head {
