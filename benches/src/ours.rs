@@ -6,7 +6,9 @@ use core_affinity::CoreId;
 use luna::{ProcessBuilder, System};
 use std::cell::{Cell, RefCell, RefMut};
 use std::future::Future;
+use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 /// A rendezvous of LUNA.
@@ -196,11 +198,21 @@ fn spawn_as<T: Send + 'static>(
 }
 
 fn start_as(builder: ProcessBuilder, process: impl Future<Output = ()> + Send + 'static) {
-    let process = async move {
-        process.await;
-        Ok(())
-    };
-    builder.spawn(process).expect("the names differ");
+    builder.spawn(EndsWell(process)).expect("the names differ");
+}
+
+/// A peer's process as one of LUNA's, which says how it ends. Not an async block around it: that has room for the process twice, for what it is made with and for what it waits
+/// for.
+struct EndsWell<F>(F);
+
+impl<F: Future<Output = ()>> Future for EndsWell<F> {
+    type Output = luna::Result<()>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: it is pinned with the whole, and never moved.
+        let process = unsafe { self.map_unchecked_mut(|this| &mut this.0) };
+        process.poll(cx).map(Ok)
+    }
 }
 
 fn run_to_end<T>(system: &RefCell<System>, future: impl Future<Output = T>) -> T {

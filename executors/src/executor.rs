@@ -10,7 +10,7 @@ use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
 use crate::process::{
-    Enrolled, Living, ProcessHandle, ProcessSpec, Record, overseer, prepare_thread,
+    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, overseer, prepare_thread,
 };
 use crate::simulation::{SimulationHandle, Stage, is_stage};
 use crate::task;
@@ -518,7 +518,7 @@ impl Announced {
     pub fn start<B, F>(mut self, build: B) -> Option<Refused>
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
+        F: Future<Output: LastWords> + 'static,
     {
         // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();

@@ -82,8 +82,8 @@ pub use {
     interference::{Interference, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
-        Exit, Join, Living, Overseer, ProcessHandle, ProcessSpec, ProcessState, Sentence,
-        Stillness, overseer, panic_message,
+        Exit, Join, LastWords, Living, Name, Overseer, ProcessHandle, ProcessSpec, ProcessState,
+        Sentence, Stillness, overseer, panic_message,
     },
     simulation::{
         ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,

@@ -5,7 +5,7 @@ use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
 use crate::presence::{Presence, Sleeper};
 use crate::process::{
-    Enrolled, Living, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
+    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
 };
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
@@ -296,7 +296,7 @@ impl OsThread {
     ) -> Result<OsThread, SpawnError<Infallible>>
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
+        F: Future<Output: LastWords> + 'static,
     {
         let shared = Arc::new(Held {
             phase: AtomicU8::new(Phase::HELD),
@@ -356,10 +356,12 @@ impl OsThread {
     ) -> OsThread
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output = ()> + 'static,
+        F: Future<Output: LastWords> + 'static,
     {
         let executor = Executor::start_simulated(simulation, attributes);
-        let process = executor.spawn(spec, build);
+        let announced = executor.handle().announce(spec);
+        let process = announced.handle();
+        drop(announced.start(build));
         if !is_stage(&simulation.0) {
             executor.settle();
         }
@@ -443,7 +445,7 @@ impl Held {
         self.parker.unpark();
     }
 
-    fn run<F: Future<Output = ()>>(
+    fn run<F: Future<Output: LastWords>>(
         self: &Arc<Self>,
         record: Arc<Record>,
         mut body: Pin<Box<Recorded<F>>>,

@@ -96,7 +96,7 @@ impl Seat {
 pub(crate) struct Seats<T> {
     blocks: Vec<Arc<Block>>,
     members: Vec<Option<T>>,
-    free: Vec<usize>,
+    free: Vec<u32>,
 }
 
 impl<T: Copy> Seats<T> {
@@ -110,7 +110,8 @@ impl<T: Copy> Seats<T> {
 
     /// A seat for another one, who takes it by [`fill`](Self::fill). Allocates.
     pub(crate) fn reserve(&mut self) -> Seat {
-        let number = self.free.pop().unwrap_or(self.members.len());
+        let free = self.free.pop();
+        let number = free.map_or(self.members.len(), |number| number as usize);
         if number == self.members.len() {
             self.members.push(None);
             // So that leaving allocates nothing.
@@ -137,7 +138,8 @@ impl<T: Copy> Seats<T> {
     /// Gives the seat of this number to the next who comes. O(1).
     pub(crate) fn leave(&mut self, number: usize) {
         self.members[number] = None;
-        self.free.push(number);
+        // Processes are numbered by 32 bits, so there are never more at once.
+        self.free.push(number as u32);
     }
 
     /// Gives all who were marked at `level`, in the order of their seats. `near` is this owner's. O(their number + seats / 4096).

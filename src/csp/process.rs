@@ -7,10 +7,11 @@ use crate::logging::Log;
 use crate::record::Tapes;
 use crate::safety::{Cause, Emergency};
 use crate::time::{LoopName, Scope};
-use luna_executors::{Announced, Living, OsThread, ProcessSpec, Refused, SimulationHandle};
+use luna_executors::{
+    Announced, LastWords, Living, OsThread, ProcessSpec, Refused, SimulationHandle,
+};
 use luna_platform::clock::Clock;
 use luna_platform::events;
-use luna_platform::lock::PiLock;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -23,9 +24,7 @@ use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
-use std::ptr::NonNull;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 
 /// A process with three phases.
@@ -337,7 +336,7 @@ pub(crate) struct Common {
 thread_local! {
     /// What the bodies of this thread have in common, once there is one.
     static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
-    /// What its bodies that have ended had of it.
+    /// What those that have begun were brought of it.
     static SPARE_COMMON: Spare<Common> = const { Spare::new() };
 }
 
@@ -359,43 +358,34 @@ impl Common {
         SPARE_COMMON.with(|spare| spare.keep(self));
         ENTERED.set(Some(self.clone()));
     }
+
+    /// What the bodies of this thread have in common, of which the caller is one.
+    fn with(f: impl FnOnce(&Self)) {
+        // The reference is one more, since what is done with it is done without the borrow.
+        let entered = ENTERED.try_with(|entered| entered.borrow().clone());
+        if let Ok(Some(common)) = entered {
+            f(&common);
+        }
+    }
 }
 
-/// What the framework gives a body on its way.
-///
-/// # Invariants
-///
-/// Whoever has the verdict keeps it, for this body alone, until the body is gone; or for ever, if the body may never go.
+/// What the framework gives a body on its way: on its thread it finds the same by itself.
 pub(crate) struct Frame {
-    verdict: NonNull<Verdict>,
     /// Given back with the frame.
     common: ManuallyDrop<Arc<Common>>,
 }
 
-// SAFETY: a verdict may be referred to from any thread, and so may what bodies have in common.
-unsafe impl Send for Frame {}
-
 impl Frame {
-    /// # Safety
-    ///
-    /// The caller keeps to the type's invariant.
-    pub(crate) unsafe fn new(common: &Arc<Common>, verdict: &Arc<Verdict>) -> Self {
+    pub(crate) fn new(common: &Arc<Common>) -> Self {
         Self {
-            verdict: NonNull::from(&**verdict),
             common: ManuallyDrop::new(SPARE_COMMON.with(|spare| spare.another(common))),
         }
     }
-
-    fn verdict(&self) -> &Verdict {
-        // SAFETY: the invariant: the body has this frame, so it is not gone.
-        unsafe { self.verdict.as_ref() }
-    }
 }
 
-/// A frame may go to any thread because of these.
+/// A frame may go to any thread because of this.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
-    shared::<Verdict>();
     shared::<Arc<Common>>();
 };
 
@@ -408,40 +398,35 @@ impl Drop for Frame {
     }
 }
 
-/// How a body ended, if it was not cancelled and did not panic.
-pub(crate) struct Verdict {
-    ended: PiLock<Option<Ended>>,
-    is_said: AtomicBool,
+/// How a body ended, if it was not cancelled and did not panic; nothing if it returned without an error.
+pub(crate) struct Verdict(pub(crate) Option<Ended>);
+
+impl Verdict {
+    /// On the current process. Apart, so that a turn which ends nothing has no room for what ends do.
+    #[cold]
+    #[inline(never)]
+    fn of(ended: Result<Result<()>, Failure>) -> Self {
+        let ended = match ended {
+            Ok(Ok(())) => return Self(None),
+            Ok(Err(error)) => Ended::Returned(error),
+            Err(failure) => Ended::Failed(failure),
+        };
+        events::note_failure();
+        // It is to be said of soon, and its own end is told to nobody who is not listening for any.
+        Common::with(|common| common.living.announce_next());
+        Self(Some(ended))
+    }
+}
+
+impl LastWords for Verdict {
+    fn is_nothing(&self) -> bool {
+        self.0.is_none()
+    }
 }
 
 pub(crate) enum Ended {
-    Returned(Result<()>),
+    Returned(Error),
     Failed(Failure),
-}
-
-impl Verdict {
-    pub(crate) fn new() -> Arc<Self> {
-        Arc::new(Self {
-            ended: PiLock::new(None),
-            is_said: AtomicBool::new(false),
-        })
-    }
-
-    fn say(&self, ended: Ended) {
-        *self.ended.lock() = Some(ended);
-        self.is_said.store(true, Ordering::Release);
-    }
-
-    /// What was said. Nothing is said any more once the body is gone.
-    pub(crate) fn take(&self) -> Option<Ended> {
-        let is_said = self.is_said.load(Ordering::Acquire);
-        is_said.then(|| self.ended.lock().take())?
-    }
-
-    /// Whether its body has gone without a word, so that it can be another's.
-    pub(crate) fn is_unused(&self) -> bool {
-        !self.is_said.load(Ordering::Relaxed)
-    }
 }
 
 /// Why the framework ends a process: without allocation, since others go on.
@@ -468,10 +453,9 @@ pub(crate) async fn fail_current(failure: Failure) -> ! {
     std::future::pending().await
 }
 
-/// A body with the failures that the framework finds in it.
+/// A body with the failures that the framework finds in it. On a thread that has [entered](Common::enter_thread).
 pub(crate) struct Supervised<F> {
     body: ManuallyDrop<F>,
-    frame: Frame,
 }
 
 impl<F> Supervised<F> {
@@ -479,43 +463,30 @@ impl<F> Supervised<F> {
     fn make(make: impl FnOnce() -> F, frame: Frame) -> Self {
         frame.common.enter_thread();
         frame.common.log.enter_home();
-        let alarm = Alarm(&frame);
+        let alarm = Alarm;
         let body = make();
         std::mem::forget(alarm);
         Self {
             body: ManuallyDrop::new(body),
-            frame,
         }
     }
 }
 
 impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
-    type Output = ();
+    type Output = Verdict;
 
     #[inline(always)]
-    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Verdict> {
         // SAFETY: the body is pinned with the whole, and never moved.
-        let (body, frame) = unsafe {
-            let this = self.get_unchecked_mut();
-            (Pin::new_unchecked(&mut *this.body), &this.frame)
-        };
-        let alarm = Alarm(frame);
+        let body = unsafe { Pin::new_unchecked(&mut *self.get_unchecked_mut().body) };
+        let alarm = Alarm;
         let polled = poll_until_failure(body, cx);
         std::mem::forget(alarm);
         match polled {
             Poll::Pending => Poll::Pending,
             Poll::Ready(ended) => {
                 cold_path();
-                // That it returned without an error is what nothing said means.
-                if !matches!(ended, Ok(Ok(()))) {
-                    events::note_failure();
-                    frame
-                        .verdict()
-                        .say(ended.map_or_else(Ended::Failed, Ended::Returned));
-                    // It is to be said of soon, and its own end is told to nobody who is not listening for any.
-                    frame.common.living.announce_next();
-                }
-                Poll::Ready(())
+                Poll::Ready(Verdict::of(ended))
             }
         }
     }
@@ -524,7 +495,7 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
         // Also a panic of what a cancelled body leaves.
-        let alarm = Alarm(&self.frame);
+        let alarm = Alarm;
         // SAFETY: dropped here, in its place, and nowhere else.
         unsafe { ManuallyDrop::drop(&mut self.body) };
         std::mem::forget(alarm);
@@ -532,11 +503,13 @@ impl<F> Drop for Supervised<F> {
 }
 
 /// A panic in a process is an emergency: triggered here, as it leaves the body, not when somebody finds the process ended.
-struct Alarm<'a>(&'a Frame);
+struct Alarm;
 
-impl Drop for Alarm<'_> {
+impl Drop for Alarm {
+    #[cold]
+    #[inline(never)]
     fn drop(&mut self) {
-        self.0.common.emergency.trigger(Cause::Panic);
+        Common::with(|common| common.emergency.trigger(Cause::Panic));
     }
 }
 

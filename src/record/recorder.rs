@@ -3,6 +3,7 @@
 use super::error::RecordError;
 use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
 use super::file::{BlockKind, Writer};
+use luna_executors::Name;
 use luna_platform::byte_ring::ByteRing;
 use luna_platform::current;
 use luna_platform::tape::{About, Event, Tape, Turn, What};
@@ -63,7 +64,7 @@ struct Writing {
 struct Known {
     rings: Vec<Listed>,
     /// How many processes of each name there were, by who spawned them.
-    names: HashMap<(u32, Arc<str>), u32>,
+    names: HashMap<(u32, Name), u32>,
 }
 
 /// A process, with its ring.
@@ -71,7 +72,7 @@ struct Known {
 struct Listed {
     /// Who spawned it: its number from 1, or 0.
     parent: u32,
-    name: Arc<str>,
+    name: Name,
     /// Which it is of its name and parent.
     occurrence: u32,
     ring: Arc<ByteRing>,
@@ -128,7 +129,7 @@ impl Recorder {
     }
 
     /// What is to record a process of this name. Allocates.
-    pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Arc<str>) -> Track {
+    pub(crate) fn track(self: &Arc<Self>, parent: u32, name: &Name) -> Track {
         let ring = Arc::new(ByteRing::new(self.room));
         let mut known = lock(&self.known);
         let count = known.names.entry((parent, name.clone())).or_default();

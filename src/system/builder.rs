@@ -4,7 +4,7 @@ use super::plan::{ExecutorPlan, Place, Plan, ProcessPlan};
 use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
-use luna_executors::{ProcessHandle, ProcessSpec};
+use luna_executors::{Name, ProcessHandle, ProcessSpec};
 use luna_platform::current::{self, LEVELS, ProcessId};
 use luna_platform::facts::SystemFacts;
 use luna_platform::spare::Spare;
@@ -142,7 +142,7 @@ thread_local! {
     /// What spawns on this thread referred to the system by.
     static SPARE_PLANS: Spare<Plan> = const { Spare::new() };
     /// The name that was shared last.
-    static SHARED_NAME: RefCell<Option<Arc<str>>> = const { RefCell::new(None) };
+    static SHARED_NAME: RefCell<Option<Name>> = const { RefCell::new(None) };
 }
 
 /// An executor of a system: where processes are spawned. Cloning it is cheap; it does not borrow the system, so processes can
@@ -207,7 +207,7 @@ impl Thread {
 #[must_use = "a process starts with `spawn`"]
 pub struct ProcessBuilder {
     plan: Arc<Plan>,
-    name: Arc<str>,
+    name: Name,
     place: Result<Place>,
     level: u8,
     timed: bool,
@@ -221,7 +221,7 @@ impl ProcessBuilder {
             plan,
             name: SHARED_NAME.with_borrow(|shared| match shared {
                 Some(shared) if **shared == *name => shared.clone(),
-                _ => Arc::from(name),
+                _ => Name::from(name),
             }),
             place,
             level: ProcessSpec::DEFAULT_LEVEL,

@@ -114,7 +114,6 @@ impl Drop for Crowd<'_> {
             // Now, or by an end that came before the panic. Whose they are nobody looks up any more.
             for left_behind in self.plan.members().started.left_behind() {
                 std::mem::forget(left_behind.take_resident());
-                std::mem::forget(left_behind.take_verdict());
             }
         }
     }

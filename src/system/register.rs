@@ -11,14 +11,10 @@ use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
-use luna_executors::{Exit, Living, ProcessHandle};
+use luna_executors::{Exit, Living, Name, ProcessHandle};
 use luna_platform::current::ProcessId;
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
-use std::sync::Arc;
-
-/// How many verdicts are kept for those that come.
-const VERDICTS: usize = 64;
 
 /// How many of those that have ended are remembered unless asked for.
 pub(super) const REMEMBERED: usize = 1024;
@@ -77,7 +73,7 @@ type Found = Option<(u64, Error)>;
 
 pub(crate) struct Register {
     members: ById<Member>,
-    names: HashSet<Arc<str>, BuildHasherDefault<Spread>>,
+    names: HashSet<Name, BuildHasherDefault<Spread>>,
     /// How many were ever started: the next one's place in the order.
     started: u64,
     /// Those with budgets, in the order of their start.
@@ -86,8 +82,6 @@ pub(crate) struct Register {
     premature: HashSet<ProcessId>,
     funerals: VecDeque<Funeral>,
     has_news: bool,
-    /// Of those that have ended without a word, for those that come.
-    verdicts: Vec<Arc<Verdict>>,
     /// Those that have ended and may be forgotten, in the order of their ends.
     ended: VecDeque<ProcessId>,
     pub(super) most_ended: usize,
@@ -112,7 +106,6 @@ impl Default for Register {
             premature: HashSet::new(),
             funerals: VecDeque::new(),
             has_news: false,
-            verdicts: Vec::new(),
             ended: VecDeque::new(),
             most_ended: REMEMBERED,
             earlier: EarlierProcesses::default(),
@@ -128,7 +121,7 @@ impl Default for Register {
 
 impl Register {
     /// Takes a name, unless one who is remembered has it.
-    pub(super) fn take_name(&mut self, name: &Arc<str>) -> bool {
+    pub(super) fn take_name(&mut self, name: &Name) -> bool {
         self.names.insert(name.clone())
     }
 
@@ -151,11 +144,6 @@ impl Register {
         if !self.premature.is_empty() && self.premature.remove(&id) {
             self.note_end(id, emergency);
         }
-    }
-
-    /// Room for what a process may say as it ends.
-    pub(super) fn verdict(&mut self) -> Arc<Verdict> {
-        self.verdicts.pop().unwrap_or_else(Verdict::new)
     }
 
     /// Forgets a process that ended and was not entered.
@@ -206,23 +194,43 @@ impl Register {
         }
         self.has_news = true;
         let exit = member.handle.exit();
+        let said = member.handle.take_last_words::<Verdict>();
+        let said = said.and_then(|verdict| verdict.0);
+        let may_be_forgotten = member.is_late && member.is_on_executor();
+        // Most have nothing that is to be seen to.
+        if !member.is_plain() || said.is_some() || !matches!(exit, Some(Exit::Completed)) {
+            self.see_to(id, exit, said, emergency);
+        }
+        if may_be_forgotten {
+            self.ended.push_back(id);
+            // Two, so that one which is kept for its news is made up for.
+            for _ in 0..2 {
+                if self.ended.len() > self.most_ended {
+                    self.forget_one();
+                }
+            }
+        }
+    }
+
+    /// Sees to what is left of a process that has ended: its error, what is to be cleaned up, and who is to be told.
+    #[cold]
+    fn see_to(
+        &mut self,
+        id: ProcessId,
+        exit: Option<Exit>,
+        said: Option<Ended>,
+        emergency: &Emergency,
+    ) {
+        let Some(member) = self.members.get_mut(id) else {
+            return;
+        };
         // Whoever panicked has triggered the emergency already, unless it was the thread around the body.
         if matches!(exit, Some(Exit::Panicked(_))) {
             emergency.trigger(Cause::Panic);
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let verdict = member.take_verdict();
-        let said = verdict.as_ref().and_then(|verdict| verdict.take());
         let has_left_body = member.handle.has_left_body();
-        match verdict {
-            // The body that was left refers to it.
-            Some(verdict) if has_left_body => std::mem::forget(verdict),
-            Some(verdict) if verdict.is_unused() && self.verdicts.len() < VERDICTS => {
-                self.verdicts.push(verdict);
-            }
-            _ => {}
-        }
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
         let mut resident = member.take_resident();
@@ -246,15 +254,6 @@ impl Register {
                 error,
                 forgotten: None,
             });
-        }
-        if member.is_late && member.is_on_executor() {
-            self.ended.push_back(id);
-            // Two, so that one which is kept for its news is made up for.
-            for _ in 0..2 {
-                if self.ended.len() > self.most_ended {
-                    self.forget_one();
-                }
-            }
         }
     }
 
@@ -409,7 +408,7 @@ fn error_of(member: &Member, exit: Exit, said: Option<Ended>) -> Option<Error> {
     let error = match (exit, said) {
         (Exit::Panicked(message), _) => Error::Panicked(message),
         (Exit::Cancelled, _) => offence.map_or(Error::Cancelled, Error::from),
-        (_, Some(Ended::Returned(Err(error)))) => error,
+        (_, Some(Ended::Returned(error))) => error,
         (_, Some(Ended::Failed(failure))) => failure.into(),
         _ => return None,
     };

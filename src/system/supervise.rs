@@ -158,7 +158,6 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         }
         // Its body still lives, on the thread that was left to itself, and refers to them.
         std::mem::forget(left_behind.take_resident());
-        std::mem::forget(left_behind.take_verdict());
     }
     for line in Warnings::rest(&members) {
         tell!("{line}");

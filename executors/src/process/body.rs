@@ -1,116 +1,135 @@
 //! The body of a process, and what is done around each of its polls.
 
+use super::last_words::{LastWords, Words};
 use super::living::Living;
 use super::record::{RawExit, Record};
 use luna_platform::current;
 use std::any::Any;
 use std::future::Future;
+use std::hint::unreachable_unchecked;
+use std::mem::MaybeUninit;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// Whose body it is, and whom it is counted among.
-#[derive(Clone, Copy)]
-pub(crate) struct Of<'a> {
-    pub(crate) record: &'a Arc<Record>,
-    pub(crate) living: &'a Living,
+/// How a body ended, with what it said: before that is put where others find it.
+pub(crate) enum End<O> {
+    Completed(O),
+    Cancelled,
+    Panicked(Box<dyn Any + Send>),
+}
+
+impl<O: LastWords> End<O> {
+    /// As its record is told, where `keep` finds a place for what was said.
+    pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
+        match self {
+            End::Completed(words) if !words.is_nothing() => RawExit::Said(keep(words)),
+            End::Completed(_) => RawExit::Completed,
+            End::Cancelled => RawExit::Cancelled,
+            End::Panicked(payload) => RawExit::Panicked(payload),
+        }
+    }
 }
 
 /// A process' body, with all that the framework does around each of its polls. It is always polled with the same record.
-pub(crate) struct Body<F> {
-    /// `None` once it has ended.
-    future: Option<F>,
+pub(crate) struct Body<F: Future>(Room<F, F::Output>);
+
+/// The room of a body is that of its last words too: whatever they are, there is memory for them when it ends.
+enum Room<F, O> {
+    Running(F),
+    Said(O),
+    Empty,
 }
 
-impl<F: Future<Output = ()>> Body<F> {
+impl<F: Future> Body<F> {
     pub(crate) fn new(future: F) -> Self {
-        Self {
-            future: Some(future),
-        }
+        Self(Room::Running(future))
     }
 
-    /// Polls the future and nothing else; `true` if that has ended it. If it panics, [`end_panicked`](Self::end_panicked) is to be called. Whose it is, is asked for only when
-    /// it has ended: most polls touch nothing of that.
+    /// Polls the future and nothing else. If it is ready or panics, [`end`](Self::end) is to be called.
     ///
     /// # Safety
     ///
     /// It has not ended before.
     #[inline(always)]
-    pub(crate) unsafe fn poll_unended<'a>(
+    pub(crate) unsafe fn poll_unended(
         self: Pin<&mut Self>,
-        of: impl FnOnce() -> Of<'a>,
         cx: &mut Context<'_>,
-    ) -> bool {
-        // SAFETY: `future` is never moved: it is polled pinned, and dropped in place; by the contract it is there.
+    ) -> Poll<F::Output> {
+        // SAFETY: the future is never moved: it is polled pinned, and dropped in place; by the contract it is there.
         unsafe {
-            let this = self.get_unchecked_mut();
-            let future = this.future.as_mut().unwrap_unchecked();
-            let has_ended = Pin::new_unchecked(future).poll(cx).is_ready();
-            if has_ended {
-                this.end(of(), RawExit::Completed);
+            match &mut self.get_unchecked_mut().0 {
+                Room::Running(future) => Pin::new_unchecked(future).poll(cx),
+                _ => unreachable_unchecked(),
             }
-            has_ended
         }
     }
 
-    /// Ends it after its poll has panicked. A body that panicked is dropped and never polled again, so nobody sees what it left half done.
-    pub(crate) fn end_panicked(self: Pin<&mut Self>, of: Of<'_>, payload: Box<dyn Any + Send>) {
-        // SAFETY: as above.
-        let this = unsafe { self.get_unchecked_mut() };
-        this.end(of, RawExit::Panicked(payload));
-    }
-
-    /// Polls the future with all that may be asked for around a poll, and catches its panic; `true` if it has ended.
-    pub(crate) fn poll_attentively(self: Pin<&mut Self>, of: Of<'_>, cx: &mut Context<'_>) -> bool {
-        // SAFETY: `future` is never moved: it is polled pinned, and dropped in place.
-        let this = unsafe { self.get_unchecked_mut() };
-        let record = &**of.record;
-        if !record.cancelled.load(Ordering::Acquire) {
-            let Some(future) = this.future.as_mut() else {
-                return true;
-            };
-            let began = record.is_timed().then(|| record.begin_poll());
-            // SAFETY: see above.
-            let future = unsafe { Pin::new_unchecked(future) };
-            let polled =
-                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| match record.taper() {
-                    None => future.poll(cx),
-                    Some(taper) => {
-                        let mut future = future;
-                        taper.poll(cx, &mut |cx| future.as_mut().poll(cx))
+    /// Polls the future with all that may be asked for around a poll, and catches its panic; says how it is to [end](Self::end), if it is. Not to be called once it has ended.
+    pub(crate) fn poll_attentively(
+        self: Pin<&mut Self>,
+        record: &Record,
+        cx: &mut Context<'_>,
+    ) -> Option<End<F::Output>> {
+        if record.cancelled.load(Ordering::Acquire) {
+            return Some(End::Cancelled);
+        }
+        // SAFETY: the future is never moved: it is polled pinned, and dropped in place.
+        let future = unsafe {
+            match &mut self.get_unchecked_mut().0 {
+                Room::Running(future) => Pin::new_unchecked(future),
+                _ => return None,
+            }
+        };
+        let began = record.is_timed().then(|| record.begin_poll());
+        let polled = catch_unwind(AssertUnwindSafe(|| match record.taper() {
+            None => future.poll(cx),
+            Some(taper) => {
+                let mut future = future;
+                let mut polled = Poll::Pending;
+                let polls = taper.poll(cx, &mut |cx| {
+                    polled = future.as_mut().poll(cx);
+                    match polled {
+                        Poll::Ready(_) => Poll::Ready(()),
+                        Poll::Pending => Poll::Pending,
                     }
-                }));
-            if let Some(began) = began {
-                record.end_poll(began);
-            }
-            let exit = match polled {
-                Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => {
-                    return false;
+                });
+                match polls {
+                    Poll::Ready(()) => polled,
+                    Poll::Pending => Poll::Pending,
                 }
-                Ok(Poll::Pending) => RawExit::Cancelled,
-                Ok(Poll::Ready(())) => RawExit::Completed,
-                Err(payload) => RawExit::Panicked(payload),
-            };
-            this.end(of, exit);
-        } else {
-            this.end(of, RawExit::Cancelled);
+            }
+        }));
+        if let Some(began) = began {
+            record.end_poll(began);
         }
-        true
+        match polled {
+            Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => None,
+            Ok(Poll::Pending) => Some(End::Cancelled),
+            Ok(Poll::Ready(words)) => Some(End::Completed(words)),
+            Err(payload) => Some(End::Panicked(payload)),
+        }
     }
-}
 
-impl<F> Body<F> {
+    /// Drops the future. One that panicked is never polled again, so nobody sees what it left half done. Says how it ended after all.
     #[cold]
-    fn end(&mut self, of: Of<'_>, exit: RawExit) {
+    pub(crate) fn end(
+        self: Pin<&mut Self>,
+        record: &Record,
+        end: End<F::Output>,
+    ) -> End<F::Output> {
+        // SAFETY: the future is dropped in its place.
+        let this = unsafe { self.get_unchecked_mut() };
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
-        let abandoned = !matches!(exit, RawExit::Completed);
-        let poisons = abandoned && of.record.is_poisoned();
-        let dropped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        let abandoned = !matches!(end, End::Completed(_));
+        let poisons = abandoned && record.is_poisoned();
+        let dropped = catch_unwind(AssertUnwindSafe(|| {
             let mut drop_body = || match abandoned {
-                true => current::with_abandoned(|| self.future = None),
-                false => self.future = None,
+                true => current::with_abandoned(|| this.0 = Room::Empty),
+                false => this.0 = Room::Empty,
             };
             if poisons {
                 current::poison_dropped_ends(drop_body);
@@ -118,55 +137,77 @@ impl<F> Body<F> {
                 drop_body();
             }
         }));
-        if let Some(taper) = of.record.taper() {
+        if let Some(taper) = record.taper() {
             taper.end();
         }
-        let exit = match (exit, dropped) {
-            (RawExit::Panicked(payload), Err(second)) => {
+        match (end, dropped) {
+            (End::Panicked(payload), Err(second)) => {
                 // The first one counts, and dropping the other could panic in turn.
                 std::mem::forget(second);
-                RawExit::Panicked(payload)
+                End::Panicked(payload)
             }
-            (_, Err(payload)) => RawExit::Panicked(payload),
-            (exit, Ok(())) => exit,
-        };
-        of.record.finish(exit, of.living);
+            (_, Err(payload)) => End::Panicked(payload),
+            (end, Ok(())) => end,
+        }
+    }
+
+    /// Keeps what it said in the place of the body, which has [ended](Self::end).
+    pub(crate) fn keep(self: Pin<&mut Self>, words: F::Output) {
+        // SAFETY: there is no future any more.
+        unsafe { self.get_unchecked_mut() }.0 = Room::Said(words);
+    }
+
+    /// Takes what was [kept](Self::keep).
+    pub(crate) fn take_words(self: Pin<&mut Self>) -> Option<F::Output> {
+        // SAFETY: no future is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        match this.0 {
+            Room::Running(_) => None,
+            _ => match std::mem::replace(&mut this.0, Room::Empty) {
+                Room::Said(words) => Some(words),
+                _ => None,
+            },
+        }
     }
 }
 
 /// A body that is polled by another's loop.
-pub(crate) struct Recorded<F> {
+pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
     record: Arc<Record>,
     living: Arc<Living>,
+    /// For its last words, which outlive it. None once they are there.
+    room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
-impl<F: Future<Output = ()>> Recorded<F> {
+impl<F: Future<Output: LastWords>> Recorded<F> {
+    /// Allocates, unless there can be no last words.
     pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<Living>) -> Self {
         Self {
             body: Body::new(future),
             record,
             living,
+            room: Some(Box::new_uninit()),
         }
     }
 }
 
-impl<F: Future<Output = ()>> Future for Recorded<F> {
+impl<F: Future<Output: LastWords>> Future for Recorded<F> {
     type Output = ();
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
-        // SAFETY: the body is pinned with the whole.
-        let (body, of) = unsafe {
+        // SAFETY: the body is pinned with the whole, and what else there is, is not.
+        let (mut body, record, living, room) = unsafe {
             let this = self.get_unchecked_mut();
-            let of = Of {
-                record: &this.record,
-                living: &this.living,
-            };
-            (Pin::new_unchecked(&mut this.body), of)
+            let body = Pin::new_unchecked(&mut this.body);
+            (body, &this.record, &this.living, &mut this.room)
         };
-        match body.poll_attentively(of, cx) {
-            true => Poll::Ready(()),
-            false => Poll::Pending,
-        }
+        let Some(end) = body.as_mut().poll_attentively(record, cx) else {
+            return Poll::Pending;
+        };
+        let end = body.end(record, end);
+        let keep = |words| Words::boxed(room.take().unwrap_or_else(Box::new_uninit), words);
+        record.finish(end.told(keep), living);
+        Poll::Ready(())
     }
 }

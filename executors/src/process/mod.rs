@@ -2,14 +2,19 @@
 
 mod body;
 mod join;
+mod last_words;
 mod living;
+mod name;
 mod overseer;
 mod record;
 
-pub(crate) use body::{Body, Of, Recorded};
+pub(crate) use body::{Body, End, Recorded};
 pub use join::Join;
+pub use last_words::LastWords;
+pub(crate) use last_words::{Words, WordsMethods};
 pub(crate) use living::Enrolled;
 pub use living::{Living, Stillness};
+pub use name::Name;
 pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::{Notice, Record};
@@ -25,7 +30,7 @@ use std::time::Duration;
 #[derive(Debug, Clone)]
 pub struct ProcessSpec {
     id: ProcessId,
-    name: Arc<str>,
+    name: Name,
     level: u8,
     timed: bool,
     listed: bool,
@@ -40,7 +45,7 @@ impl ProcessSpec {
     pub const DEFAULT_LEVEL: u8 = 16;
 
     /// A process called `name`, at [`DEFAULT_LEVEL`](Self::DEFAULT_LEVEL).
-    pub fn new(name: impl Into<Arc<str>>) -> Self {
+    pub fn new(name: impl Into<Name>) -> Self {
         Self {
             id: ProcessId::new(),
             name: name.into(),
@@ -54,7 +59,7 @@ impl ProcessSpec {
     }
 
     /// The name that the process will have.
-    pub fn name(&self) -> &Arc<str> {
+    pub fn name(&self) -> &Name {
         &self.name
     }
 
@@ -213,7 +218,7 @@ impl ProcessHandle {
 
     /// The level on its executor, 0 (lowest) to 31.
     pub fn priority(&self) -> u8 {
-        self.0.level
+        self.0.level()
     }
 
     /// What the process was doing at some instant during this call.
@@ -263,7 +268,15 @@ impl ProcessHandle {
         self.0.has_left_body()
     }
 
+    /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
+    /// real-time path: it frees; O(1).
+    #[inline]
+    pub fn take_last_words<O: LastWords>(&self) -> Option<O> {
+        self.0.take_words()
+    }
+
     /// How it ended, if it has.
+    #[inline]
     pub fn exit(&self) -> Option<Exit> {
         self.0.exit()
     }

@@ -1,11 +1,12 @@
 //! What outlives the body of a process: its name, what it does, and how it ended.
 
 use super::join::JoinNode;
+use super::last_words::{LastWords, Words};
 use super::living::Living;
 use super::overseer::{self, Overseer, Sentence};
-use super::{Exit, ProcessSpec, ProcessState, panic_message};
+use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_platform::clock::Instant;
-use luna_platform::current::{Activity, Process, ProcessId};
+use luna_platform::current::{Activity, LEVELS, Process, ProcessId};
 use luna_platform::events;
 use luna_platform::home_lock::HomeLock;
 use luna_platform::path;
@@ -20,8 +21,10 @@ use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
 use std::task::Waker;
 
 /// How it ended, before anybody asked: the message of a panic is made off the real-time path.
-pub(super) enum RawExit {
+pub(crate) enum RawExit {
     Completed,
+    /// Completed, and has said something.
+    Said(Words),
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
@@ -35,6 +38,27 @@ impl Outcome {
     const CANCELLED: u8 = 2;
     /// What was said is behind the lock.
     const PANICKED: u8 = 3;
+    /// Completed, and what was said is behind the lock.
+    const SAID: u8 = 4;
+}
+
+/// What is done when it ends, beside its level.
+struct How;
+
+impl How {
+    /// Its end is listed.
+    const LISTED: u8 = 1 << 5;
+    const UNHURRIED: u8 = 1 << 6;
+}
+
+/// What may become of a process.
+struct Fate;
+
+impl Fate {
+    /// Its thread has gone under with the body, which still refers to what it was made of.
+    const BODY_LEFT: u8 = 1;
+    /// It was ended by its overseer.
+    const POISONED: u8 = 2;
 }
 
 /// Why an executor looks twice at a process before it polls it.
@@ -113,19 +137,15 @@ impl Seen {
 
 /// What outlives the body of a process.
 pub(crate) struct Record {
-    pub(super) name: Arc<str>,
+    pub(super) name: Name,
     pub(super) id: ProcessId,
-    pub(super) level: u8,
+    /// Its level, and [how](How) it ends.
+    level_and_how: u8,
     /// One of [`Outcome`].
     outcome: AtomicU8,
-    /// Its thread has gone under with the body, which still refers to what it was made of.
-    body_left: AtomicBool,
     pub(super) cancelled: AtomicBool,
-    /// It was ended by its overseer.
-    poisoned: AtomicBool,
-    /// Whether its end is to be listed.
-    listed: bool,
-    unhurried: bool,
+    /// What else became of it: some [`Fate`].
+    fate: AtomicU8,
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: HomeLock<Shown>,
@@ -137,11 +157,38 @@ pub(crate) struct Record {
 
 /// What is looked at and changed from other threads.
 pub(super) struct Shown {
-    /// How to wake a process that is not there yet.
-    waker: Option<Box<Waker>>,
     pub(super) joining: WaitList,
+    beside: Beside,
+}
+
+/// What there is of a process that is not there yet, or has ended.
+enum Beside {
+    Nothing,
+    /// How to wake one that is not there yet.
+    Waker(Box<Waker>),
     /// What it has panicked with.
-    panic: Option<Box<dyn Any + Send>>,
+    Panic(Box<dyn Any + Send>),
+    /// What it has said.
+    Words(Words),
+}
+
+impl Shown {
+    fn waker(&self) -> Option<&Waker> {
+        match &self.beside {
+            Beside::Waker(waker) => Some(waker),
+            _ => None,
+        }
+    }
+
+    fn take_waker(&mut self) -> Option<Box<Waker>> {
+        match std::mem::replace(&mut self.beside, Beside::Nothing) {
+            Beside::Waker(waker) => Some(waker),
+            other => {
+                self.beside = other;
+                None
+            }
+        }
+    }
 }
 
 /// Of a process whose polls are timed.
@@ -159,14 +206,14 @@ impl Record {
     pub(crate) fn new(spec: ProcessSpec, living: &Living, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
-            waker: None,
             joining: WaitList::new(),
-            panic: None,
+            beside: Beside::Nothing,
         };
         path::name_process(spec.id, &spec.name);
         events::tell(events::code::SPAWNED, spec.id.get(), || {
             [events::current_process(), 0]
         });
+        let flag = |is_set, bit| if is_set { bit } else { 0 };
         let is_timed = spec.timed || spec.overseer.is_some();
         let timing = (is_timed || spec.taper.is_some()).then(|| {
             Box::new(Timing {
@@ -179,13 +226,12 @@ impl Record {
         Arc::new(Self {
             name: spec.name,
             id: spec.id,
-            level: spec.level,
+            level_and_how: spec.level
+                | flag(spec.listed, How::LISTED)
+                | flag(spec.unhurried, How::UNHURRIED),
             outcome: AtomicU8::new(Outcome::NONE),
-            body_left: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
-            poisoned: AtomicBool::new(false),
-            listed: spec.listed,
-            unhurried: spec.unhurried,
+            fate: AtomicU8::new(0),
             seen: Seen::nothing(),
             shown: if is_home {
                 HomeLock::favouring_this_home(shown)
@@ -206,7 +252,11 @@ impl Record {
     }
 
     pub(crate) fn level(&self) -> u8 {
-        self.level
+        self.level_and_how & (LEVELS - 1)
+    }
+
+    fn is(&self, how: u8) -> bool {
+        self.level_and_how & how != 0
     }
 
     #[inline]
@@ -233,21 +283,50 @@ impl Record {
     }
 
     /// How it ended, if it has. The message of a panic is made here.
+    #[inline]
     pub(super) fn exit(&self) -> Option<Exit> {
         Some(match self.outcome.load(Ordering::Acquire) {
             Outcome::NONE => return None,
-            Outcome::COMPLETED => Exit::Completed,
+            Outcome::COMPLETED | Outcome::SAID => Exit::Completed,
             Outcome::CANCELLED => Exit::Cancelled,
-            _ => {
-                let shown = self.shown.lock();
-                Exit::Panicked(
-                    shown
-                        .panic
-                        .as_deref()
-                        .map_or_else(String::new, panic_message),
-                )
-            }
+            _ => self.panicked(),
         })
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn panicked(&self) -> Exit {
+        Exit::Panicked(match &self.shown.lock().beside {
+            Beside::Panic(payload) => panic_message(&**payload),
+            _ => String::new(),
+        })
+    }
+
+    /// What was said, if it is of this type and was not taken.
+    #[inline]
+    pub(super) fn take_words<O: LastWords>(&self) -> Option<O> {
+        if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
+            return None;
+        }
+        self.take_what_was_said()
+    }
+
+    #[cold]
+    fn take_what_was_said<O: LastWords>(&self) -> Option<O> {
+        let mut shown = self.shown.lock();
+        let words = match std::mem::replace(&mut shown.beside, Beside::Nothing) {
+            Beside::Words(words) => words,
+            other => {
+                shown.beside = other;
+                return None;
+            }
+        };
+        drop(shown);
+        // Without the lock: it frees.
+        words
+            .take()
+            .map_err(|words| self.shown.lock().beside = Beside::Words(words))
+            .ok()
     }
 
     /// Whether its polls are timed.
@@ -323,20 +402,27 @@ impl Record {
         // The record has another, so nothing is freed here.
         overseer::set(None);
         if overseer.poll_ends(began, now) == Sentence::Poison {
-            self.poisoned.store(true, Ordering::Relaxed);
+            self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
             self.cancelled.store(true, Ordering::Release);
         }
     }
 
     /// Whether the channel ends that go with its body are to poison their channels.
     pub(super) fn is_poisoned(&self) -> bool {
-        self.poisoned.load(Ordering::Relaxed)
+        self.fate.load(Ordering::Relaxed) & Fate::POISONED != 0
     }
 
     /// Says how to wake it before it is there. Allocates.
     pub(crate) fn set_waker(&self, waker: Waker) {
         let waker = Box::new(waker);
-        let before = self.shown.lock().waker.replace(waker);
+        let before = {
+            let mut shown = self.shown.lock();
+            let before = shown.take_waker();
+            if matches!(shown.beside, Beside::Nothing) {
+                shown.beside = Beside::Waker(waker);
+            }
+            before
+        };
         drop(before);
     }
 
@@ -349,7 +435,7 @@ impl Record {
         let before = {
             let mut shown = self.shown.lock();
             self.seen.0.store(process.as_ptr(), Ordering::Release);
-            shown.waker.take()
+            shown.take_waker()
         };
         // Here, and not on the real-time path.
         drop(before);
@@ -365,7 +451,7 @@ impl Record {
             let mut shown = self.shown.lock();
             // SAFETY: the lock is held.
             unsafe { self.seen.forget() };
-            shown.waker.take()
+            shown.take_waker()
         };
         drop(waker);
     }
@@ -379,7 +465,7 @@ impl Record {
                 process.notify(Notice::CANCELLED);
                 process.waker().cloned()
             } else {
-                shown.waker.as_deref().cloned()
+                shown.waker().cloned()
             }
         };
         if let Some(waker) = waker {
@@ -390,12 +476,12 @@ impl Record {
     /// Says that the process' body is never dropped, if it has not ended: called before it is ended.
     pub(crate) fn leave_body(&self) {
         if !self.has_ended() {
-            self.body_left.store(true, Ordering::Release);
+            self.fate.fetch_or(Fate::BODY_LEFT, Ordering::Release);
         }
     }
 
     pub(super) fn has_left_body(&self) -> bool {
-        self.body_left.load(Ordering::Acquire)
+        self.fate.load(Ordering::Acquire) & Fate::BODY_LEFT != 0
     }
 
     /// Ends a process whose body never ran.
@@ -409,7 +495,7 @@ impl Record {
     }
 
     /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
-    pub(super) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
+    pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
         let mut shown = self.shown.lock();
         if self.has_ended() {
             drop(shown);
@@ -418,24 +504,29 @@ impl Record {
         events::done(
             self.id.get(),
             match exit {
-                RawExit::Completed => events::code::ended::OK,
+                RawExit::Completed | RawExit::Said(_) => events::code::ended::OK,
                 RawExit::Cancelled => events::code::ended::CANCELLED,
                 RawExit::Panicked(_) => events::code::ended::PANICKED,
             },
         );
-        let in_a_hurry = !self.unhurried || !matches!(exit, RawExit::Completed);
+        let in_a_hurry =
+            !self.is(How::UNHURRIED) || matches!(exit, RawExit::Cancelled | RawExit::Panicked(_));
+        let mut waker = shown.take_waker();
         let outcome = match exit {
             RawExit::Completed => Outcome::COMPLETED,
+            RawExit::Said(words) => {
+                shown.beside = Beside::Words(words);
+                Outcome::SAID
+            }
             RawExit::Cancelled => Outcome::CANCELLED,
             RawExit::Panicked(payload) => {
-                shown.panic = Some(payload);
+                shown.beside = Beside::Panic(payload);
                 Outcome::PANICKED
             }
         };
         // Nobody has anything to ask of the process itself any more.
         // SAFETY: the lock is held.
         unsafe { self.seen.forget() };
-        let mut waker = shown.waker.take();
         self.outcome.store(outcome, Ordering::Release);
         // One by one, so that the lock is never held for more than a few steps.
         while let Some(node) = shown.joining.pop() {
@@ -468,12 +559,12 @@ impl Record {
 
     /// Tells who counts and lists the processes that this one has ended.
     fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
-        if !in_a_hurry && living.keep(self, self.listed) {
+        if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
             return;
         }
         // In the order of their ends.
         living.tell_kept();
-        if self.listed {
+        if self.is(How::LISTED) {
             living.list_ended(self.clone());
         }
         living.leave(in_a_hurry);
@@ -485,7 +576,7 @@ impl fmt::Debug for Record {
         f.debug_struct("Process")
             .field("name", &self.name)
             .field("id", &self.id.get())
-            .field("level", &self.level)
+            .field("level", &self.level())
             .field("state", &self.state())
             .finish_non_exhaustive()
     }

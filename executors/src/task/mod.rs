@@ -20,12 +20,12 @@ mod waker;
 
 use crate::executor::{self, Shared};
 use crate::interference;
-use crate::process::{Body, Notice, Of, Record};
+use crate::process::{Body, End, LastWords, Notice, Record, Words, WordsMethods};
 use crate::seats::{Seat, Seats};
 use luna_platform::current::{self, Methods, Place, Process};
 use luna_platform::events;
 use luna_platform::reclaim::Retired;
-use std::any::Any;
+use std::any::{Any, TypeId};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
 use std::mem::{ManuallyDrop, offset_of};
@@ -33,7 +33,7 @@ use std::pin::Pin;
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
-use std::task::Context;
+use std::task::{Context, Poll};
 
 thread_local! {
     /// The tasks of the executor that this thread is that are not retired.
@@ -77,7 +77,6 @@ impl Tasks {
 struct Task {
     /// First, so that the task lies where its process lies.
     process: Process,
-    methods: &'static BodyMethods,
     record: Arc<Record>,
     /// Given back as the task is freed.
     shared: ManuallyDrop<Arc<Shared>>,
@@ -88,7 +87,7 @@ struct Task {
     retired: Retired,
 }
 
-/// What is seldom done with a body.
+/// What is seldom done with a body: found by its process' methods.
 struct BodyMethods {
     /// Polls it, if it was not cancelled, with all that may be asked for around a poll; `true` if it has ended.
     poll_attentively: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
@@ -97,18 +96,19 @@ struct BodyMethods {
 }
 
 impl Task {
-    /// Whose body is to be polled.
-    #[inline(always)]
-    fn of(&self) -> Of<'_> {
-        Of {
-            record: &self.record,
-            living: self.shared.living(),
-        }
+    /// # Safety
+    ///
+    /// Its process has an owner, the task.
+    unsafe fn methods(&self) -> &'static BodyMethods {
+        // SAFETY: the contract.
+        let seldom = unsafe { self.process.methods() }.seldom;
+        let methods = seldom.and_then(|methods| methods.downcast_ref());
+        methods.expect("`start` has said them")
     }
 }
 
 #[repr(C)]
-struct Whole<F> {
+struct Whole<F: Future> {
     task: Task,
     body: UnsafeCell<Body<F>>,
 }
@@ -116,7 +116,7 @@ struct Whole<F> {
 /// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
 pub(crate) fn start<F>(shared: Arc<Shared>, record: Arc<Record>, future: F)
 where
-    F: Future<Output = ()> + 'static,
+    F: Future<Output: LastWords> + 'static,
 {
     let process = Process::new(
         record.id(),
@@ -129,26 +129,21 @@ where
     let (whole, skipped) = memory::allocate::<Whole<F>>();
     let level = record.level();
     let notices = record.notices();
-    let value = Whole {
-        task: Task {
-            process,
-            methods: const {
-                &BodyMethods {
-                    poll_attentively: poll_attentively::<F>,
-                    end_panicked: end_panicked::<F>,
-                }
-            },
-            record,
-            shared: ManuallyDrop::new(shared),
-            seat,
-            references: AtomicU32::new(waker::FIRST),
-            skipped,
-            retired: Retired::new(free_retired::<F>),
-        },
-        body: UnsafeCell::new(Body::new(future)),
+    // Each part is written where it lies: a whole that is made first is moved there by a copy.
+    let head = Task {
+        process,
+        record,
+        shared: ManuallyDrop::new(shared),
+        seat,
+        references: AtomicU32::new(waker::FIRST),
+        skipped,
+        retired: Retired::new(free_retired::<F>),
     };
-    // SAFETY: it is room for it.
-    unsafe { whole.write(value) };
+    // SAFETY: it is room for both.
+    unsafe {
+        (&raw mut (*whole.as_ptr()).task).write(head);
+        (&raw mut (*whole.as_ptr()).body).write(UnsafeCell::new(Body::new(future)));
+    }
     let task = whole.cast::<Task>();
     // SAFETY: nobody else knows the task yet, so nobody polls it. It stays where it is until `free` was called, and is ended once, by `retire`.
     unsafe {
@@ -159,6 +154,10 @@ where
                 ready_elsewhere,
                 free,
                 poll: poll::<F>,
+                seldom: Some(&BodyMethods {
+                    poll_attentively: poll_attentively::<F>,
+                    end_panicked: end_panicked::<F>,
+                }),
             }
         };
         this.process.set_owner(task.cast(), methods);
@@ -211,7 +210,7 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
 ///
 /// `task` is the head of a live `Whole<F>` on whose home's thread this is, and nobody else accesses its body while the borrow lasts.
 #[inline(always)]
-unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
+unsafe fn body<'a, F: Future>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
     // SAFETY: the contract; the body stays where it is until it is dropped.
     unsafe { Pin::new_unchecked(&mut *task.cast::<Whole<F>>().as_ref().body.get()) }
 }
@@ -219,10 +218,21 @@ unsafe fn body<'a, F>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
 /// # Safety
 ///
 /// As for [`body`], of whose `Whole<F>` `owner` is the head; and the body has not ended.
-unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool {
+unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
+where
+    F: Future<Output: LastWords>,
+{
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_unended(|| task.as_ref().of(), cx) }
+    unsafe {
+        match body::<F>(task).poll_unended(cx) {
+            Poll::Pending => false,
+            Poll::Ready(words) => {
+                end_body::<F>(task, End::Completed(words));
+                true
+            }
+        }
+    }
 }
 
 /// # Safety
@@ -230,11 +240,19 @@ unsafe fn poll<F: Future<Output = ()>>(owner: NonNull<()>, cx: &mut Context<'_>)
 /// As for [`poll`], but the body may have ended.
 unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
-    F: Future<Output = ()>,
+    F: Future<Output: LastWords>,
 {
     let task = owner.cast::<Task>();
-    // SAFETY: the contract.
-    unsafe { body::<F>(task).poll_attentively(task.as_ref().of(), cx) }
+    // SAFETY: the contract. Who has ended is not polled by `run_attentively`, and says nothing more.
+    unsafe {
+        match body::<F>(task).poll_attentively(&task.as_ref().record, cx) {
+            None => false,
+            Some(end) => {
+                end_body::<F>(task, end);
+                true
+            }
+        }
+    }
 }
 
 /// # Safety
@@ -242,10 +260,67 @@ where
 /// As for [`body`].
 unsafe fn end_panicked<F>(task: NonNull<Task>, payload: Box<dyn Any + Send>)
 where
-    F: Future<Output = ()>,
+    F: Future<Output: LastWords>,
 {
     // SAFETY: the contract.
-    unsafe { body::<F>(task).end_panicked(task.as_ref().of(), payload) };
+    unsafe { end_body::<F>(task, End::Panicked(payload)) };
+}
+
+/// Drops the body, and tells how it ended. What it said stays in its place, and keeps the task until it is taken.
+///
+/// # Safety
+///
+/// As for [`body`]; and it has not ended before.
+#[cold]
+unsafe fn end_body<F>(task: NonNull<Task>, end: End<F::Output>)
+where
+    F: Future<Output: LastWords>,
+{
+    // SAFETY: the contract. No borrow of the body is left when others learn of what it said, and from then on it is theirs.
+    unsafe {
+        let this = task.as_ref();
+        let end = body::<F>(task).end(&this.record, end);
+        let exit = end.told(|words| {
+            body::<F>(task).keep(words);
+            let methods = const {
+                &WordsMethods {
+                    type_id: TypeId::of::<F::Output>,
+                    take: take_words::<F>,
+                    discard: discard_words::<F>,
+                }
+            };
+            waker::add(task);
+            Words::new(task.cast(), methods)
+        });
+        this.record.finish(exit, this.shared.living());
+    }
+}
+
+/// # Safety
+///
+/// `owner` is the head of a live `Whole<F>` whose body has ended and whose last words are the caller's, as is one reference to it; `to` is room for them.
+unsafe fn take_words<F: Future>(owner: NonNull<()>, to: *mut ()) {
+    // SAFETY: the contract; the words stay with this call, so that nobody else accesses the body.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let words = body::<F>(task).take_words();
+        // By the contract there are some.
+        to.cast::<F::Output>().write(words.unwrap_unchecked());
+        waker::remove(task);
+    }
+}
+
+/// # Safety
+///
+/// As for [`take_words`].
+unsafe fn discard_words<F: Future>(owner: NonNull<()>) {
+    // SAFETY: the contract.
+    unsafe {
+        let task = owner.cast::<Task>();
+        let words = body::<F>(task).take_words();
+        waker::remove(task);
+        drop(words);
+    }
 }
 
 /// As [`Methods::ready_elsewhere`] says.
@@ -309,7 +384,7 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         let is_plain = events::is_on() && this.process.notices() == Notice::RECORDED;
         let poll = match is_plain {
             true => this.process.methods().poll,
-            false => this.methods.poll_attentively,
+            false => this.methods().poll_attentively,
         };
         let (has_ended, is_queued) = current::give_turn(&this.process, || {
             if this.process.notices() & Notice::RECORDED != 0 {
@@ -336,7 +411,7 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
     let task = owner.cast::<Task>();
     // SAFETY: it is the current process, whose poll has unwound, so nobody accesses its body. Its methods are those of a task: here only tasks have turns.
     unsafe {
-        (task.as_ref().methods.end_panicked)(task, payload);
+        (task.as_ref().methods().end_panicked)(task, payload);
         interference::polled(task.as_ref().process.id());
         if let Some((_, is_queued)) = current::take_interrupted() {
             end(task, is_queued);
@@ -391,7 +466,7 @@ unsafe fn free(owner: NonNull<()>) {
 /// # Safety
 ///
 /// `head` is the field of a `Whole<F>` that nobody uses any more, and whose body has ended.
-unsafe fn free_retired<F>(head: NonNull<Retired>) {
+unsafe fn free_retired<F: Future>(head: NonNull<Retired>) {
     // SAFETY: the contract; `start` allocated it. What is left of the body is the framework's own, and can go on any thread.
     unsafe {
         let task = head.byte_sub(offset_of!(Task, retired)).cast::<Task>();
@@ -411,8 +486,8 @@ mod tests {
     /// Each process pays for it: what is added here, or to a [`Process`], is added a million times in a system of a million.
     #[test]
     fn a_task_takes_little_beside_its_body() {
-        assert!(size_of::<Task>() <= 240, "{}", size_of::<Task>());
-        assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
-        assert!(size_of::<Process>() <= 176, "{}", size_of::<Process>());
+        assert!(size_of::<Task>() <= 208, "{}", size_of::<Task>());
+        assert!(size_of::<Record>() <= 104, "{}", size_of::<Record>());
+        assert!(size_of::<Process>() <= 152, "{}", size_of::<Process>());
     }
 }

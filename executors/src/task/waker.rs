@@ -36,15 +36,23 @@ unsafe fn task(data: *const ()) -> NonNull<Task> {
 // SAFETY of all below: `data` belongs to a counted waker, so the task is live until that one is discarded.
 
 unsafe fn clone(data: *const ()) -> RawWaker {
-    // SAFETY: see above. Relaxed: who has a waker may pass it on, and brings what that needs itself.
-    let before = unsafe { task(data).as_ref() }
-        .references
-        .fetch_add(1, Ordering::Relaxed);
-    if before > i32::MAX as u32 {
+    // SAFETY: see above.
+    unsafe { add(task(data)) };
+    RawWaker::new(data, &TABLE)
+}
+
+/// Counts one more who keeps the task, as a waker does.
+///
+/// # Safety
+///
+/// The task is kept by another one.
+pub(super) unsafe fn add(task: NonNull<Task>) {
+    // SAFETY: the contract. Relaxed: who has a waker may pass it on, and brings what that needs itself.
+    let references = unsafe { &task.as_ref().references };
+    if references.fetch_add(1, Ordering::Relaxed) > i32::MAX as u32 {
         // So many were leaked: to wrap would be to free what is owned.
         std::process::abort();
     }
-    RawWaker::new(data, &TABLE)
 }
 
 unsafe fn wake(data: *const ()) {
@@ -69,9 +77,18 @@ unsafe fn wake_by_ref(data: *const ()) {
 }
 
 unsafe fn discard(data: *const ()) {
-    // SAFETY: see above; the last waker leaves nobody who uses the task. Its own one is dropped only after its body has ended, and its process.
+    // SAFETY: see above.
+    unsafe { remove(task(data)) };
+}
+
+/// Counts one less; the last one frees the task.
+///
+/// # Safety
+///
+/// One was counted for the caller, who does not use the task any more.
+pub(super) unsafe fn remove(task: NonNull<Task>) {
+    // SAFETY: the contract; the last waker leaves nobody who uses the task. Its own one is dropped only after its body has ended, and its process.
     unsafe {
-        let task = task(data);
         // Release and Acquire: whoever frees the task does so after all that others did with it. Who has the only waker is alone with it: looking costs less than
         // counting.
         let references = &task.as_ref().references;

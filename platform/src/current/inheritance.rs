@@ -28,11 +28,39 @@ pub(super) struct Inheritance {
     counts: UnsafeCell<Counts>,
 }
 
+/// How often it was lent each level above its own: others do not raise it, and are not counted.
 struct Counts {
-    levels: [u16; LEVELS as usize],
-    /// Which of them are not 0.
+    /// Which levels were lent.
     lent: u32,
     threads: u16,
+    /// Of the upper half.
+    high: [u16; HALF as usize],
+    /// Of the lower half, for a process whose own level lies there: most do not. Made with the process, since nothing is allocated when it is lent.
+    low: Option<Box<[u16; HALF as usize]>>,
+}
+
+/// The levels of each half.
+const HALF: u8 = LEVELS / 2;
+
+impl Counts {
+    /// Of a process whose own level this is.
+    fn new(own: u8) -> Self {
+        Self {
+            lent: 0,
+            threads: 0,
+            high: [0; HALF as usize],
+            low: (own < HALF - 1).then(|| Box::new([0; HALF as usize])),
+        }
+    }
+
+    /// That of `level`, if it is above the process' own.
+    fn of(&mut self, level: u8, own: u8) -> Option<&mut u16> {
+        match level {
+            _ if level <= own => None,
+            HALF.. => self.high.get_mut(usize::from(level - HALF)),
+            _ => self.low.as_mut()?.get_mut(usize::from(level)),
+        }
+    }
 }
 
 impl LevelNow {
@@ -65,15 +93,13 @@ impl Drop for Inheritance {
 }
 
 impl Inheritance {
-    pub(super) fn new(home: Option<Arc<HomeThread>>) -> Self {
+    /// Of a process at level `own`. Allocates, if that is in the lower half.
+    #[inline]
+    pub(super) fn new(home: Option<Arc<HomeThread>>, own: u8) -> Self {
         Self {
             home,
             waits: UnsafeCell::new(WaitList::new()),
-            counts: UnsafeCell::new(Counts {
-                levels: [0; LEVELS as usize],
-                lent: 0,
-                threads: 0,
-            }),
+            counts: UnsafeCell::new(Counts::new(own & LEVEL)),
         }
     }
 
@@ -85,9 +111,14 @@ impl Inheritance {
     pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, lent: Lent, more: bool) -> bool {
         // SAFETY: the contract.
         let counts = unsafe { &mut *self.counts.get() };
+        let own = own & LEVEL;
         let count = match lent {
             Lent::Nothing => return false,
-            Lent::Level(level) => &mut counts.levels[usize::from(level & LEVEL)],
+            Lent::Level(level) => match counts.of(level & LEVEL, own) {
+                Some(count) => count,
+                // It is as urgent as that in any case.
+                None => return true,
+            },
             Lent::Thread(_) => &mut counts.threads,
         };
         let changed = if more {
@@ -111,9 +142,43 @@ impl Inheritance {
             THREAD | LEVEL
         } else {
             // 0 if none is lent, which is no more than its own.
-            (own & LEVEL).max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
+            own.max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
         };
         now.0.store(highest, Ordering::Relaxed);
         true
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    /// Held against a list of all that was lent.
+    #[test]
+    fn it_runs_at_the_highest_level_that_was_lent_whatever_its_own() {
+        for own in [0, 7, HALF - 2, HALF - 1, HALF, LEVEL - 1, LEVEL] {
+            let (now, inheritance) = (LevelNow::new(own), Inheritance::new(None, own));
+            let mut lent: Vec<u8> = Vec::new();
+            let mut state = 1_u64;
+            for _ in 0..4000 {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                let (more, level) = (state >> 63 == 0, (state >> 40) as u8 & LEVEL);
+                let level = match more {
+                    true => {
+                        lent.push(level);
+                        level
+                    }
+                    false if lent.is_empty() => continue,
+                    false => lent.swap_remove(usize::from(level) % lent.len()),
+                };
+                // SAFETY: nobody else knows it.
+                let is_counted = unsafe { inheritance.count(&now, own, Lent::Level(level), more) };
+                assert!(is_counted);
+                let highest = lent.iter().copied().max().unwrap_or(0).max(own);
+                assert_eq!(now.get(), highest);
+            }
+        }
     }
 }

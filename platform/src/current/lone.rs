@@ -32,6 +32,7 @@ pub(super) static METHODS: Methods = Methods {
     free,
     // Its thread polls it.
     poll: |_, _| false,
+    seldom: None,
 };
 
 impl Lone {

@@ -6,6 +6,7 @@ use super::lone;
 use super::references::References;
 use super::run_queue::Link;
 use crate::events;
+use std::any::Any;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
@@ -113,6 +114,8 @@ pub struct Methods {
     /// Polls the body of a process that was taken from the run queue, in its turn; `true` if that has ended it. Here, and not in each process, since all of a kind share it: a
     /// turn reads one line of memory less.
     pub poll: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
+    /// What else an executor does with processes of this kind: it knows of which type that is.
+    pub seldom: Option<&'static (dyn Any + Send + Sync)>,
 }
 
 /// What a process is doing, as bits of one byte that its home's thread writes.
@@ -199,6 +202,7 @@ impl Process {
     pub const ALIGN: usize = LEVELS as usize;
 
     /// A process of `home`, whose thread has the real-time priority `thread_priority` (0: none), at `level`.
+    #[inline]
     pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
         Self {
             link: Link::new(),
@@ -215,7 +219,7 @@ impl Process {
             waker: UnsafeCell::new(None),
             polls: AtomicU64::new(0),
             methods: Cell::new(None),
-            inheritance: Inheritance::new(super::home_thread_of(home)),
+            inheritance: Inheritance::new(super::home_thread_of(home), level),
         }
     }
 

@@ -29,7 +29,7 @@ impl Store {
     pub(crate) fn declaring<R>(
         self: &Arc<Self>,
         process: ProcessId,
-        name: &Arc<str>,
+        name: &str,
         pre_run: impl FnOnce() -> R,
     ) -> R {
         /// Puts back who was declaring before: a `pre_run` may spawn.
@@ -45,7 +45,7 @@ impl Store {
         let declaring = Declaring {
             store: self.clone(),
             process: process.get(),
-            name: name.clone(),
+            name: Arc::from(name),
         };
         let _restored = Restored(DECLARING.replace(Some(declaring)));
         pre_run()

@@ -1,6 +1,6 @@
 use super::*;
 use crate::System;
-use crate::csp::process::{Phases, Verdict};
+use crate::csp::process::Phases;
 use crate::system::plan::{Member, On};
 use luna_executors::ProcessSpec;
 use luna_platform::thread::Attributes;
@@ -41,7 +41,7 @@ fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
         ends.send(seen.load(Ordering::SeqCst)).unwrap();
     });
     let (id, owner) = (handle.id(), Box::new(Owner(is_gone)));
-    let member = Member::new(handle, Verdict::new(), On::Executor(0), None, Some(owner));
+    let member = Member::new(handle, On::Executor(0), None, Some(owner));
     plan.members().started.enter(id, member, plan.emergency());
     executor.release();
     is_running.recv().unwrap();

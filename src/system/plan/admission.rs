@@ -6,14 +6,14 @@ use super::{Members, Phase, Plan, duplicate};
 use crate::csp::process::{Build, Common, Prepared, clean_up, prepare, start};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
-use luna_executors::ProcessHandle;
+use luna_executors::{Name, ProcessHandle};
 use luna_platform::current::ProcessId;
-use std::sync::{Arc, MutexGuard};
+use std::sync::MutexGuard;
 
 /// The name of a process that is about to be added. Dropping it gives the name back.
 pub(crate) struct Reservation<'a> {
     plan: &'a Plan,
-    name: Option<Arc<str>>,
+    name: Option<Name>,
 }
 
 impl Reservation<'_> {
@@ -33,7 +33,7 @@ impl Drop for Reservation<'_> {
 
 impl Plan {
     /// Takes the name of a process whose body is still to be made.
-    pub(crate) fn reserve<'a>(&'a self, name: &Arc<str>) -> Result<Reservation<'a>> {
+    pub(crate) fn reserve<'a>(&'a self, name: &Name) -> Result<Reservation<'a>> {
         drop(self.admit(Ok(name))?);
         Ok(Reservation {
             plan: self,
@@ -129,7 +129,7 @@ impl Plan {
         }
         // The lock is kept from the look at the phase until it is entered: the end cannot come in between.
         let (mut member, mut announced, frame) =
-            running.announce(number, plan.spec, plan.ledger, None, started.verdict());
+            running.announce(number, plan.spec, plan.ledger, None);
         member.is_late = true;
         member.shares_name = plan.shares_name;
         started.enter(id, member, &running.common.emergency);
@@ -147,7 +147,7 @@ impl Plan {
     }
 
     /// Takes the `name` of a process to be, if it has one of its own, and if there can be one.
-    fn admit(&self, name: Result<&Arc<str>, &Arc<str>>) -> Result<MutexGuard<'_, Members>> {
+    fn admit(&self, name: Result<&Name, &Name>) -> Result<MutexGuard<'_, Members>> {
         let mut guard = self.members();
         let members = &mut *guard;
         if members.phase == Phase::Ended {

@@ -3,7 +3,7 @@
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
-use luna_executors::ProcessSpec;
+use luna_executors::{Name, ProcessSpec};
 use luna_platform::current::ProcessId;
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(crate) struct ProcessPlan<B = Box<dyn Start>> {
 }
 
 impl<B> ProcessPlan<B> {
-    pub(crate) fn name(&self) -> &Arc<str> {
+    pub(crate) fn name(&self) -> &Name {
         self.spec.name()
     }
 
@@ -52,7 +52,7 @@ impl<B> ProcessPlan<B> {
     }
 
     /// Its name, if it is to be its own; else the name as an error.
-    pub(super) fn own_name(&self) -> Result<&Arc<str>, &Arc<str>> {
+    pub(super) fn own_name(&self) -> Result<&Name, &Name> {
         match self.shares_name {
             false => Ok(self.name()),
             true => Err(self.name()),

@@ -1,7 +1,7 @@
 //! A process that was started, as its system knows it.
 
 use crate::csp::composition::ThreadPart;
-use crate::csp::process::{Phases, Verdict};
+use crate::csp::process::Phases;
 use crate::safety::Ledger;
 use luna_executors::ProcessHandle;
 use std::sync::Arc;
@@ -9,8 +9,6 @@ use std::sync::Arc;
 /// A process that was started. There may be very many: what few have lies apart.
 pub(crate) struct Member {
     pub(crate) handle: ProcessHandle,
-    /// Until its end was noted: its body refers to it.
-    verdict: Option<Arc<Verdict>>,
     seldom: Option<Box<Seldom>>,
     /// Its place in the order of starts.
     pub(crate) order: u64,
@@ -37,7 +35,6 @@ struct Seldom {
 impl Member {
     pub(in crate::system) fn new(
         handle: ProcessHandle,
-        verdict: Arc<Verdict>,
         on: On,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
@@ -49,7 +46,6 @@ impl Member {
         let has_any = ledger.is_some() || resident.is_some() || thread.is_some();
         Self {
             handle,
-            verdict: Some(verdict),
             seldom: has_any.then(|| {
                 Box::new(Seldom {
                     ledger,
@@ -74,8 +70,9 @@ impl Member {
         self.seldom.as_ref()?.ledger.as_ref()
     }
 
-    pub(crate) fn take_verdict(&mut self) -> Option<Arc<Verdict>> {
-        self.verdict.take()
+    /// Whether it has nothing that few have.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.seldom.is_none()
     }
 
     pub(crate) fn take_resident(&mut self) -> Option<Box<dyn Phases>> {

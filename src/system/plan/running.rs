@@ -3,7 +3,7 @@
 use super::described::{Place, ProcessPlan};
 use super::member::{Member, On};
 use crate::csp::composition::{ThreadKind, ThreadPart};
-use crate::csp::process::{Common, Frame, Phases, Prepared, Start, Verdict, clean_up};
+use crate::csp::process::{Common, Frame, Phases, Prepared, Start, clean_up};
 use crate::error::Error;
 use crate::safety::Ledger;
 use luna_executors::{
@@ -86,7 +86,6 @@ impl Running {
         mut spec: ProcessSpec,
         ledger: Option<Arc<Ledger>>,
         resident: Option<Box<dyn Phases>>,
-        verdict: Arc<Verdict>,
     ) -> (Member, Announced, Frame) {
         let common = &self.common;
         if let Some(ledger) = &ledger {
@@ -99,11 +98,10 @@ impl Running {
         if common.tapes.are_there() {
             spec = common.tapes.tape(spec);
         }
-        // SAFETY: the member keeps it until the body's end was noted, or for ever if that is never known.
-        let frame = unsafe { Frame::new(common, &verdict) };
+        let frame = Frame::new(common);
         let announced = self.executors[number].announce(spec);
         let on = On::Executor(number);
-        let member = Member::new(announced.handle(), verdict, on, ledger, resident);
+        let member = Member::new(announced.handle(), on, ledger, resident);
         (member, announced, frame)
     }
 
@@ -123,7 +121,7 @@ impl Running {
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
                 let (mut member, announced, frame) =
-                    self.announce(number, spec, ledger, resident, Verdict::new());
+                    self.announce(number, spec, ledger, resident);
                 member.shares_name = shares_name;
                 let pending = Pending {
                     announced,
@@ -135,9 +133,7 @@ impl Running {
             Place::Thread { name, attributes } => (name, attributes),
         };
         let common = &self.common;
-        let verdict = Verdict::new();
-        // SAFETY: as in `announce`; if the thread does not start there is no body.
-        let frame = unsafe { Frame::new(common, &verdict) };
+        let frame = Frame::new(common);
         if let Some(ledger) = &ledger {
             ledger.join(&common.emergency, &common.living);
         }
@@ -154,7 +150,7 @@ impl Running {
                     ThreadPart::obtained(&thread_name, ThreadKind::OsThread, thread.obtained());
                 let on = On::Thread(Box::new(part));
                 let handle = thread.process().clone();
-                let mut member = Member::new(handle, verdict, on, ledger, resident);
+                let mut member = Member::new(handle, on, ledger, resident);
                 member.shares_name = shares_name;
                 Ok((member, Started::OnThread((thread_name, thread))))
             }

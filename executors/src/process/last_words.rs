@@ -1,0 +1,124 @@
+//! What a process says as it ends, for who buries it: kept where there was room for it from the start, since a process ends on the real-time path.
+
+use std::any::TypeId;
+use std::fmt;
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
+
+/// What a body ends with, beyond that it has ended: an error, say. Most end with nothing.
+pub trait LastWords: Send + 'static {
+    /// Whether there is nothing to be kept. Called on the real-time path.
+    fn is_nothing(&self) -> bool;
+}
+
+impl LastWords for () {
+    fn is_nothing(&self) -> bool {
+        true
+    }
+}
+
+/// Last words, wherever they lie.
+///
+/// # Invariants
+///
+/// `place` leads to words that may be sent to other threads, and that `methods` know; they are this value's alone.
+pub(crate) struct Words {
+    place: NonNull<()>,
+    methods: &'static WordsMethods,
+}
+
+/// What is done with last words, each at most once, on any thread.
+pub(crate) struct WordsMethods {
+    pub(crate) type_id: fn() -> TypeId,
+    /// Moves them out to the other place, and lets go of the first.
+    pub(crate) take: unsafe fn(NonNull<()>, *mut ()),
+    /// Drops them, and lets go of the place.
+    pub(crate) discard: unsafe fn(NonNull<()>),
+}
+
+// SAFETY: the invariant.
+unsafe impl Send for Words {}
+
+impl Words {
+    /// # Safety
+    ///
+    /// `place` is one as the type's invariant says, and is given away.
+    pub(crate) unsafe fn new(place: NonNull<()>, methods: &'static WordsMethods) -> Self {
+        Self { place, methods }
+    }
+
+    /// In a box.
+    pub(crate) fn boxed<O: LastWords>(room: Box<MaybeUninit<O>>, words: O) -> Self {
+        let place = NonNull::from(Box::leak(Box::write(room, words))).cast();
+        let methods = const {
+            &WordsMethods {
+                type_id: TypeId::of::<O>,
+                // SAFETY: the contract of both: they lie in a box, which is given back.
+                take: |place, to| unsafe {
+                    to.cast::<O>()
+                        .write(*Box::from_raw(place.cast::<O>().as_ptr()));
+                },
+                // SAFETY: as above.
+                discard: |place| drop(unsafe { Box::from_raw(place.cast::<O>().as_ptr()) }),
+            }
+        };
+        // SAFETY: they were just put there, and may be sent.
+        unsafe { Self::new(place, methods) }
+    }
+
+    /// Takes them, if they are of this type; else gives them back.
+    pub(crate) fn take<O: LastWords>(self) -> Result<O, Self> {
+        if (self.methods.type_id)() != TypeId::of::<O>() {
+            return Err(self);
+        }
+        let (place, methods) = (self.place, self.methods);
+        std::mem::forget(self);
+        let mut words = MaybeUninit::<O>::uninit();
+        // SAFETY: the invariant; they are of this type, and are let go of by this alone.
+        unsafe {
+            (methods.take)(place, words.as_mut_ptr().cast());
+            Ok(words.assume_init())
+        }
+    }
+}
+
+impl Drop for Words {
+    fn drop(&mut self) {
+        // SAFETY: the invariant: they were not taken.
+        unsafe { (self.methods.discard)(self.place) };
+    }
+}
+
+impl fmt::Debug for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Words")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    struct Word(#[expect(dead_code, reason = "it is counted")] Arc<()>);
+
+    impl LastWords for Word {
+        fn is_nothing(&self) -> bool {
+            false
+        }
+    }
+
+    #[test]
+    fn words_are_taken_as_what_they_are_or_dropped_once() {
+        let token = Arc::new(());
+        let boxed = || Words::boxed(Box::new_uninit(), Word(token.clone()));
+        let words = boxed().take::<()>().expect_err("they are of another type");
+        assert_eq!(Arc::strong_count(&token), 2);
+        let word = words.take::<Word>().expect("they are of this one");
+        assert_eq!(Arc::strong_count(&token), 2);
+        drop(word);
+        assert_eq!(Arc::strong_count(&token), 1);
+        drop(boxed());
+        assert_eq!(Arc::strong_count(&token), 1);
+    }
+}

@@ -1,0 +1,98 @@
+//! What a body says as it ends: kept until it is taken, from whatever thread it ran on.
+
+use luna_executors::{Executor, Exit, LastWords, Living, OsThread, ProcessHandle, ProcessSpec};
+use luna_platform::thread::Attributes;
+use std::sync::Arc;
+
+/// Counted, so that the tests see what is kept; larger than the body that says it.
+struct Word(
+    Option<Arc<()>>,
+    #[expect(dead_code, reason = "its size")] [u64; 40],
+);
+
+impl LastWords for Word {
+    fn is_nothing(&self) -> bool {
+        self.0.is_none()
+    }
+}
+
+fn word(token: &Arc<()>) -> Word {
+    Word(Some(token.clone()), [7; 40])
+}
+
+fn said(process: &ProcessHandle) -> Option<Word> {
+    process.take_last_words::<Word>()
+}
+
+#[test]
+fn who_ends_on_an_executor_is_heard_afterwards() {
+    let token = Arc::new(());
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let start = |name: &'static str, word: Option<Word>| {
+        let announced = executor.handle().announce(ProcessSpec::new(name));
+        let process = announced.handle();
+        let refused = announced.start(move || async { word.unwrap_or(Word(None, [0; 40])) });
+        assert!(refused.is_none());
+        process
+    };
+    let speaker = start("speaker", Some(word(&token)));
+    let silent = start("silent", None);
+    executor.release();
+    assert_eq!(speaker.wait(), Exit::Completed);
+    assert_eq!(silent.wait(), Exit::Completed);
+    assert!(said(&silent).is_none());
+    // Also when the executor has gone.
+    drop(executor);
+    assert_eq!(Arc::strong_count(&token), 2, "it is kept");
+    assert!(speaker.take_last_words::<()>().is_none(), "of another type");
+    let words = said(&speaker).expect("it was kept");
+    assert!(said(&speaker).is_none(), "it is taken once");
+    assert_eq!(speaker.exit(), Some(Exit::Completed));
+    drop(words);
+    assert_eq!(Arc::strong_count(&token), 1);
+}
+
+#[test]
+fn who_is_cancelled_or_panics_says_nothing() {
+    let executor = Executor::start(Attributes::new("main")).unwrap();
+    let start = |name: &'static str, panics: bool| {
+        let announced = executor.handle().announce(ProcessSpec::new(name));
+        let process = announced.handle();
+        let refused = announced.start(move || async move {
+            assert!(!panics, "on purpose");
+            std::future::pending::<Word>().await
+        });
+        assert!(refused.is_none());
+        process
+    };
+    let (stuck, hasty) = (start("stuck", false), start("hasty", true));
+    executor.release();
+    stuck.cancel();
+    assert_eq!(stuck.wait(), Exit::Cancelled);
+    assert_eq!(hasty.wait(), Exit::Panicked("on purpose".to_owned()));
+    assert!(said(&stuck).is_none() && said(&hasty).is_none());
+    assert_eq!(hasty.exit(), Some(Exit::Panicked("on purpose".to_owned())));
+}
+
+#[test]
+fn who_has_a_thread_alone_is_heard_or_its_words_go_with_its_record() {
+    let token = Arc::new(());
+    let start = || {
+        let word = word(&token);
+        let spec = ProcessSpec::new("alone");
+        let living = Arc::new(Living::new());
+        let build = move || async { word };
+        OsThread::start_counted(Attributes::new("alone"), spec, build, living).unwrap()
+    };
+    let heard = start();
+    let unheard = start();
+    for thread in [&heard, &unheard] {
+        thread.release();
+        assert_eq!(thread.process().wait(), Exit::Completed);
+    }
+    let process = heard.process().clone();
+    drop((heard, unheard));
+    assert_eq!(Arc::strong_count(&token), 2, "whose record is there");
+    assert!(said(&process).is_some());
+    assert_eq!(Arc::strong_count(&token), 1);
+}
