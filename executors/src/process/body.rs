@@ -17,6 +17,8 @@ use std::task::{Context, Poll};
 /// How a body ended, with what it said: before that is put where others find it.
 pub(crate) enum End<O> {
     Completed(O),
+    /// Its tape says that nothing more comes: dropped where it waits.
+    Over,
     Cancelled,
     Panicked(Box<dyn Any + Send>),
 }
@@ -26,7 +28,7 @@ impl<O: LastWords> End<O> {
     pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
         match self {
             End::Completed(words) if !words.is_nothing() => RawExit::Said(keep(words)),
-            End::Completed(_) => RawExit::Completed,
+            End::Completed(_) | End::Over => RawExit::Completed,
             End::Cancelled => RawExit::Cancelled,
             End::Panicked(payload) => RawExit::Panicked(payload),
         }
@@ -84,6 +86,7 @@ impl<F: Future> Body<F> {
             }
         };
         let began = record.is_timed().then(|| record.begin_poll());
+        let mut is_over = false;
         let polled = catch_unwind(AssertUnwindSafe(|| match record.taper() {
             None => future.poll(cx),
             Some(taper) => {
@@ -96,16 +99,15 @@ impl<F: Future> Body<F> {
                         Poll::Pending => Poll::Pending,
                     }
                 });
-                match polls {
-                    Poll::Ready(()) => polled,
-                    Poll::Pending => Poll::Pending,
-                }
+                is_over = polls.is_ready() && polled.is_pending();
+                polled
             }
         }));
         if let Some(began) = began {
             record.end_poll(began);
         }
         match polled {
+            Ok(Poll::Pending) if is_over => Some(End::Over),
             Ok(Poll::Pending) if !record.cancelled.load(Ordering::Acquire) => None,
             Ok(Poll::Pending) => Some(End::Cancelled),
             Ok(Poll::Ready(words)) => Some(End::Completed(words)),
@@ -124,7 +126,7 @@ impl<F: Future> Body<F> {
         let this = unsafe { self.get_unchecked_mut() };
         // Dropping the body ends its channels before anybody learns that the process has ended. One that has not come to its end was left in
         // the middle, and so is what it held.
-        let abandoned = !matches!(end, End::Completed(_));
+        let abandoned = !matches!(end, End::Completed(_) | End::Over);
         let poisons = abandoned && record.is_poisoned();
         let dropped = catch_unwind(AssertUnwindSafe(|| {
             let mut drop_body = || match abandoned {
