@@ -26,7 +26,8 @@ impl StealMeter {
         backend::open().map(|source| StealMeter { source })
     }
 
-    /// The same of a file that has the form of the kernel's, such as a test's.
+    /// The same of a file that has the form of the kernel's; for tests.
+    #[doc(hidden)]
     pub fn open_at(path: &Path) -> Option<StealMeter> {
         backend::open_at(path).map(|source| StealMeter { source })
     }

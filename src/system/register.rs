@@ -96,6 +96,15 @@ pub(crate) struct Register {
     looks: std::cell::Cell<usize>,
 }
 
+impl Drop for Register {
+    fn drop(&mut self) {
+        // Whose ends were noted have said it. What another one has said would keep its memory for ever, and the other way round.
+        for (_, member) in self.members.iter() {
+            drop(member.handle.take_last_words::<Verdict>());
+        }
+    }
+}
+
 impl Default for Register {
     fn default() -> Self {
         Self {

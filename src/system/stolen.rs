@@ -17,6 +17,9 @@ const LONG_PAUSE: Duration = Duration::from_secs(1);
 /// The most windows that are kept: those in which something was stolen, the last ones.
 const KEPT: usize = 4096;
 
+/// Of how many cores one sample is told at most: they go where changes of the safety state go too, which has room for 64.
+const MOST_TOLD: usize = 16;
+
 /// The samples of one run.
 pub(super) struct Stolen {
     meter: Option<StealMeter>,
@@ -80,7 +83,7 @@ impl Stolen {
         }
     }
 
-    /// Takes a sample, and tells of each core from which something was stolen since the one before.
+    /// Takes a sample, and tells of the cores from which something was stolen since the one before: of [`MOST_TOLD`] at most, those that have lost most.
     pub(super) fn sample(&mut self, tell: impl FnMut(&Window)) {
         if let Some(meter) = &mut self.meter {
             let read = meter.read();
@@ -89,7 +92,8 @@ impl Stolen {
         }
     }
 
-    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant, mut tell: impl FnMut(&Window)) {
+    fn add(&mut self, read: Vec<(usize, Duration)>, now: Instant, tell: impl FnMut(&Window)) {
+        let mut windows = Vec::new();
         for &(core, stolen) in &read {
             let before = self.last.iter().find(|(other, _)| *other == core);
             // A core that was just switched on has no past.
@@ -98,19 +102,20 @@ impl Stolen {
             if stolen.is_zero() {
                 continue;
             }
-            if self.windows.len() == KEPT
-                && let Some(forgotten) = self.windows.pop_front()
-            {
-                self.complete_since = forgotten.until;
-            }
-            let window = Window {
+            windows.push(Window {
                 core,
                 from: self.sampled,
                 until: now,
                 stolen,
-            };
-            tell(&window);
-            self.windows.push_back(window);
+            });
+        }
+        windows.sort_by_key(|window| std::cmp::Reverse(window.stolen));
+        windows.iter().take(MOST_TOLD).for_each(tell);
+        self.windows.extend(windows);
+        while self.windows.len() > KEPT {
+            if let Some(forgotten) = self.windows.pop_front() {
+                self.complete_since = forgotten.until;
+            }
         }
         self.last = read;
         self.sampled = now;

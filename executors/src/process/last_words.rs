@@ -66,9 +66,14 @@ impl Words {
         unsafe { Self::new(place, methods) }
     }
 
+    /// Whether they are of this type.
+    pub(crate) fn are<O: LastWords>(&self) -> bool {
+        (self.methods.type_id)() == TypeId::of::<O>()
+    }
+
     /// Takes them, if they are of this type; else gives them back.
     pub(crate) fn take<O: LastWords>(self) -> Result<O, Self> {
-        if (self.methods.type_id)() != TypeId::of::<O>() {
+        if !self.are::<O>() {
             return Err(self);
         }
         let (place, methods) = (self.place, self.methods);

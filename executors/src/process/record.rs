@@ -314,19 +314,19 @@ impl Record {
     #[cold]
     fn take_what_was_said<O: LastWords>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
-        let words = match std::mem::replace(&mut shown.beside, Beside::Nothing) {
-            Beside::Words(words) => words,
-            other => {
-                shown.beside = other;
-                return None;
+        // Looked at in their place: taken out and put back, they would be missing meanwhile.
+        let words = match &shown.beside {
+            Beside::Words(words) if words.are::<O>() => {
+                std::mem::replace(&mut shown.beside, Beside::Nothing)
             }
+            _ => return None,
         };
         drop(shown);
         // Without the lock: it frees.
-        words
-            .take()
-            .map_err(|words| self.shown.lock().beside = Beside::Words(words))
-            .ok()
+        match words {
+            Beside::Words(words) => words.take().ok(),
+            _ => None,
+        }
     }
 
     /// Whether its polls are timed.

@@ -17,7 +17,7 @@ use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// How often a contended lock is looked at before the kernel is asked: about half a microsecond. It is bounded, so an owner that was
-/// preempted on this very core costs that much and no more; a thread that looks for longer has its core to itself.
+/// preempted on this very core costs that much and no more. A thread that looks for longer shares its core with no other process of its system.
 const LOOKS: u32 = 40;
 
 /// A priority-inheriting mutual exclusion lock around a value.

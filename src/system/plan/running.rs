@@ -120,8 +120,7 @@ impl Running {
         } = plan;
         let (thread_name, attributes) = match place {
             Place::Executor(number) => {
-                let (mut member, announced, frame) =
-                    self.announce(number, spec, ledger, resident);
+                let (mut member, announced, frame) = self.announce(number, spec, ledger, resident);
                 member.shares_name = shares_name;
                 let pending = Pending {
                     announced,
