@@ -65,7 +65,7 @@ const KNOWN: [(&str, &str); 16] = [
         "devices are opened at set-up, and closed where the path is left",
     ),
     (
-        "src/parameters/store.rs",
+        "src/parameters/store/mod.rs",
         "parameters are declared before the body, and set and listed by who is not on the path; a loop finds its own by another lock",
     ),
     (
@@ -73,7 +73,7 @@ const KNOWN: [(&str, &str); 16] = [
         "a process is entered when it is spawned, and the writer takes over what is new",
     ),
     (
-        "src/record/replayer.rs",
+        "src/record/replayer/mod.rs",
         "a replay is on a virtual clock, where nothing is real time",
     ),
     (
@@ -81,7 +81,7 @@ const KNOWN: [(&str, &str); 16] = [
         "the guardian is started before the start and told of the end after it",
     ),
     (
-        "src/system/plan.rs",
+        "src/system/plan/mod.rs",
         "a system's plan is its builder's; while it runs, who spawns, supervises and looks reads it",
     ),
 ];
