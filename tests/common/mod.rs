@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
-use luna::{Error, Policy, ProcessBuilder, SetupError, System, Timers};
+use luna::{Error, Policy, ProcessBuilder, SetupError, System};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::mpsc;
@@ -32,21 +32,6 @@ pub(crate) fn watchdog() -> impl Drop {
     // What its start allocates has been allocated then.
     let _ = started.recv();
     Watchdog(Some(alive))
-}
-
-/// Who wakes the loops of this test program: the tests of loops are built once more, for the manager.
-pub(crate) fn timers() -> Timers {
-    match env!("CARGO_CRATE_NAME") {
-        "loops_by_manager" => Timers::Manager,
-        _ => Timers::Executor,
-    }
-}
-
-/// A system whose loops are woken by whom this program tests.
-pub(crate) fn system(name: &str) -> System {
-    let mut system = System::new(name);
-    system.timers(timers());
-    system
 }
 
 /// Says what is to be read in any case.
@@ -166,6 +151,17 @@ pub(crate) fn part() -> Option<String> {
     std::env::var(PART).ok()
 }
 
+/// The path of the test `part` in the caller's module, as the harness names it.
+#[track_caller]
+pub(crate) fn part_of_caller() -> String {
+    let caller = std::path::Path::new(std::panic::Location::caller().file());
+    // `tests/it/MODULE.rs` or `tests/it/MODULE/FILE.rs`.
+    let mut components = caller.components().map(|part| part.as_os_str());
+    components.find(|part| *part == "it" || *part == "own");
+    let module = std::path::Path::new(components.next().unwrap()).with_extension("");
+    format!("{}::part", module.display())
+}
+
 /// A child process that runs a part of this very test program.
 pub(crate) struct Program {
     child: Child,
@@ -181,14 +177,22 @@ pub(crate) struct Ended {
 }
 
 impl Program {
+    /// Runs the test `part` of the caller's module, which finds `part` by [`part`].
+    #[track_caller]
     pub(crate) fn start(part: &str) -> Self {
         Self::start_by(Command::new(std::env::current_exe().unwrap()), part)
     }
 
     /// With `command`, to which what the test program needs is appended.
+    #[track_caller]
     pub(crate) fn start_by(mut command: Command, part: &str) -> Self {
         let mut child = command
-            .args(["part", "--exact", "--nocapture", "--test-threads=1"])
+            .args([
+                &*part_of_caller(),
+                "--exact",
+                "--nocapture",
+                "--test-threads=1",
+            ])
             .env(PART, part)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -280,10 +284,10 @@ impl Ended {
     /// The lines among `lines`, in the order in which they were said.
     pub(crate) fn said(&self, lines: &[&str]) -> Vec<&str> {
         // The harness writes the test's name before its first line.
-        let said = self
-            .output
-            .lines()
-            .map(|line| line.strip_prefix("test part ... ").unwrap_or(line));
+        let said = self.output.lines().map(|line| {
+            line.split_once("::part ... ")
+                .map_or(line, |(_test, line)| line)
+        });
         said.filter(|line| lines.contains(line)).collect()
     }
 }
@@ -314,6 +318,7 @@ fn as_limited(program: &std::path::Path) -> Command {
 
 /// Runs a part as a user without privileges, if that can be; this program may run as one already.
 #[cfg(unix)]
+#[track_caller]
 pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
     if !has_real_time() {
         return Some(Program::start(part).end());
@@ -323,11 +328,13 @@ pub(crate) fn as_plain_user(part: &str) -> Option<Ended> {
 
 /// Runs a part as a user who is given real-time priorities up to 98, if that can be.
 #[cfg(unix)]
+#[track_caller]
 pub(crate) fn as_limited_user(part: &str) -> Option<Ended> {
     as_other_user(as_limited, part)
 }
 
 #[cfg(unix)]
+#[track_caller]
 fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ended> {
     use std::fs::Permissions;
     use std::os::unix::fs::PermissionsExt;
@@ -364,6 +371,7 @@ fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ende
 
 /// Runs a part until it is ready, sends it a signal, and waits for its end.
 #[cfg(unix)]
+#[track_caller]
 pub(crate) fn end_by(part: &str, signal: i32) -> Ended {
     let mut program = Program::start(part);
     program.wait_for("ready");

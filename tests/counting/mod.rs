@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Counts on the real-time path, on the calling thread, and everywhere.
 pub(crate) struct Counting {
+    before: fn(Layout),
     on_path: Counts,
     everywhere: Counts,
 }
@@ -60,7 +61,13 @@ impl Counts {
 
 impl Counting {
     pub(crate) const fn new() -> Self {
+        Self::calling(|_| ())
+    }
+
+    /// Calls `before` with what each allocation asks for.
+    pub(crate) const fn calling(before: fn(Layout)) -> Self {
         Self {
+            before,
             on_path: Counts::new(),
             everywhere: Counts::new(),
         }
@@ -96,6 +103,7 @@ impl Counting {
 // SAFETY: all is passed on to the system's allocator as it came.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        (self.before)(layout);
         self.count((1, 0));
         // SAFETY: the caller's contract is the same.
         unsafe { System.alloc(layout) }

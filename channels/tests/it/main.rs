@@ -1,0 +1,45 @@
+//! Tests of channels and all that communicates. One program; a module a subject.
+
+#![cfg(not(loom))]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod alternatives;
+mod alternatives_anywhere;
+mod alternatives_at_home;
+mod alternatives_stress;
+mod auto_traits;
+mod barrier;
+mod buffered;
+mod call;
+mod cancel;
+mod close;
+mod combinators;
+mod condition;
+mod elders_crossbeam;
+mod elders_go;
+mod elders_jcsp;
+mod ended;
+mod errors_give_way;
+mod extended;
+mod fairness;
+mod foreign_executors;
+mod given_back;
+mod hostile;
+mod invariants;
+mod late;
+mod mutex;
+mod output_guards;
+mod panicking;
+mod poison;
+mod priority;
+mod registered;
+mod rendezvous;
+mod semaphore;
+mod sequential_model;
+mod stream;
+mod stress;
+mod timeout;
+mod timeout_races;
+mod waker;

@@ -1,0 +1,8 @@
+//! Tests of the command `luna`, run as its users run it. One program; a module a subject.
+
+mod card;
+mod command;
+mod convert;
+mod doctor;
+mod record;
+mod scope;

@@ -1,0 +1,46 @@
+//! What a process needs to wait for files can be made when its body is: off the real-time path.
+
+#![cfg(all(unix, not(loom)))]
+
+use crate::file_support;
+use crate::support;
+use file_support::{can_wait, pair, read_byte, write_byte};
+use luna_executors::{Exit, OsThread, ProcessSpec, prepare_files};
+use luna_platform::current;
+use luna_platform::thread::Attributes;
+use support::{executor, watchdog};
+
+#[test]
+fn at_both_kinds_of_places() {
+    let _watchdog = watchdog("at_both_kinds_of_places");
+    if !can_wait("at_both_kinds_of_places") {
+        return;
+    }
+    let (near, far) = pair();
+    let executor = executor();
+    let asks = executor.spawn(ProcessSpec::new("asks"), move || {
+        assert!(!current::on_path());
+        prepare_files().unwrap();
+        async move {
+            write_byte(&near, 7).await.unwrap();
+            assert_eq!(read_byte(&near).await, Ok(Some(8)));
+        }
+    });
+    let thread = OsThread::start(
+        Attributes::new("answers"),
+        ProcessSpec::new("answers"),
+        move || {
+            assert!(!current::on_path());
+            prepare_files().unwrap();
+            async move {
+                assert_eq!(read_byte(&far).await, Ok(Some(7)));
+                write_byte(&far, 8).await.unwrap();
+            }
+        },
+    )
+    .unwrap();
+    executor.release();
+    thread.release();
+    assert_eq!(asks.wait(), Exit::Completed);
+    assert_eq!(thread.process().wait(), Exit::Completed);
+}

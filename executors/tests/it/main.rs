@@ -1,0 +1,27 @@
+//! Tests of executors, tasks and threads. One program; a module a subject.
+
+#[path = "../support/files.rs"]
+mod file_support;
+#[path = "../support/mod.rs"]
+mod support;
+
+mod blocking_calls;
+mod endings;
+mod files;
+mod files_before_the_start;
+mod files_shared;
+mod foreign_combinators;
+mod interference;
+mod joining;
+mod last_words;
+mod levels;
+mod observing;
+mod operations_outlive_their_process;
+mod os_threads;
+mod spawning;
+mod stillness;
+mod stopping;
+mod timers;
+mod wakers_outlive_the_executor;
+mod wakes_from_elsewhere;
+mod ways_to_wake;

@@ -1,0 +1,11 @@
+//! Tests of the links. One program; a module a subject.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod driver;
+mod gpio;
+mod joystick;
+mod serial;
+mod tcp;
+mod udp;

@@ -1,0 +1,130 @@
+//! Links allocate and free nothing on the real-time path. One test alone, since the allocator counts what the whole program does.
+
+use crate::common;
+use crate::counting;
+use common::{COMPLETE, skip, watchdog};
+use counting::Counting;
+use luna::devices::{Device, Sharing};
+use luna::external::{BadRecord, Frame, Framing};
+use luna::prelude::*;
+use luna_links::driver::driver;
+use luna_links::{OnBad, Transport, reader, writer};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting::new();
+
+struct Socket(UnixStream);
+
+impl Transport for Socket {
+    fn file(&self) -> io::Result<OwnedFd> {
+        Ok(self.0.try_clone()?.into())
+    }
+}
+
+fn socket(system: &System, name: &str, stream: UnixStream) -> Device<Socket> {
+    let devices = system.devices();
+    devices
+        .open(name, "socket", Sharing::Exclusive, || Ok(Socket(stream)))
+        .unwrap()
+}
+
+/// Thousands of records both ways, broken ones, calls to a driver, pins, and the end of all of them.
+#[test]
+fn links_allocate_nothing() {
+    let _watch = watchdog();
+    if !COMPLETE {
+        return skip("the portable layer cannot wait for files");
+    }
+    let (near, far) = UnixStream::pair().unwrap();
+    let mut system = System::new("quiet");
+    let (near, far) = (socket(&system, "near", near), socket(&system, "far", far));
+    let (source, outgoing) = luna::channel::<Frame<32>>();
+    let (incoming, drain) = luna::channel::<Result<Frame<24>, BadRecord>>();
+    let (client, calls) = luna::call_channel::<u32, u32>();
+    let places = system.executor("links").build().unwrap();
+    let output = writer(&near, outgoing, Framing::lines(31)).unwrap();
+    places.process("out").spawn(output).unwrap();
+    let input = reader(&far, incoming, Framing::lines(31))
+        .unwrap()
+        .on_bad(OnBad::Drop);
+    places.process("in").spawn(input).unwrap();
+    let link = driver(&near, (), calls, |(), number| Ok(number + 1));
+    places.process("driver").spawn(link).unwrap();
+    pins(&mut system);
+    let ends = system.executor("ends").build().unwrap();
+    ends.process("source")
+        .spawn(async move {
+            for length in 0..1000 {
+                let record = [b'x'; 31];
+                let frame = Frame::new(&record[..length % 32]).unwrap_or_default();
+                source.send(frame).await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+    ends.process("caller")
+        .spawn(async move {
+            for number in 0..200 {
+                assert_eq!(client.call(number).await?, number + 1);
+            }
+            Ok(())
+        })
+        .unwrap();
+    ends.process("drain")
+        .spawn(async move {
+            let (mut good, mut bad) = (0, 0);
+            while good + bad < 1000 {
+                match drain.recv().await? {
+                    Ok(_) => good += 1,
+                    Err(_) => bad += 1,
+                }
+            }
+            assert_eq!(good, 1000 - 7 * 31);
+            Ok(())
+        })
+        .unwrap();
+    // `near` stays open, or its end would be the loss of `far` before all has been taken.
+    drop(far);
+    system.run().unwrap();
+    drop(near);
+    assert_eq!(ALLOCATOR.on_path(), (0, 0));
+    assert!(ALLOCATOR.everywhere().0 > 0, "it does count");
+}
+
+#[cfg(feature = "gpio")]
+fn pins(system: &mut System) {
+    use luna_links::gpio::{self, Chip, Levels, Lines};
+    struct Simulated;
+    impl Chip for Simulated {
+        fn set(&self, _: Levels) -> io::Result<()> {
+            Ok(())
+        }
+        fn get(&self, _: usize) -> io::Result<bool> {
+            Ok(false)
+        }
+        fn edges(&self) -> io::Result<OwnedFd> {
+            Err(io::ErrorKind::Unsupported.into())
+        }
+    }
+    let lines = Lines::new("quiet").output(1, false);
+    let pins = gpio::open_chip(&system.devices(), "chip", &lines, || Ok(Simulated)).unwrap();
+    let (levels, receiver) = luna::channel();
+    let place = system.executor("pins").build().unwrap();
+    let writer = gpio::writer(&pins, receiver);
+    place.process("pins").spawn(writer).unwrap();
+    place
+        .process("levels")
+        .spawn(async move {
+            for number in 0..1000 {
+                levels.send(Levels::NONE.with(0, number % 2 == 0)).await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+}
+
+#[cfg(not(feature = "gpio"))]
+fn pins(_: &mut System) {}

@@ -1,0 +1,16 @@
+//! Tests of the logger. One program; a module a subject.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+#[cfg(feature = "events")]
+mod events;
+#[cfg(all(feature = "log", feature = "tracing"))]
+mod facades;
+mod format;
+mod homeless;
+mod killed;
+#[cfg(feature = "events")]
+mod names;
+mod network;
+mod recording;

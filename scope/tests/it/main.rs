@@ -1,0 +1,7 @@
+//! Tests of the scope: its server, and its page in a browser. One program; a module a subject.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod browser;
+mod server;

@@ -1,0 +1,306 @@
+//! Who waits for whom is found, and named.
+
+use super::*;
+
+#[test]
+fn two_that_receive_from_each_other_first() {
+    let _watchdog = watchdog();
+    for left in PLACES {
+        for right in PLACES {
+            let mut system = strict("two");
+            let left_process = left.process(&mut system, "l", "left");
+            let right_process = right.process(&mut system, "r", "right");
+            spawn_two_that_receive_first(left_process, right_process);
+            let found = deadlock_of(&system);
+            assert_eq!(found.system, "two");
+            assert_eq!(found.waits.len(), 2, "{found}");
+            let first = &found.waits[0];
+            assert_eq!(
+                (first.process.as_str(), first.operation, first.at.as_str()),
+                ("left", Operation::Receive, "channel `to left`")
+            );
+            assert_eq!(first.partner, Partner::Nobody);
+            assert!(
+                found.waits[1].at.contains("tests/it/deadlock/mod.rs:"),
+                "{found}"
+            );
+            let report = system.report().unwrap();
+            assert_eq!(report.end, End::Deadlock);
+            assert_eq!(report.deadlock, Some(found.clone()));
+            assert!(
+                report.to_string().contains("`right` waits to receive"),
+                "{report}"
+            );
+        }
+    }
+}
+
+/// Three philosophers who each lay their left fork on the table, which is a channel, take it up, meet, and then take the right one.
+fn philosophers(
+    system: &mut System,
+    mut process: impl FnMut(&mut System, usize) -> ProcessBuilder,
+) {
+    const SEATS: usize = 3;
+    let forks: Vec<_> = (0..SEATS)
+        .map(|seat| {
+            let (put, take) = luna::buffered::<()>(Buffer::fifo(1));
+            (put, take.named(&format!("fork {seat}")))
+        })
+        .collect();
+    // That all have their left fork is known when everybody has told everybody.
+    let seated: Vec<_> = (0..SEATS)
+        .map(|_| luna::buffered::<()>(Buffer::fifo(SEATS)))
+        .collect();
+    for seat in 0..SEATS {
+        let (left, right) = (forks[seat].clone(), forks[(seat + 1) % SEATS].clone());
+        let tell: Vec<_> = seated.iter().map(|(tell, _)| tell.clone()).collect();
+        let told = seated[seat].1.clone();
+        process(system, seat)
+            .spawn(async move {
+                left.0.send(()).await?;
+                left.1.recv().await?;
+                for tell in &tell {
+                    tell.send(()).await?;
+                }
+                for _ in 0..SEATS {
+                    told.recv().await?;
+                }
+                right.1.recv().await?;
+                right.0.send(()).await?;
+                left.0.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+    }
+}
+
+/// Each waits for the fork that its neighbour took: the last who received, who was also the last to use it.
+fn is_the_dinner(found: &Deadlock) {
+    assert_eq!(found.waits.len(), 3, "{found}");
+    for (seat, wait) in found.waits.iter().enumerate() {
+        assert_eq!(wait.process, format!("philosopher {seat}"));
+        assert_eq!(wait.at, format!("channel `fork {}`", (seat + 1) % 3));
+        assert_eq!(wait.operation, Operation::Receive);
+    }
+}
+
+#[test]
+fn philosophers_on_one_executor_on_two_and_on_threads() {
+    let _watchdog = watchdog();
+    for executors in [1, 2] {
+        let mut system = strict("dinner");
+        let places: Vec<_> = (0..executors)
+            .map(|n| system.executor(&format!("e{n}")).build().unwrap())
+            .collect();
+        philosophers(&mut system, |_, seat| {
+            places[seat % executors].process(&format!("philosopher {seat}"))
+        });
+        is_the_dinner(&deadlock_of(&system));
+    }
+    let mut system = strict("dinner");
+    philosophers(&mut system, |system, seat| {
+        let name = format!("philosopher {seat}");
+        system.thread(&name).process(&name)
+    });
+    is_the_dinner(&deadlock_of(&system));
+}
+
+#[test]
+fn the_circle_is_named_when_the_ends_were_used_before() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("used");
+        let (ping, pinged) = luna::channel::<u32>();
+        let (pong, ponged) = luna::channel::<u32>();
+        place
+            .process(&mut system, "1", "one")
+            .spawn(async move {
+                ping.send(1).await?;
+                ponged.recv().await?;
+                ponged.recv().await?; // one too many
+                ping.send(2).await?;
+                Ok(())
+            })
+            .unwrap();
+        place
+            .process(&mut system, "2", "two")
+            .spawn(async move {
+                pinged.recv().await?;
+                pong.send(1).await?;
+                pinged.recv().await?;
+                Ok(())
+            })
+            .unwrap();
+        let found = deadlock_of(&system);
+        assert_eq!(found.cycle, ["one", "two"], "{found}");
+        assert_eq!(found.waits[0].partner, Partner::Process("two".to_owned()));
+    }
+}
+
+#[test]
+fn senders_and_alternatives_and_branches_are_named_too() {
+    let _watchdog = watchdog();
+    let mut system = strict("kinds");
+    let main = system.executor("main").build().unwrap();
+    let (send, _receive) = luna::channel::<u32>();
+    let (_hold, a) = luna::channel::<u32>();
+    let (_keep, b) = luna::channel::<u32>();
+    let (_have, c) = luna::channel::<u32>();
+    let send = send.named("out");
+    main.process("sender")
+        .spawn(async move {
+            send.send(1).await?;
+            Ok(())
+        })
+        .unwrap();
+    main.process("chooser")
+        .spawn(async move {
+            luna::alt! {
+                n = a.recv() => { n?; }
+                n = b.recv() => { n?; }
+            }
+            Ok(())
+        })
+        .unwrap();
+    main.process("parallel")
+        .spawn(async move {
+            par!(
+                async {
+                    c.recv().await?;
+                    Ok(())
+                },
+                async {
+                    c.recv().await?;
+                    Ok::<_, Error>(())
+                },
+            )
+            .await?;
+            Ok(())
+        })
+        .unwrap();
+    let found = deadlock_of(&system);
+    let of = |name| found.waits.iter().filter(move |wait| wait.process == name);
+    assert_eq!(of("sender").next().unwrap().operation, Operation::Send);
+    assert_eq!(of("sender").next().unwrap().at, "channel `out`");
+    assert_eq!(of("chooser").count(), 2, "{found}");
+    assert_eq!(of("parallel").count(), 2, "{found}");
+}
+
+#[test]
+fn who_joins_one_that_waits_waits_too() {
+    let _watchdog = watchdog();
+    let mut system = strict("joined");
+    let main = system.executor("main").build().unwrap();
+    let (_keep, never) = luna::channel::<()>();
+    let stuck = main
+        .process("stuck")
+        .spawn(async move {
+            never.recv().await?;
+            Ok(())
+        })
+        .unwrap();
+    let on = main.clone();
+    main.process("joiner")
+        .spawn(async move {
+            let handle = on.process_handle(stuck).unwrap();
+            handle.join().await;
+            Ok(())
+        })
+        .unwrap();
+    let found = deadlock_of(&system);
+    assert_eq!(found.waits[1].operation, Operation::Join);
+    assert_eq!(found.waits[1].partner, Partner::Process("stuck".to_owned()));
+}
+
+#[test]
+fn a_deadlock_brings_the_machine_to_safety_and_runs_post_run() {
+    let _watchdog = watchdog();
+    struct Stuck(Receiver<()>, Arc<AtomicBool>);
+    impl Process for Stuck {
+        async fn run(&mut self) -> luna::Result<()> {
+            self.0.recv().await?;
+            Ok(())
+        }
+        fn post_run(&mut self) {
+            self.1.store(true, Ordering::Release);
+        }
+    }
+    let (_keep, never) = luna::channel();
+    let (cleaned, safe) = (
+        Arc::new(AtomicBool::new(false)),
+        Arc::new(AtomicBool::new(false)),
+    );
+    let mut system = strict("safe");
+    let seen = safe.clone();
+    system.on_emergency("brake", move || seen.store(true, Ordering::Release));
+    let main = system.executor("main").build().unwrap();
+    main.process("stuck")
+        .spawn(Stuck(never, cleaned.clone()))
+        .unwrap();
+    deadlock_of(&system);
+    assert!(cleaned.load(Ordering::Acquire) && safe.load(Ordering::Acquire));
+}
+
+/// The count of parties that is one too great is the usual mistake.
+#[test]
+fn at_a_barrier_of_too_many_parties_they_wait_for_those_who_never_come() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("barrier");
+        let barrier = Barrier::new(3).named("start");
+        for name in ["left", "right"] {
+            let party = barrier.clone();
+            let spawner = place.process(&mut system, name, name);
+            spawner
+                .spawn(async move {
+                    party.sync().await;
+                    Ok(())
+                })
+                .unwrap();
+        }
+        let found = deadlock_of(&system);
+        assert_eq!(found.waits.len(), 2);
+        assert!(
+            found
+                .waits
+                .iter()
+                .all(|wait| wait.operation == Operation::Sync)
+        );
+    }
+}
+
+#[test]
+fn at_a_barrier_whose_parties_have_met_they_wait_for_each_other() {
+    let _watchdog = watchdog();
+    for place in PLACES {
+        let mut system = strict("barrier");
+        let barrier = Barrier::new(2).named("meet");
+        let (sender, receiver) = luna::channel::<()>();
+        let (left, right) = (barrier.clone(), barrier);
+        let spawner = place.process(&mut system, "l", "left");
+        spawner
+            .spawn(async move {
+                left.sync().await;
+                left.sync().await;
+                sender.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+        let spawner = place.process(&mut system, "r", "right");
+        spawner
+            .spawn(async move {
+                right.sync().await;
+                receiver.recv().await?;
+                right.sync().await;
+                Ok(())
+            })
+            .unwrap();
+        let found = deadlock_of(&system);
+        let wait = &found.waits[0];
+        assert_eq!(
+            (wait.process.as_str(), wait.operation, &wait.partner),
+            ("left", Operation::Sync, &Partner::Others)
+        );
+        assert_eq!(found.waits[1].process, "right");
+    }
+}

@@ -1,0 +1,63 @@
+//! A system that has come to a standstill says so, once and with the circle; one that can still be woken says nothing.
+
+mod circles;
+use crate::common;
+mod later;
+mod none;
+mod told;
+
+use common::{PLACES, Place, Program, watchdog};
+use luna::deadlock::{Operation, Partner};
+use luna::prelude::*;
+use luna::{Deadlock, End, Error, ProcessBuilder};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
+
+/// Runs a strict system to its deadlock.
+#[track_caller]
+fn deadlock_of(system: &System) -> Deadlock {
+    match system.run() {
+        Err(Error::Deadlock(deadlock)) => *deadlock,
+        other => panic!("expected a deadlock, got {other:?}"),
+    }
+}
+
+fn strict(name: &str) -> System {
+    let mut system = System::new(name);
+    system.strict();
+    system
+}
+
+/// Two processes that each receive from the other first.
+fn spawn_two_that_receive_first(left: ProcessBuilder, right: ProcessBuilder) {
+    let (to_left, from_right) = luna::channel::<u32>();
+    let (to_right, from_left) = luna::channel::<u32>();
+    let from_right = from_right.named("to left");
+    left.spawn(async move {
+        let n = from_right.recv().await?;
+        to_right.send(n).await?;
+        Ok(())
+    })
+    .unwrap();
+    right
+        .spawn(async move {
+            let n = from_left.recv().await?;
+            to_left.send(n).await?;
+            Ok(())
+        })
+        .unwrap();
+}
+
+/// Long enough for many looks.
+const LONG: Duration = Duration::from_millis(300);
+
+/// Played by children of these tests.
+#[test]
+fn part() {
+    match common::part().as_deref() {
+        Some("system") => told::run_stuck(false),
+        Some("alone") => told::run_stuck(true),
+        _ => {}
+    }
+}

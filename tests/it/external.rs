@@ -1,0 +1,369 @@
+//! External channels: records through pipes and sockets.
+
+#![cfg(unix)]
+
+use crate::common;
+use common::{COMPLETE, PLACES, skip, watchdog};
+use luna::external::{Frame, Framing, FromBytes, Malformed, Prefix, ToBytes};
+use luna::prelude::*;
+use luna::{Buffer, Error};
+use std::io::{Read, Write};
+use std::os::unix::net::{UnixDatagram, UnixStream};
+
+fn cannot_wait() -> bool {
+    if !COMPLETE {
+        skip("the portable layer cannot wait for files");
+    }
+    !COMPLETE
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pose {
+    number: u32,
+    angle: f64,
+}
+
+impl Pose {
+    fn number(number: u32) -> Pose {
+        Pose {
+            number,
+            angle: f64::from(number) / 8.0,
+        }
+    }
+}
+
+impl FromBytes for Pose {
+    fn from_bytes(bytes: &[u8]) -> Result<Pose, Malformed> {
+        let (number, angle) = bytes.split_at(4);
+        Ok(Pose {
+            number: u32::from_le_bytes(FromBytes::from_bytes(number)?),
+            angle: f64::from_le_bytes(FromBytes::from_bytes(angle)?),
+        })
+    }
+}
+
+impl ToBytes for Pose {
+    fn length(&self) -> usize {
+        12
+    }
+
+    fn to_bytes(&self, to: &mut [u8]) {
+        to[..4].copy_from_slice(&self.number.to_le_bytes());
+        to[4..].copy_from_slice(&self.angle.to_le_bytes());
+    }
+}
+
+/// A source, a link to one end of a socket, a link from the other, and a drain: typed values go around, with links at each place.
+#[test]
+fn typed_values_go_out_and_come_in() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    const COUNT: u32 = 2000;
+    for out_place in PLACES {
+        for in_place in PLACES {
+            for framing in [Framing::fixed(12), Framing::prefixed(Prefix::U16Big, 12)] {
+                let (near, far) = UnixStream::pair().unwrap();
+                let (source, outgoing) = luna::channel::<Pose>();
+                let (incoming, drain) = luna::channel::<Pose>();
+                let mut system = System::new("around");
+                out_place
+                    .process(&mut system, "out", "output")
+                    .spawn(luna::external::output(outgoing, near, framing))
+                    .unwrap();
+                in_place
+                    .process(&mut system, "in", "input")
+                    .spawn(luna::external::input(far, incoming, framing))
+                    .unwrap();
+                let ends = system.executor("ends").build().unwrap();
+                ends.process("source")
+                    .spawn(async move {
+                        for number in 0..COUNT {
+                            source.send(Pose::number(number)).await?;
+                        }
+                        Ok(())
+                    })
+                    .unwrap();
+                ends.process("drain")
+                    .spawn(async move {
+                        for number in 0..COUNT {
+                            assert_eq!(drain.recv().await?, Pose::number(number));
+                        }
+                        // The end of the source goes through both links and the file between them.
+                        assert!(drain.recv().await.unwrap_err().is_closed());
+                        Ok(())
+                    })
+                    .unwrap();
+                system.run().unwrap();
+            }
+        }
+    }
+}
+
+/// Records longer than what the file takes or gives at once: each write and each read is partial.
+#[test]
+fn records_longer_than_the_pipe() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    // A pipe takes 64 KiB.
+    const SIZE: usize = 150_000;
+    struct Pattern(u8);
+    impl ToBytes for Pattern {
+        fn length(&self) -> usize {
+            SIZE
+        }
+        fn to_bytes(&self, to: &mut [u8]) {
+            for (index, byte) in to.iter_mut().enumerate() {
+                *byte = (index as u8).wrapping_mul(3) ^ self.0;
+            }
+        }
+    }
+    impl FromBytes for Pattern {
+        fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
+            let first = bytes[0];
+            let mut expected = vec![0; SIZE];
+            Pattern(first).to_bytes(&mut expected);
+            assert!(bytes == expected);
+            Ok(Pattern(first))
+        }
+    }
+    for framing in [
+        Framing::fixed(SIZE),
+        Framing::prefixed(Prefix::U32Little, SIZE),
+    ] {
+        let (reading, writing) = std::io::pipe().unwrap();
+        let (source, outgoing) = luna::channel();
+        let (incoming, drain) = luna::channel::<Pattern>();
+        let mut system = System::new("long");
+        // On one executor: each must let the other run when it is at its wits' end.
+        let executor = system.executor("main").build().unwrap();
+        executor
+            .process("output")
+            .spawn(luna::external::output(outgoing, writing, framing))
+            .unwrap();
+        executor
+            .process("input")
+            .spawn(luna::external::input(reading, incoming, framing))
+            .unwrap();
+        executor
+            .process("both")
+            .spawn(async move {
+                let send = async {
+                    for number in 0..8 {
+                        source.send(Pattern(number)).await?;
+                    }
+                    Ok(())
+                };
+                let receive = async {
+                    for number in 0..8 {
+                        assert_eq!(drain.recv().await?.0, number);
+                    }
+                    Ok(())
+                };
+                par!(send, receive).await?;
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}
+
+#[test]
+fn bytes_that_come_one_by_one() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    for place in PLACES {
+        let (near, mut far) = std::io::pipe().unwrap();
+        let (sender, lines) = luna::channel::<Frame<8>>();
+        let (next, go) = luna::channel::<()>();
+        let mut system = System::new("slow");
+        place
+            .process(&mut system, "place", "input")
+            .spawn(luna::external::input(near, sender, Framing::lines(8)))
+            .unwrap();
+        system
+            .thread("far")
+            .process("far")
+            .spawn(async move {
+                for byte in b"one\ntwo\r\n" {
+                    go.recv().await?;
+                    far.write_all(&[*byte])?;
+                }
+                Ok(())
+            })
+            .unwrap();
+        system
+            .executor("reader")
+            .build()
+            .unwrap()
+            .process("reader")
+            .spawn(async move {
+                for (line, bytes) in [("one", 4), ("two", 5)] {
+                    for _ in 0..bytes {
+                        assert!(lines.try_recv().is_err_and(|error| error.is_empty()));
+                        next.send(()).await?;
+                    }
+                    assert_eq!(lines.recv().await?.text(), Ok(line));
+                }
+                assert!(lines.recv().await.unwrap_err().is_closed());
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}
+
+#[test]
+fn chunks_are_all_the_bytes() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    let text: Vec<u8> = (0..100_000_u32)
+        .map(|n| (n.wrapping_mul(n) % 251) as u8)
+        .collect();
+    let (near, mut far) = UnixStream::pair().unwrap();
+    let own = text.clone();
+    let writer = std::thread::spawn(move || far.write_all(&own).unwrap());
+    let (sender, chunks) = luna::buffered::<Frame<500>>(Buffer::fifo(3));
+    let mut system = System::new("chunks");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("input")
+        .spawn(luna::external::input(near, sender, Framing::chunks(500)))
+        .unwrap();
+    executor
+        .process("reader")
+        .spawn(async move {
+            let mut got = Vec::new();
+            while let Ok(chunk) = chunks.recv().await {
+                assert!((1..=500).contains(&chunk.len()));
+                got.extend_from_slice(&chunk);
+            }
+            assert_eq!(got, text);
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+    writer.join().unwrap();
+}
+
+#[test]
+fn packets_stay_apart() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    type Got = Result<Frame<4>, luna::external::BadRecord>;
+    let (near, far) = UnixDatagram::pair().unwrap();
+    for packet in [&b"a"[..], b"bcde", b"too long", b"f"] {
+        far.send(packet).unwrap();
+    }
+    let (sender, packets) = luna::channel::<Got>();
+    let mut system = System::new("packets");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("input")
+        .spawn(luna::external::input(near, sender, Framing::packets(4)))
+        .unwrap();
+    executor
+        .process("reader")
+        .spawn(async move {
+            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"a");
+            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"bcde");
+            let bad = packets.recv().await?.unwrap_err();
+            assert_eq!(bad.number, 3);
+            assert_eq!(bad.fault, luna::external::Fault::TooLong { most: 4 });
+            assert_eq!(&**packets.recv().await?.as_ref().unwrap(), b"f");
+            far.send(b"").map_err(Error::other)?;
+            assert!(packets.recv().await.unwrap_err().is_closed());
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// A device is read and written at once, by two links with clones of the file.
+#[test]
+fn both_directions_of_one_socket() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    let (near, mut far) = UnixStream::pair().unwrap();
+    let echo = std::thread::spawn(move || {
+        let mut byte = [0];
+        while far.read(&mut byte).unwrap() > 0 {
+            far.write_all(&byte).unwrap();
+        }
+    });
+    let (source, outgoing) = luna::channel::<[u8; 2]>();
+    let (incoming, drain) = luna::channel::<[u8; 2]>();
+    let framing = Framing::fixed(2);
+    let mut system = System::new("both");
+    let executor = system.executor("main").build().unwrap();
+    let clone = near.try_clone().unwrap();
+    executor
+        .process("output")
+        .spawn(luna::external::output(outgoing, clone, framing))
+        .unwrap();
+    executor
+        .process("input")
+        .spawn(luna::external::input(near, incoming, framing))
+        .unwrap();
+    executor
+        .process("asks")
+        .spawn(async move {
+            for number in 0..100 {
+                source.send([number, 1]).await?;
+                assert_eq!(drain.recv().await?, [number, 1]);
+            }
+            Ok(())
+        })
+        .unwrap();
+    // The input's file is open while the input waits, which nobody tells to stop but the end of its channel.
+    system.run().unwrap();
+    echo.join().unwrap();
+}
+
+/// The channel of a link is one as any: a guard among others, at both of its ends.
+#[test]
+fn external_channels_are_guards() {
+    let _watch = watchdog();
+    if cannot_wait() {
+        return;
+    }
+    let (reading, writing) = std::io::pipe().unwrap();
+    let (source, outgoing) = luna::channel::<[u8; 1]>();
+    let (incoming, drain) = luna::channel::<[u8; 1]>();
+    let mut system = System::new("guards");
+    let links = system.executor("links").build().unwrap();
+    links
+        .process("output")
+        .spawn(luna::external::output(outgoing, writing, Framing::fixed(1)))
+        .unwrap();
+    links
+        .process("input")
+        .spawn(luna::external::input(reading, incoming, Framing::fixed(1)))
+        .unwrap();
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("both")
+        .spawn(async move {
+            let (mut sent, mut received) = (0, 0);
+            while received < 100 {
+                luna::alt! {
+                    result = source.send([sent]), if sent < 100 => { result?; sent += 1; }
+                    byte = drain.recv() => { assert_eq!(byte?, [received]); received += 1; }
+                }
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}

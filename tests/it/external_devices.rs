@@ -1,0 +1,234 @@
+//! External channels: terminals, files on a disk, and devices that never let anybody wait.
+
+#![cfg(unix)]
+
+use crate::common;
+use common::{COMPLETE, PLACES, skip, watchdog};
+use futures_lite::future;
+use luna::Buffer;
+use luna::external::{BadRecord, Frame, Framing};
+use luna::prelude::*;
+use std::fs::File;
+use std::io::{Read, Seek, Write};
+
+/// A terminal, which passes bytes on as they are: the device's side and the user's.
+#[cfg(target_os = "linux")]
+fn terminal() -> (File, File) {
+    use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+    let pair = nix::pty::openpty(None, None).unwrap();
+    let mut mode = tcgetattr(&pair.slave).unwrap();
+    cfmakeraw(&mut mode);
+    tcsetattr(&pair.slave, SetArg::TCSANOW, &mode).unwrap();
+    (pair.master.into(), pair.slave.into())
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terminal_in_both_directions_until_it_hangs_up() {
+    let _watch = watchdog();
+    if !COMPLETE {
+        return skip("the portable layer cannot wait for files");
+    }
+    for place in PLACES {
+        let (near, mut far) = terminal();
+        let (sender, commands) = luna::channel::<Frame<16>>();
+        let (answers, receiver) = luna::channel::<Frame<16>>();
+        let mut system = System::new("terminal");
+        let clone = near.try_clone().unwrap();
+        place
+            .process(&mut system, "in", "input")
+            .spawn(luna::external::input(clone, sender, Framing::lines(16)))
+            .unwrap();
+        place
+            .process(&mut system, "out", "output")
+            .spawn(luna::external::output(receiver, near, Framing::lines(16)))
+            .unwrap();
+        system
+            .executor("server")
+            .build()
+            .unwrap()
+            .process("server")
+            .spawn(async move {
+                let mut count = 0;
+                while let Ok(mut command) = commands.recv().await {
+                    assert!(command.append(b"!"));
+                    answers.send(command).await?;
+                    count += 1;
+                }
+                assert_eq!(count, 3);
+                Ok(())
+            })
+            .unwrap();
+        let user = std::thread::spawn(move || {
+            for command in ["go", "left", "stop"] {
+                writeln!(far, "{command}").unwrap();
+                let mut answer = vec![0; command.len() + 2];
+                far.read_exact(&mut answer).unwrap();
+                assert_eq!(answer, format!("{command}!\n").as_bytes());
+            }
+            // And hangs up.
+        });
+        system.run().unwrap();
+        user.join().unwrap();
+    }
+}
+
+/// A file without a name.
+fn scratch() -> File {
+    let path = std::env::temp_dir().join(format!(
+        "luna-external-{}-{:?}",
+        std::process::id(),
+        std::thread::current().id()
+    ));
+    let file = File::options()
+        .read(true)
+        .write(true)
+        .create_new(true)
+        .open(&path)
+        .unwrap();
+    std::fs::remove_file(path).unwrap();
+    file
+}
+
+/// The kernel refuses to wait for them: they are never waited for. So this works wherever there are files.
+#[test]
+fn files_on_a_disk() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let mut file = scratch();
+        let (source, outgoing) = luna::channel::<[u8; 8]>();
+        let mut system = System::new("write");
+        let link = luna::external::output(outgoing, file.try_clone().unwrap(), Framing::fixed(8));
+        place
+            .process(&mut system, "place", "output")
+            .spawn(link)
+            .unwrap();
+        system
+            .thread("source")
+            .process("source")
+            .spawn(async move {
+                for number in 0..3000_u64 {
+                    source.send(number.to_le_bytes()).await?;
+                }
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+
+        file.rewind().unwrap();
+        let (sender, numbers) = luna::buffered::<[u8; 8]>(Buffer::fifo(5));
+        let mut system = System::new("read");
+        place
+            .process(&mut system, "place", "input")
+            .spawn(luna::external::input(file, sender, Framing::fixed(8)))
+            .unwrap();
+        system
+            .thread("drain")
+            .process("drain")
+            .spawn(async move {
+                for number in 0..3000_u64 {
+                    assert_eq!(numbers.recv().await?, number.to_le_bytes());
+                }
+                assert!(numbers.recv().await.unwrap_err().is_closed());
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}
+
+/// A device that has something to say at all times, none of which is a record: the others on its executor have their turns all the same.
+#[test]
+fn a_device_without_end_lets_others_run() {
+    let _watch = watchdog();
+    let zero = File::open("/dev/zero").unwrap();
+    let (sender, receiver) = luna::channel::<Result<Frame<8>, BadRecord>>();
+    let mut link = luna::external::input(zero, sender, Framing::lines(8));
+    luna::run(async {
+        link.pre_run()?;
+        let other = async {
+            assert!(receiver.recv().await?.is_err(), "the line is too long");
+            for _ in 0..100 {
+                luna::yield_now().await;
+            }
+            Ok(())
+        };
+        // In one process: it is the link's turns that end, or `other` has none.
+        future::or(async { link.run().await }, other).await
+    })
+    .unwrap();
+}
+
+/// Values that are overwritten never hold up the link, and the device neither.
+#[test]
+fn the_newest_of_a_device_without_end() {
+    let _watch = watchdog();
+    let zero = File::open("/dev/zero").unwrap();
+    let (sender, newest) = luna::buffered::<[u8; 64]>(Buffer::overwrite_oldest(1));
+    let mut system = System::new("newest");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("input")
+        .spawn(luna::external::input(zero, sender, Framing::fixed(64)))
+        .unwrap();
+    executor
+        .process("reader")
+        .spawn(async move {
+            for _ in 0..10 {
+                assert_eq!(newest.recv().await?, [0; 64]);
+                luna::yield_now().await;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn nowhere_takes_all() {
+    let _watch = watchdog();
+    let null = File::create("/dev/null").unwrap();
+    let (source, outgoing) = luna::channel::<[u8; 64]>();
+    let mut system = System::new("nowhere");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("output")
+        .spawn(luna::external::output(outgoing, null, Framing::fixed(64)))
+        .unwrap();
+    executor
+        .process("source")
+        .spawn(async move {
+            for _ in 0..200 {
+                source.send([1; 64]).await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// A file that is open for the other direction alone.
+#[test]
+fn a_file_that_cannot_be_read() {
+    let _watch = watchdog();
+    let null = File::create("/dev/null").unwrap();
+    let (sender, receiver) = luna::channel::<[u8; 1]>();
+    let mut system = System::new("unreadable");
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("input")
+        .spawn(luna::external::input(null, sender, Framing::fixed(1)))
+        .unwrap();
+    executor
+        .process("reader")
+        .spawn(async move {
+            assert!(receiver.recv().await.unwrap_err().is_closed());
+            Ok(())
+        })
+        .unwrap();
+    let error = system.run().unwrap_err().to_string();
+    assert!(
+        error.contains("`input`") && error.contains("reading failed: Bad file descriptor"),
+        "{error}"
+    );
+}

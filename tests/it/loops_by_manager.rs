@@ -1,0 +1,24 @@
+//! The same tests of loops that the timer manager wakes.
+
+#[path = "loops/bad_loops.rs"]
+mod bad_loops;
+#[path = "loops/overrun.rs"]
+mod overrun;
+#[path = "loops/periodic.rs"]
+mod periodic;
+#[path = "loops/phased_loops.rs"]
+mod phased_loops;
+#[path = "loops/prepared_loops.rs"]
+mod prepared_loops;
+
+/// What wakes the loops of these tests.
+fn timers() -> luna::Timers {
+    luna::Timers::Manager
+}
+
+/// A system whose loops are woken by [`timers`].
+fn system(name: &str) -> luna::System {
+    let mut system = luna::System::new(name);
+    system.timers(timers());
+    system
+}

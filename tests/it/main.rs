@@ -1,0 +1,65 @@
+//! Whole systems under test, as users build them. One program; a module a subject.
+//! Tests that need a process or the machine to themselves are in `tests/own`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod bad_input;
+mod bad_moment;
+mod blocking;
+mod composition;
+mod crashes;
+mod deadlock;
+mod devices;
+mod docs;
+mod driven_clock;
+mod ended_inputs;
+#[cfg(feature = "events")]
+mod events;
+mod external;
+mod external_broken;
+mod external_devices;
+mod external_ends;
+mod failed_branches;
+mod handles;
+mod hostile;
+mod large_values;
+mod left_behind;
+mod locks;
+mod logging;
+mod loops_by_executor;
+mod loops_by_manager;
+mod never_run;
+mod operational;
+mod panics;
+mod par;
+mod par_errors;
+mod parameters;
+mod parameters_properties;
+mod parameters_recorded;
+mod parents_death;
+mod phases;
+mod phases_at_emergency;
+mod post_run;
+mod pre_run_fails;
+mod pri_par;
+mod raised_emergency;
+mod record;
+mod record_constructs;
+mod record_cut;
+mod record_damage;
+mod report;
+mod run;
+mod safety_state;
+mod signals;
+mod signals_while_blocked;
+mod spawn_at_start_and_end;
+mod spawn_while_running;
+mod stand_ins;
+mod strict;
+mod supervisor_panics;
+mod unwind;
+mod usage;
+mod virtual_clock;
+mod virtual_traces;
+mod watchdog;

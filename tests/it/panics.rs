@@ -1,0 +1,337 @@
+//! A panic in a process is an emergency: the functions run, the others are cancelled, and `run` says whose it was.
+
+use crate::common;
+use common::{PLACES, Place, has_real_time, skip, watchdog};
+use luna::Error;
+use luna::prelude::*;
+use std::sync::{Arc, Mutex};
+
+type Log = Arc<Mutex<Vec<String>>>;
+
+fn panicked(process: &str, message: &str) -> Error {
+    Error::Process {
+        name: process.to_owned(),
+        source: Box::new(Error::Panicked(message.to_owned())),
+    }
+}
+
+/// Says that it has begun, waits for ever, and says when it was cancelled.
+struct Waiting {
+    name: String,
+    begun: Sender<()>,
+    log: Log,
+}
+
+impl Process for Waiting {
+    async fn run(&mut self) -> luna::Result<()> {
+        struct Body<'a>(&'a Waiting);
+        impl Drop for Body<'_> {
+            fn drop(&mut self) {
+                self.0
+                    .log
+                    .lock()
+                    .unwrap()
+                    .push(format!("cancelled {}", self.0.name));
+            }
+        }
+        let _body = Body(self);
+        self.begun.send(()).await?;
+        std::future::pending().await
+    }
+
+    fn post_run(&mut self) {
+        self.log.lock().unwrap().push(format!("post {}", self.name));
+    }
+}
+
+#[test]
+fn functions_run_in_order_then_the_others_are_cancelled() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let log = Log::default();
+        let (begun, both_have) = luna::channel();
+        let mut system = System::new("panicking");
+        for number in 1..=3 {
+            let log = log.clone();
+            let name = format!("function {number}");
+            system.on_emergency(&name.clone(), move || {
+                log.lock().unwrap().push(name.clone())
+            });
+        }
+        for (other, name) in [(Place::Executor, "beside"), (Place::Thread, "on a thread")] {
+            let process = Waiting {
+                name: name.to_owned(),
+                begun: begun.clone(),
+                log: log.clone(),
+            };
+            other
+                .process(&mut system, &format!("place {name}"), name)
+                .spawn(process)
+                .unwrap();
+        }
+        let culprit = place.process(&mut system, "place", "culprit");
+        culprit
+            .spawn(async move {
+                both_have.recv().await?;
+                both_have.recv().await?;
+                panic!("message {}", 7)
+            })
+            .unwrap();
+        assert_eq!(
+            system.run().unwrap_err(),
+            panicked("culprit", "message 7"),
+            "{place:?}"
+        );
+
+        let log = log.lock().unwrap();
+        assert_eq!(
+            log[..3],
+            ["function 1", "function 2", "function 3"],
+            "{place:?}"
+        );
+        let mut ends = log[3..].to_vec();
+        ends.sort();
+        assert_eq!(
+            ends,
+            [
+                "cancelled beside",
+                "cancelled on a thread",
+                "post beside",
+                "post on a thread"
+            ],
+            "{place:?}"
+        );
+    }
+}
+
+#[test]
+fn the_last_process_that_lives_panics() {
+    let _watch = watchdog();
+    // The system's end and the emergency come at the same time: the functions must not be lost between the two.
+    for round in 0..100 {
+        let place = PLACES[round % 2];
+        let log = Log::default();
+        let own = log.clone();
+        let mut system = System::new("alone");
+        system.on_emergency("neutral", move || {
+            own.lock().unwrap().push("neutral".to_owned())
+        });
+        place
+            .process(&mut system, "place", "only")
+            .spawn(async { panic!("alone") })
+            .unwrap();
+        assert_eq!(system.run().unwrap_err(), panicked("only", "alone"));
+        assert_eq!(*log.lock().unwrap(), ["neutral"], "round {round}");
+    }
+}
+
+#[test]
+fn without_an_emergency_the_functions_do_not_run() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let own = log.clone();
+    let mut system = System::new("calm");
+    system.on_emergency("neutral", move || {
+        own.lock().unwrap().push("neutral".to_owned())
+    });
+    let executor = system.executor("main").build().unwrap();
+    // A process that fails is no emergency.
+    executor
+        .process("failing")
+        .spawn(async { Err(Error::other("no")) })
+        .unwrap();
+    assert_eq!(
+        system.run().unwrap_err().to_string(),
+        "process `failing`: no"
+    );
+    drop(system);
+    assert!(log.lock().unwrap().is_empty());
+    assert_eq!(Arc::strong_count(&log), 1, "the functions were dropped");
+}
+
+#[test]
+fn a_function_that_panics_does_not_stop_the_next() {
+    let _watch = watchdog();
+    let log = Log::default();
+    let own = log.clone();
+    let mut system = System::new("unsafe");
+    system.on_emergency("bad", || panic!("in an emergency function"));
+    system.on_emergency("good", move || own.lock().unwrap().push("good".to_owned()));
+    Place::Executor
+        .process(&mut system, "main", "culprit")
+        .spawn(async { panic!("first") })
+        .unwrap();
+    assert_eq!(system.run().unwrap_err(), panicked("culprit", "first"));
+    assert_eq!(*log.lock().unwrap(), ["good"]);
+}
+
+#[test]
+fn a_panic_without_a_text() {
+    let _watch = watchdog();
+    let mut system = System::new("speechless");
+    let process = Place::Executor.process(&mut system, "main", "culprit");
+    process.spawn(async { std::panic::panic_any(42) }).unwrap();
+    assert_eq!(
+        system.run().unwrap_err(),
+        panicked("culprit", "(a panic whose message is no text)")
+    );
+}
+
+#[test]
+fn where_a_body_is_made() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let log = Log::default();
+        let (function, body) = (log.clone(), log.clone());
+        let mut system = System::new("unmade");
+        system.on_emergency("neutral", move || {
+            function.lock().unwrap().push("neutral".to_owned());
+            // Time in which a body that was released would begin; only a failure needs it.
+            std::thread::sleep(std::time::Duration::from_millis(200));
+        });
+        let process = place.process(&mut system, "place", "unmade");
+        process
+            .spawn(|| -> std::future::Ready<luna::Result<()>> { panic!("no body") })
+            .unwrap();
+        // What is in safety before the start is not set in motion.
+        let other = place.process(&mut system, "other place", "other");
+        other
+            .spawn(async move {
+                body.lock().unwrap().push("body".to_owned());
+                Ok(())
+            })
+            .unwrap();
+        assert_eq!(
+            system.run().unwrap_err(),
+            panicked("unmade", "no body"),
+            "{place:?}"
+        );
+        assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
+    }
+}
+
+#[test]
+fn where_a_cancelled_body_is_dropped() {
+    let _watch = watchdog();
+    struct Bad;
+    impl Drop for Bad {
+        fn drop(&mut self) {
+            panic!("in a drop");
+        }
+    }
+    for place in PLACES {
+        let log = Log::default();
+        let own = log.clone();
+        let (begun, has_begun) = luna::channel();
+        let mut system = System::new("dropped");
+        system.on_emergency("neutral", move || {
+            own.lock().unwrap().push("neutral".into())
+        });
+        let waiting = place.process(&mut system, "place", "culprit");
+        let waits = async move {
+            let _bad = Bad;
+            begun.send(()).await?;
+            std::future::pending().await
+        };
+        let id = waiting.spawn(waits).unwrap();
+        let other = system.executor("other").build().unwrap();
+        let handles = other.clone();
+        let cancels = async move {
+            has_begun.recv().await?;
+            handles.process_handle(id).unwrap().cancel();
+            std::future::pending().await
+        };
+        other.process("canceller").spawn(cancels).unwrap();
+        let error = system.run().unwrap_err();
+        assert_eq!(error, panicked("culprit", "in a drop"), "{place:?}");
+        assert_eq!(*log.lock().unwrap(), ["neutral"], "{place:?}");
+    }
+}
+
+#[test]
+fn the_panic_counts_and_not_the_errors_that_follow_from_it() {
+    let _watch = watchdog();
+    let (sender, receiver) = luna::channel::<()>();
+    let mut system = System::new("domino");
+    let left = system.executor("left").build().unwrap();
+    // Spawned first, and fails since its partner has gone.
+    left.process("victim")
+        .spawn(async move { Ok(receiver.recv().await?) })
+        .unwrap();
+    let right = system.executor("right").build().unwrap();
+    right
+        .process("culprit")
+        .spawn(async move {
+            let _sender = sender;
+            panic!("cause")
+        })
+        .unwrap();
+    assert_eq!(system.run().unwrap_err(), panicked("culprit", "cause"));
+}
+
+#[test]
+fn several_at_once() {
+    let _watch = watchdog();
+    for _ in 0..20 {
+        let log = Log::default();
+        let own = log.clone();
+        let mut system = System::new("all");
+        system.on_emergency("neutral", move || {
+            own.lock().unwrap().push("neutral".to_owned())
+        });
+        for (number, place) in [
+            (0, Place::Executor),
+            (1, Place::Thread),
+            (2, Place::Executor),
+            (3, Place::Thread),
+        ] {
+            let name = format!("process {number}");
+            place
+                .process(&mut system, &name, &name)
+                .spawn(async { panic!("all") })
+                .unwrap();
+        }
+        let Error::Process { source, .. } = system.run().unwrap_err() else {
+            panic!("whose was it?")
+        };
+        assert_eq!(*source, Error::Panicked("all".to_owned()));
+        assert_eq!(*log.lock().unwrap(), ["neutral"], "once");
+    }
+}
+
+#[test]
+fn functions_run_on_a_thread_above_all_others() {
+    let _watch = watchdog();
+    let seen = Arc::new(Mutex::new(None));
+    let own = seen.clone();
+    let mut system = System::new("real time");
+    let executor = system
+        .executor("control")
+        .policy(Policy::fifo(80))
+        .build()
+        .unwrap();
+    system.on_emergency("look", move || {
+        let name = std::thread::current().name().map(str::to_owned);
+        *own.lock().unwrap() = Some((
+            name,
+            luna_platform::thread::current_policy(),
+            luna::on_path(),
+        ));
+    });
+    executor
+        .process("culprit")
+        .spawn(async { panic!("on purpose") })
+        .unwrap();
+    system.run().unwrap_err();
+    let (name, policy, on_path) = seen.lock().unwrap().clone().unwrap();
+    assert_eq!((name.as_deref(), on_path), (Some("luna-emergency"), false));
+    if !has_real_time() {
+        return skip("its priority: no privilege");
+    }
+    // On a single core they take turns, so that one that hangs keeps nobody from going on.
+    let expected = match luna_platform::thread::available_cores().len() {
+        1 => Policy::round_robin(99),
+        _ => Policy::fifo(99),
+    };
+    assert_eq!(policy, expected);
+}

@@ -1,0 +1,161 @@
+//! Parameters: where their values come from, what is refused, and when who sees them.
+#![cfg(feature = "toml")]
+
+use crate::common;
+mod declared;
+mod files;
+mod sets;
+
+use common::{setup_error, watchdog};
+use luna::parameters::{DeclareError, Reason, SetError, Source, Value};
+use luna::prelude::*;
+use luna::{Error, Parameters, SetupError};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// A file that goes with the test.
+struct TempFile(PathBuf);
+
+impl TempFile {
+    fn new(name: &str, text: &str) -> Self {
+        let name = format!("luna-parameters-{name}-{}", std::process::id());
+        let file = Self(std::env::temp_dir().join(name));
+        file.write(text);
+        file
+    }
+
+    fn write(&self, text: &str) {
+        std::fs::write(&self.0, text).unwrap();
+    }
+
+    /// As a file that is watched is to be written: it is never there by halves.
+    fn replace(&self, text: &str) {
+        let new = self.0.with_extension("new");
+        std::fs::write(&new, text).unwrap();
+        std::fs::rename(new, &self.0).unwrap();
+    }
+}
+
+impl Drop for TempFile {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Mode {
+    Position,
+    Speed,
+}
+
+impl luna::parameters::Choice for Mode {
+    const CHOICES: &'static [(&'static str, Mode)] =
+        &[("position", Mode::Position), ("speed", Mode::Speed)];
+}
+
+/// One parameter of each kind.
+struct All {
+    kp: Parameter<f64>,
+    limit: Parameter<f32>,
+    count: Parameter<u8>,
+    offset: Parameter<i64>,
+    is_on: Parameter<bool>,
+    mode: Parameter<Mode>,
+    gains: Parameter<[f64; 3]>,
+}
+
+/// What they are.
+type Values = (f64, f32, u8, i64, bool, Mode, [f64; 3]);
+
+impl All {
+    fn declare() -> luna::Result<Self> {
+        Ok(Self {
+            kp: Parameter::with_default("pan/kp", 2.0)
+                .unit("1/rad")
+                .range(0.0..=50.0)
+                .description("of the controller")
+                .register()?,
+            limit: Parameter::with_default("pan/limit", 0.5)
+                .range(0.1..=0.9)
+                .register()?,
+            count: Parameter::with_default("count", 3).register()?,
+            offset: Parameter::with_default("offset", -7)
+                .range(-10..=10)
+                .register()?,
+            is_on: Parameter::with_default("is on", false).register()?,
+            mode: Parameter::with_default("mode", Mode::Position).register()?,
+            gains: Parameter::with_default("gains", [1.0, 2.0, 3.0])
+                .range(0.0..=9.0)
+                .register()?,
+        })
+    }
+
+    fn get(&self) -> Values {
+        (
+            self.kp.get(),
+            self.limit.get(),
+            self.count.get(),
+            self.offset.get(),
+            self.is_on.get(),
+            self.mode.get(),
+            self.gains.get(),
+        )
+    }
+}
+
+const DEFAULTS: Values = (2.0, 0.5, 3, -7, false, Mode::Position, [1.0, 2.0, 3.0]);
+
+/// A process whose `pre_run` and body are given.
+struct Made<D, P, B> {
+    pre_run: P,
+    declared: Option<D>,
+    body: Option<B>,
+}
+
+impl<D, P, B> Process for Made<D, P, B>
+where
+    P: FnMut() -> luna::Result<D>,
+    B: AsyncFnOnce(&D) -> luna::Result<()>,
+{
+    fn pre_run(&mut self) -> luna::Result<()> {
+        self.declared = Some((self.pre_run)()?);
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        match (&self.declared, self.body.take()) {
+            (Some(declared), Some(body)) => body(declared).await,
+            _ => Err(Error::other("it has no body")),
+        }
+    }
+}
+
+fn made<D, P, B>(pre_run: P, body: B) -> Made<D, P, B>
+where
+    P: FnMut() -> luna::Result<D>,
+    B: AsyncFnOnce(&D) -> luna::Result<()>,
+{
+    Made {
+        pre_run,
+        declared: None,
+        body: Some(body),
+    }
+}
+
+/// A system with one process that has all kinds, which `body` looks at; on a virtual clock.
+fn run_with_all(
+    describe: impl FnOnce(&mut System),
+    body: impl AsyncFnOnce(&All) -> luna::Result<()> + Send + 'static,
+) -> luna::Result<luna::Report> {
+    let mut system = System::new("all");
+    system.virtual_clock();
+    describe(&mut system);
+    let main = system.executor("main").build()?;
+    main.process("all").spawn(made(All::declare, body))?;
+    system.run()
+}

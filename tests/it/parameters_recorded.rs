@@ -1,0 +1,254 @@
+//! A run whose parameters are replaced is recorded and replayed, and its sets are messages of its log.
+
+use crate::common;
+use common::watchdog;
+use luna::parameters::SetError;
+use luna::prelude::*;
+use luna::record::{self, RecordError, Recording};
+use luna::{Error, Parameters};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+struct TempFile(PathBuf);
+
+impl TempFile {
+    fn new(name: &str) -> Self {
+        let name = format!("luna-parameters-{name}-{}", std::process::id());
+        Self(std::env::temp_dir().join(name))
+    }
+}
+
+impl Drop for TempFile {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// Gives out what it reads, until it has read so many different ones.
+struct Reads {
+    name: &'static str,
+    /// Takes by a loop, or by hand.
+    by_loop: bool,
+    gain: Option<Parameter<f64>>,
+    list: Option<Parameter<[u32; 3]>>,
+    seen: Arc<Mutex<Seen>>,
+    done: Arc<AtomicU64>,
+}
+
+impl Process for Reads {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        let name = |part: &str| format!("{}/{part}", self.name);
+        self.gain = Some(
+            Parameter::with_default(&name("gain"), 1.0)
+                .unit("V")
+                .register()?,
+        );
+        self.list = Some(Parameter::with_default(&name("list"), [0; 3]).register()?);
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        let (Some(gain), Some(list)) = (&self.gain, &self.list) else {
+            return Ok(());
+        };
+        let mut tick = luna::periodic(self.name, Duration::from_micros(300))?;
+        let mut changes = 0;
+        let mut last = (gain.get(), list.get());
+        self.seen.lock().unwrap().push(last);
+        while changes < 5 {
+            if self.by_loop {
+                tick.next().await;
+            } else {
+                luna::after(Duration::from_micros(300)).await;
+                gain.latch();
+            }
+            let now = (gain.get(), list.get());
+            record::output("gain", &now.0);
+            if now != last {
+                changes += 1;
+                self.seen.lock().unwrap().push(now);
+            }
+            last = now;
+        }
+        self.done.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+/// The values that a process has read, in their order.
+type Seen = Vec<(f64, [u32; 3])>;
+
+/// What both processes have read.
+type BothSeen = [Arc<Mutex<Seen>>; 2];
+
+fn system() -> luna::Result<(System, BothSeen, Arc<AtomicU64>)> {
+    let mut system = System::new("recorded");
+    let seen = BothSeen::default();
+    let done = Arc::new(AtomicU64::new(0));
+    for ((name, by_loop), seen) in [("left", true), ("right", false)].into_iter().zip(&seen) {
+        let executor = system.executor(name).build()?;
+        executor.process(name).spawn(Reads {
+            name,
+            by_loop,
+            gain: None,
+            list: None,
+            seen: seen.clone(),
+            done: done.clone(),
+        })?;
+    }
+    Ok((system, seen, done))
+}
+
+/// Sets both processes' parameters from a plain thread, at moments that nobody foresees, until both have seen enough.
+fn sets_until(parameters: &Parameters, done: &AtomicU64) {
+    let mut value = 0_u32;
+    while done.load(Ordering::Relaxed) < 2 {
+        value += 1;
+        let of = |name: &str| {
+            let list = [value, value + 1, value + 2];
+            format!("{name}/gain={value}.5,{name}/list={list:?}")
+        };
+        match parameters.set_text(&format!("{},{}", of("left"), of("right"))) {
+            Ok(_) | Err(SetError::NotRunning { .. }) => std::thread::yield_now(),
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+#[test]
+fn a_replay_reads_what_was_read() {
+    let _watch = watchdog();
+    let file = TempFile::new("run");
+    let (mut recorded, seen, done) = system().unwrap();
+    recorded.record(&file.0).set_parameter("left/gain", 0.1);
+    let parameters = recorded.parameters();
+    let until = done.clone();
+    let setter = std::thread::spawn(move || sets_until(&parameters, &until));
+    let outcome = recorded.run();
+    done.store(2, Ordering::Relaxed);
+    setter.join().unwrap();
+    assert_eq!(outcome.unwrap().record.unwrap().lost, 0);
+    let seen = seen.map(|seen| seen.lock().unwrap().clone());
+    assert_eq!([seen[0][0].0, seen[1][0].0], [0.1, 1.0]);
+
+    let recording = Recording::open(&file.0).unwrap();
+    for _ in 0..2 {
+        let (mut replayed, again, _) = system().unwrap();
+        // What the replay is told by others is nothing to it.
+        replayed
+            .replay(&recording)
+            .set_parameter("left/gain", 77.0)
+            .parameters_from("/nowhere/x.toml");
+        let parameters = replayed.parameters();
+        let tries = std::thread::spawn(move || {
+            loop {
+                match parameters.set([("left/gain", 5.0)]) {
+                    Err(SetError::Replayed) => return true,
+                    // The replay may be over before it is asked.
+                    Err(SetError::NotRunning { .. }) if !parameters.list().is_empty() => {
+                        return false;
+                    }
+                    Err(SetError::NotRunning { .. }) => std::thread::yield_now(),
+                    other => panic!("{other:?}"),
+                }
+            }
+        });
+        replayed.run().unwrap();
+        tries.join().unwrap();
+        assert_eq!(again.map(|seen| seen.lock().unwrap().clone()), seen);
+    }
+}
+
+#[test]
+fn what_a_recorded_process_asks_of_all_parameters_is_refused_by_its_name() {
+    let _watch = watchdog();
+    let file = TempFile::new("outside");
+    let mut system = System::new("outside");
+    system.record(&file.0);
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    main.process("looks")
+        .spawn(async move {
+            assert!(parameters.list().is_empty());
+            Ok(())
+        })
+        .unwrap();
+    match system.run() {
+        Err(Error::Record(RecordError::Outside { process, construct })) => {
+            assert_eq!(
+                (process.as_str(), construct.as_str()),
+                ("looks", "Parameters::list")
+            );
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[cfg(feature = "logger")]
+#[test]
+fn a_set_that_is_taken_is_a_message_for_each_value_that_changes() {
+    use luna_logger::format::{Reader, Record};
+    let _watch = watchdog();
+    let file = TempFile::new("log");
+    let mut system = System::new("log");
+    system
+        .virtual_clock()
+        .log_to(&file.0)
+        .set_parameter("pan/kp", 2.5);
+    let main = system.executor("main").build().unwrap();
+    let parameters = system.parameters();
+    struct Axis(Vec<Parameter<f64>>, Parameters);
+    impl Process for Axis {
+        fn pre_run(&mut self) -> luna::Result<()> {
+            for (name, default, unit) in [
+                ("pan/kp", 2.0, "1/rad"),
+                ("pan/ki", 0.5, ""),
+                ("pan/kd", 0.1, ""),
+            ] {
+                self.0.push(
+                    Parameter::with_default(name, default)
+                        .unit(unit)
+                        .register()?,
+                );
+            }
+            Ok(())
+        }
+        async fn run(&mut self) -> luna::Result<()> {
+            luna::after(Duration::from_secs(1)).await;
+            self.1
+                .set([("pan/kp", 3.0), ("pan/ki", 0.5), ("pan/kd", 0.25)])?;
+            assert!(self.1.set([("pan/kp", 4.0), ("pan/kq", 0.5)]).is_err());
+            luna::after(Duration::from_secs(1)).await;
+            self.1.reload().unwrap_err();
+            self.1.set([("pan/ki", 7)])?;
+            Ok(())
+        }
+    }
+    main.process("axis")
+        .spawn(Axis(Vec::new(), parameters))
+        .unwrap();
+    system.run().unwrap();
+    let bytes = std::fs::read(&file.0).unwrap();
+    let mut reader = Reader::new(&bytes[..]).unwrap();
+    let mut told = Vec::new();
+    while let Some(record) = reader.next().unwrap() {
+        if let Record::Message {
+            time, target, text, ..
+        } = record
+        {
+            assert_eq!(target, "parameters");
+            told.push((time / 1_000_000_000, text.to_owned()));
+        }
+    }
+    let start = told[0].0;
+    told.iter_mut().for_each(|(time, _)| *time -= start);
+    let expected = [
+        (0, "set 0: pan/kp 2.0 -> 2.5 1/rad"),
+        (1, "set 1: pan/kp 2.5 -> 3.0 1/rad"),
+        (1, "set 1: pan/kd 0.1 -> 0.25"),
+        (2, "set 2: pan/ki 0.5 -> 7.0"),
+    ];
+    assert_eq!(told, expected.map(|(time, text)| (time, text.to_owned())));
+}

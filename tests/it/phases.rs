@@ -1,0 +1,224 @@
+//! The three phases of processes: all `pre_run` before any body, `post_run` after its own body and off the executor's thread.
+
+use crate::common;
+use common::{PLACES, Place, watchdog};
+use luna::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// What happened, in order: the phase and the process.
+type Log = Arc<Mutex<Vec<(&'static str, String)>>>;
+
+fn log(log: &Log, phase: &'static str, name: &str) {
+    log.lock().unwrap().push((phase, name.to_owned()));
+}
+
+/// Logs its phases.
+struct Logger {
+    name: String,
+    log: Log,
+}
+
+impl Process for Logger {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        log(&self.log, "pre", &self.name);
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        log(&self.log, "run", &self.name);
+        luna::yield_now().await;
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        log(&self.log, "post", &self.name);
+    }
+}
+
+impl Drop for Logger {
+    fn drop(&mut self) {
+        log(&self.log, "drop", &self.name);
+    }
+}
+
+#[test]
+fn every_pre_run_ends_before_any_run_begins() {
+    let _watch = watchdog();
+    for _ in 0..20 {
+        let events = Log::default();
+        let mut system = System::new("phases");
+        let mut names = Vec::new();
+        for executor in ["left", "middle", "right"] {
+            let on = system.executor(executor).build().unwrap();
+            for (number, level) in [(1, 31), (2, 0), (3, 16)] {
+                let name = format!("{executor} {number}");
+                on.process(&name)
+                    .priority(level)
+                    .spawn(Logger {
+                        name: name.clone(),
+                        log: events.clone(),
+                    })
+                    .unwrap();
+                names.push(name);
+            }
+        }
+        for name in ["own", "other"] {
+            system
+                .thread(name)
+                .process(name)
+                .spawn(Logger {
+                    name: name.to_owned(),
+                    log: events.clone(),
+                })
+                .unwrap();
+            names.push(name.to_owned());
+        }
+        system.run().unwrap();
+
+        let events = events.lock().unwrap();
+        let prepared: Vec<_> = events.iter().take(names.len()).collect();
+        let expected: Vec<_> = names.iter().map(|name| ("pre", name.clone())).collect();
+        assert_eq!(
+            prepared,
+            expected.iter().collect::<Vec<_>>(),
+            "in the order of spawning"
+        );
+        for name in &names {
+            let of_it: Vec<_> = events
+                .iter()
+                .filter(|(_, of)| of == name)
+                .map(|(phase, _)| *phase)
+                .collect();
+            assert_eq!(of_it, ["pre", "run", "post", "drop"], "{name}");
+        }
+    }
+}
+
+/// Tells its partner when its body is over, from `post_run`.
+struct Announcer {
+    ended: Sender<()>,
+}
+
+impl Process for Announcer {
+    async fn run(&mut self) -> luna::Result<()> {
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        self.ended.blocking_send(()).unwrap();
+    }
+}
+
+#[test]
+fn post_run_runs_when_its_own_body_has_ended_while_others_run() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let (ended, announced) = luna::channel();
+        let mut system = System::new("announced");
+        place
+            .process(&mut system, "first", "announcer")
+            .spawn(Announcer { ended })
+            .unwrap();
+        let second = system.executor("second").build().unwrap();
+        // Runs until the other's post_run: if that waited for the end of the system, neither would end.
+        second
+            .process("listener")
+            .spawn(async move { Ok(announced.recv().await?) })
+            .unwrap();
+        assert_eq!(system.run().unwrap().end, luna::End::Completed, "{place:?}");
+    }
+}
+
+#[test]
+fn a_process_is_dropped_after_its_post_run_and_its_channels_end_with_it() {
+    let _watch = watchdog();
+    struct Holder {
+        _output: Sender<()>,
+        log: Log,
+    }
+    impl Process for Holder {
+        async fn run(&mut self) -> luna::Result<()> {
+            Ok(())
+        }
+        fn post_run(&mut self) {
+            log(&self.log, "post", "holder");
+        }
+    }
+    for place in PLACES {
+        let events = Log::default();
+        let (output, input) = luna::channel::<()>();
+        let mut system = System::new("held");
+        place
+            .process(&mut system, "first", "holder")
+            .spawn(Holder {
+                _output: output,
+                log: events.clone(),
+            })
+            .unwrap();
+        let own = events.clone();
+        let second = system.executor("second").build().unwrap();
+        second
+            .process("listener")
+            .spawn(async move {
+                assert!(input.recv().await.unwrap_err().is_closed());
+                log(&own, "closed", "listener");
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+        let events: Vec<_> = events
+            .lock()
+            .unwrap()
+            .iter()
+            .map(|(phase, _)| *phase)
+            .collect();
+        assert_eq!(events, ["post", "closed"], "{place:?}");
+    }
+}
+
+#[test]
+fn a_post_run_that_panics_does_not_keep_the_others_from_theirs() {
+    let _watch = watchdog();
+    struct Counts(Arc<AtomicUsize>);
+    impl Process for Counts {
+        async fn run(&mut self) -> luna::Result<()> {
+            Ok(())
+        }
+        fn post_run(&mut self) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            panic!("in post_run, on purpose");
+        }
+    }
+    impl Drop for Counts {
+        fn drop(&mut self) {
+            self.0.fetch_add(100, Ordering::Relaxed);
+        }
+    }
+    let count = Arc::new(AtomicUsize::new(0));
+    let mut system = System::new("untidy");
+    for name in ["a", "b", "c"] {
+        Place::Thread
+            .process(&mut system, name, name)
+            .spawn(Counts(count.clone()))
+            .unwrap();
+    }
+    let error = system.run().unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "process `a`: panicked: in post_run, on purpose"
+    );
+    assert_eq!(count.load(Ordering::Relaxed), 303);
+}
+
+#[test]
+fn a_system_without_processes_ends_at_once() {
+    let _watch = watchdog();
+    let mut system = System::new("empty");
+    system.executor("idle").build().unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(
+        (report.end, report.processes.len(), report.threads.len()),
+        (luna::End::Completed, 0, 1)
+    );
+}

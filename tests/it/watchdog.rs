@@ -1,0 +1,240 @@
+//! Watchdogs, with processes that feed them and processes that do not. Their exact limits are tested beside them, with instants passed in.
+
+use crate::common;
+use common::{PLACES, watchdog};
+use luna::prelude::*;
+use luna::{Error, Timer, Watchdog};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+const MS: Duration = Duration::from_millis(1);
+/// Longer than any machine is busy.
+const LONG: Duration = Duration::from_secs(1000);
+
+#[test]
+fn it_expires_when_nobody_feeds_it_and_stays_so() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let mut system = System::new("hungry");
+        let process = place.process(&mut system, "place", "guard");
+        process
+            .spawn(async {
+                let dog = Watchdog::new(2 * MS);
+                let start = luna::now();
+                dog.expired().await;
+                assert!(luna::now() - start > 2 * MS);
+                for _ in 0..3 {
+                    dog.feed();
+                    assert!(dog.has_expired());
+                    dog.expired().await;
+                    let expired = luna::pri_alt! { _ = dog.expired() => true, skip => false };
+                    assert!(expired);
+                }
+                let start = luna::now();
+                dog.reset();
+                dog.expired().await;
+                assert!(luna::now() - start > 2 * MS);
+                Ok(())
+            })
+            .unwrap();
+        system.run().unwrap();
+    }
+}
+
+/// A guard beside channels, fed from elsewhere: it never expires, however long the wait.
+#[test]
+fn fed_in_time_it_does_not_expire() {
+    let _watch = watchdog();
+    let dog = Watchdog::new(LONG);
+    let fed = dog.clone();
+    let (sender, receiver) = luna::channel::<u32>();
+    let mut system = System::new("fed");
+    system
+        .thread("source")
+        .process("source")
+        .spawn(async move {
+            for n in 0..200 {
+                fed.feed();
+                sender.send(n).await?;
+            }
+            Ok(())
+        })
+        .unwrap();
+    let executor = system.executor("main").build().unwrap();
+    executor
+        .process("guard")
+        .spawn(async move {
+            for expected in 0..200 {
+                luna::alt! {
+                    n = receiver.recv() => assert_eq!(n?, expected),
+                    _ = dog.expired() => panic!("it was fed"),
+                }
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// Who waits learns of feeds only when the time comes, and then sleeps on: what it then has waited for is counted from the last feed.
+#[test]
+fn a_wait_is_counted_from_the_last_feed() {
+    let _watch = watchdog();
+    let timeout = 20 * MS;
+    let dog = Watchdog::new(timeout);
+    let fed = dog.clone();
+    let mut system = System::new("counted");
+    let executor = system.executor("main").build().unwrap();
+    let (last, fed_last) = luna::channel();
+    executor
+        .process("feeder")
+        .spawn(async move {
+            let mut ticks = luna::ticks(MS)?;
+            for _ in 0..50 {
+                fed.feed();
+                ticks.tick().await;
+            }
+            // Either this is in time, and counted from; or it came too late on a busy machine, and the dog has bitten before.
+            let now = luna::now();
+            fed.feed();
+            let was_in_time = !fed.has_expired();
+            last.send((now, was_in_time)).await?;
+            Ok(())
+        })
+        .unwrap();
+    executor
+        .process("guard")
+        .spawn(async move {
+            let expired = async {
+                dog.expired().await;
+                Ok(luna::now())
+            };
+            let (expired, (fed, was_in_time)) =
+                par!(expired, async { Ok(fed_last.recv().await?) }).await?;
+            if was_in_time {
+                assert!(expired - fed > timeout);
+            }
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// The process calls its function once for each time that it expires.
+#[test]
+fn a_process_that_calls_a_function() {
+    let _watch = watchdog();
+    for place in PLACES {
+        let dog = Watchdog::new(MS);
+        let calls = Arc::new(AtomicU32::new(0));
+        let (own, own_calls) = (dog.clone(), calls.clone());
+        let (signal, signals) = luna::buffered(Buffer::fifo(8));
+        let mut system = System::new("called");
+        place
+            .process(&mut system, "dog", "dog")
+            .spawn(dog.process(move || {
+                own_calls.fetch_add(1, Ordering::SeqCst);
+                signal.try_send(()).unwrap();
+            }))
+            .unwrap();
+        system
+            .executor("main")
+            .build()
+            .unwrap()
+            .process("feeder")
+            .spawn(async move {
+                for round in 1..=3 {
+                    own.feed();
+                    signals.recv().await?;
+                    assert!(own.has_expired());
+                    assert_eq!(calls.load(Ordering::SeqCst), round);
+                    own.feed();
+                    luna::after(3 * MS).await;
+                    assert_eq!(
+                        calls.load(Ordering::SeqCst),
+                        round,
+                        "once, until it is reset"
+                    );
+                    own.reset();
+                }
+                Ok(())
+            })
+            .unwrap();
+        drop(dog);
+        system.run().unwrap();
+    }
+}
+
+/// A system with a watchdog that is fed ends when those who feed it have ended.
+#[test]
+fn the_process_ends_with_those_who_feed() {
+    let _watch = watchdog();
+    let dog = Watchdog::new(50 * MS);
+    let own = dog.clone();
+    let mut system = System::new("ends");
+    let executor = system.executor("main").build().unwrap();
+    executor.process("dog").spawn(dog.process(|| ())).unwrap();
+    drop(dog);
+    executor
+        .process("feeder")
+        .spawn(async move {
+            own.feed();
+            luna::yield_now().await;
+            own.feed();
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// A process of higher priority that hogs the processor does not hide from a watchdog that it did not feed it: the feed that comes too late says so.
+#[test]
+fn a_late_feed_hides_nothing() {
+    let _watch = watchdog();
+    let dog = Watchdog::new(MS);
+    let own = dog.clone();
+    let mut system = System::new("hog");
+    let executor = system.executor("main").build().unwrap();
+    let (bitten, bites) = luna::buffered(Buffer::fifo(1));
+    executor
+        .process("dog")
+        .priority(1)
+        .spawn(dog.process(move || bitten.try_send(()).unwrap()))
+        .unwrap();
+    drop(dog);
+    executor
+        .process("hog")
+        .priority(31)
+        .spawn(async move {
+            own.feed();
+            common::burn_until(luna::now() + 3 * MS);
+            own.feed();
+            // On the same executor, at a higher priority: nobody has looked.
+            assert!(bites.try_recv().is_err());
+            assert!(own.has_expired());
+            bites.recv().await.map_err(Error::from)
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+/// With a timer beside it that is never set: the guards of one alternative do not disturb each other.
+#[test]
+fn beside_other_clocks() {
+    let _watch = watchdog();
+    luna::run(async {
+        let dog = Watchdog::new(LONG);
+        let mut timer = Timer::new();
+        let mut ticks = luna::ticks(MS)?;
+        for _ in 0..5 {
+            luna::alt! {
+                _ = dog.expired() => panic!("it has long time"),
+                _ = timer.expired() => panic!("it is not set"),
+                tick = ticks.tick() => assert!(tick.number > 0),
+            }
+        }
+        Ok(())
+    })
+    .unwrap();
+}

@@ -1,0 +1,70 @@
+//! A thread crashes while it copies the safety state: the emergency functions run all the same, and may say something themselves, since no memory is asked for under the state's lock.
+
+#![cfg(unix)]
+
+use crate::common;
+use common::{Program, has_no_signals, watchdog};
+use luna::Error;
+use luna::prelude::*;
+use nix::sys::signal::Signal;
+use std::alloc::Layout;
+use std::os::unix::process::ExitStatusExt;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Nothing else is of this size.
+const TELLING: usize = 40_099;
+
+static IS_ARMED: AtomicBool = AtomicBool::new(false);
+
+/// Aborts as an allocator does that finds itself overwritten.
+pub(crate) fn abort_if_armed(layout: Layout) {
+    if layout.size() == TELLING && IS_ARMED.load(Ordering::SeqCst) {
+        std::process::abort();
+    }
+}
+
+/// What the child program runs; nothing when this program runs it as a test.
+#[test]
+fn part() {
+    if common::part().is_none() {
+        return;
+    }
+    // No dump of this program's memory is wanted.
+    nix::sys::resource::setrlimit(nix::sys::resource::Resource::RLIMIT_CORE, 0, 0).unwrap();
+    let mut system = System::new("crashing");
+    let safety = system.safety();
+    system.on_emergency("first", move || {
+        // It would wait for who has crashed, who would have the lock for good.
+        safety.warn(Error::Timeout);
+        println!("function, {}", safety.degree());
+    });
+    system
+        .thread("own")
+        .process("culprit")
+        .spawn(async {
+            let safety = luna::safety().unwrap();
+            let cause = Error::Panicked("x".repeat(TELLING));
+            IS_ARMED.store(true, Ordering::SeqCst);
+            // Moved, and not copied, on the path.
+            safety.warn(cause);
+            println!("warned");
+            drop(safety.state());
+            println!("not reached");
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn who_looks_holds_no_lock_meanwhile() {
+    own_process!();
+    let _watch = watchdog();
+    if has_no_signals() {
+        return;
+    }
+    let ended = Program::start("state").end();
+    let lines = ["warned", "function, emergency", "not reached"];
+    assert_eq!(ended.said(&lines), lines[..2], "{ended:?}");
+    assert_eq!(ended.status.signal(), Some(Signal::SIGABRT as i32));
+}

@@ -1,0 +1,45 @@
+//! Three threads on one core: one of low priority has what one of high priority waits for, and one between them would run instead of both. With
+//! inheritance it does not run at all while the high one waits; without, the high one waits for all that it does. Measured in the processor time of the
+//! one between, so that no machine can break it; and beside each a control without inheritance, which shows that it would be seen.
+
+#![cfg(target_os = "linux")]
+
+mod between;
+mod calls;
+use crate::common;
+mod locks;
+
+use common::{COMPLETE, has_real_time, skip};
+use luna::Policy;
+use luna_platform::thread::{Attributes, Mode, Thread, available_cores, spawn};
+use std::convert::Infallible;
+use std::sync::{Mutex, MutexGuard};
+
+const HIGH: u8 = 80;
+const MIDDLE: u8 = 50;
+const LOW: u8 = 20;
+const ROUNDS: usize = 50;
+
+/// One of these tests at a time, on one core, so that the machine has another one left. `None`: they cannot run here.
+fn one_core() -> Option<(usize, MutexGuard<'static, ()>)> {
+    static CORE: Mutex<()> = Mutex::new(());
+    if !COMPLETE || !has_real_time() {
+        skip("no real-time policies are given here");
+        return None;
+    }
+    let alone = CORE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    Some((available_cores()[0], alone))
+}
+
+fn thread<T: Send + 'static>(
+    name: &str,
+    core: usize,
+    priority: u8,
+    body: impl FnOnce() -> T + Send + 'static,
+) -> Thread<T> {
+    let attributes = Attributes::new(name)
+        .core(core)
+        .policy(Policy::fifo(priority))
+        .mode(Mode::Strict);
+    spawn(attributes, |_| Ok::<_, Infallible>(()), |()| body()).unwrap()
+}

@@ -1,0 +1,627 @@
+//! Who holds a mutex works at the priority of the most urgent who waits for it, along chains, until it unlocks. Seen in the order of events, and in what the
+//! kernel says of the threads.
+
+use crate::common;
+use crate::levels;
+use common::{COMPLETE, has_real_time, skip, watchdog};
+use levels::{Log, burner, level, on_one_executor};
+use luna::prelude::*;
+use luna::sync::Mutex;
+use luna::{ProcessBuilder, yield_now};
+use luna_platform::current;
+use luna_platform::thread::{Attributes, current_policy};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// A process that locks `mutex` once it is let, and holds it for a moment.
+fn locker(process: ProcessBuilder, mutex: &Mutex<()>) -> luna::Sender<()> {
+    let (go, gone) = luna::channel::<()>();
+    let mutex = mutex.clone();
+    process
+        .spawn(async move {
+            gone.recv().await?;
+            let guard = mutex.lock().await?;
+            yield_now().await;
+            drop(guard);
+            Ok(())
+        })
+        .unwrap();
+    go
+}
+
+#[test]
+fn nobody_between_the_holder_and_who_waits_runs_before_it_unlocks() {
+    own_process!();
+    let _watch = watchdog();
+    let log = Log::default();
+    on_one_executor(|process| {
+        let mutex = Mutex::new(());
+        let start = burner(process("burner", 10), &log);
+        let (go, gone) = luna::channel::<()>();
+        let (own, theirs) = (log.clone(), mutex.clone());
+        process("high", 20)
+            .spawn(async move {
+                gone.recv().await?;
+                start.try_send(())?;
+                own.add("waits");
+                let _guard = theirs.lock().await?;
+                own.add("holds");
+                Ok(())
+            })
+            .unwrap();
+        let own = log.clone();
+        process("low", 1)
+            .spawn(async move {
+                let guard = mutex.lock().await?;
+                // The other one runs at once, so this one is ready at level 1 when it is lent more, and the burner is ready above it.
+                go.send(()).await?;
+                assert_eq!(level(), 20);
+                for _ in 0..5 {
+                    yield_now().await;
+                }
+                own.add("unlocks");
+                drop(guard);
+                assert_eq!(level(), 1);
+                yield_now().await;
+                own.add("low");
+                Ok(())
+            })
+            .unwrap();
+    });
+    assert_eq!(log.between("waits", "holds"), ["unlocks"]);
+    assert_eq!(log.between("holds", "low"), ["burn"; 50]);
+}
+
+#[test]
+fn a_chain_of_holders_passes_it_on() {
+    own_process!();
+    let _watch = watchdog();
+    let log = Log::default();
+    on_one_executor(|process| {
+        let (first, second) = (Mutex::new(()), Mutex::new(()));
+        let start = burner(process("burner", 10), &log);
+        let (go_high, gone_high) = luna::channel::<()>();
+        let (go_middle, gone_middle) = luna::channel::<()>();
+        let (own, wanted) = (log.clone(), first.clone());
+        process("high", 20)
+            .spawn(async move {
+                gone_high.recv().await?;
+                start.try_send(())?;
+                own.add("waits");
+                let _guard = wanted.lock().await?;
+                own.add("holds");
+                Ok(())
+            })
+            .unwrap();
+        let (holds, wanted) = (first.clone(), second.clone());
+        process("middle", 2)
+            .spawn(async move {
+                gone_middle.recv().await?;
+                let guard = holds.lock().await?;
+                let wanted = wanted.lock().await?;
+                assert_eq!(level(), 20);
+                drop(wanted);
+                yield_now().await;
+                assert_eq!(level(), 20);
+                drop(guard);
+                assert_eq!(level(), 2);
+                Ok(())
+            })
+            .unwrap();
+        process("low", 1)
+            .spawn(async move {
+                let guard = second.lock().await?;
+                go_middle.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 2, "lent by the one in the middle");
+                go_high.send(()).await?;
+                yield_now().await;
+                assert_eq!(
+                    level(),
+                    20,
+                    "lent by the high one through the one in the middle"
+                );
+                yield_now().await;
+                drop(guard);
+                assert_eq!(level(), 1);
+                Ok(())
+            })
+            .unwrap();
+    });
+    assert_eq!(log.between("waits", "holds"), [""; 0]);
+}
+
+#[test]
+fn who_holds_several_falls_to_the_highest_of_what_remains() {
+    own_process!();
+    let _watch = watchdog();
+    for high_first in [false, true] {
+        on_one_executor(|process| {
+            let (one, other) = (Mutex::new(()), Mutex::new(()));
+            let go_nine = locker(process("nine", 9), &one);
+            let go_twenty = locker(process("twenty", 20), &other);
+            process("holder", 1)
+                .spawn(async move {
+                    let (nine, twenty) = (one.lock().await?, other.lock().await?);
+                    go_nine.send(()).await?;
+                    yield_now().await;
+                    assert_eq!(level(), 9);
+                    go_twenty.send(()).await?;
+                    yield_now().await;
+                    assert_eq!(level(), 20);
+                    if high_first {
+                        drop(twenty);
+                        assert_eq!(level(), 9);
+                        drop(nine);
+                    } else {
+                        drop(nine);
+                        assert_eq!(level(), 20);
+                        drop(twenty);
+                    }
+                    assert_eq!(level(), 1);
+                    Ok(())
+                })
+                .unwrap();
+        });
+    }
+}
+
+#[test]
+fn who_gives_up_takes_back_what_it_lent_along_the_chain() {
+    own_process!();
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        let (first, second) = (Mutex::new(()), Mutex::new(()));
+        let (go, gone) = luna::channel::<()>();
+        let (gave_up, given_up) = luna::channel::<()>();
+        let wanted = first.clone();
+        process("high", 20)
+            .spawn(async move {
+                gone.recv().await?;
+                let late = wanted.lock_timeout(Duration::from_millis(300)).await;
+                assert!(late.is_err_and(|error| error.is_timeout()));
+                gave_up.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+        let (go_middle, gone_middle) = luna::channel::<()>();
+        let (holds, wanted) = (first.clone(), second.clone());
+        process("middle", 2)
+            .spawn(async move {
+                gone_middle.recv().await?;
+                let _guard = holds.lock().await?;
+                let _wanted = wanted.lock().await?;
+                assert_eq!(level(), 2);
+                Ok(())
+            })
+            .unwrap();
+        process("low", 1)
+            .spawn(async move {
+                let guard = second.lock().await?;
+                go_middle.send(()).await?;
+                yield_now().await;
+                go.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 20);
+                given_up.recv().await?;
+                assert_eq!(level(), 2, "the one in the middle waits on");
+                drop(guard);
+                assert_eq!(level(), 1);
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
+#[test]
+fn the_next_holder_inherits_from_those_behind_it() {
+    own_process!();
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        let mutex = Mutex::new(());
+        let go = locker(process("behind", 20), &mutex);
+        let wanted = mutex.clone();
+        let (tell, told) = luna::channel::<()>();
+        process("next", 5)
+            .spawn(async move {
+                told.recv().await?;
+                let guard = wanted.lock().await?;
+                assert_eq!(level(), 5, "nobody else waits");
+                go.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 20);
+                drop(guard);
+                assert_eq!(level(), 5);
+                Ok(())
+            })
+            .unwrap();
+        process("holder", 1)
+            .spawn(async move {
+                let guard = mutex.lock().await?;
+                tell.send(()).await?;
+                yield_now().await;
+                assert_eq!(level(), 5);
+                drop(guard);
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
+/// The next holder was handed the mutex, and has not run yet, when somebody more urgent comes: it moves up before those between.
+#[test]
+fn who_was_handed_the_mutex_and_is_queued_moves_up() {
+    own_process!();
+    let _watch = watchdog();
+    let (log, mutex) = (Log::default(), Mutex::new(()));
+    on_one_executor(|process| {
+        let (release, released) = luna::buffered::<()>(Buffer::fifo(1));
+        let (start_between, between) = luna::buffered::<()>(Buffer::fifo(1));
+        let (start_urgent, urgent) = luna::buffered::<()>(Buffer::fifo(1));
+        let (own, first) = (mutex.clone(), log.clone());
+        process("first", 25)
+            .spawn(async move {
+                let guard = own.lock().await?;
+                released.recv().await?;
+                drop(guard);
+                start_between.try_send(()).unwrap();
+                start_urgent.try_send(()).unwrap();
+                first.add("handed over");
+                Ok(())
+            })
+            .unwrap();
+        let (own, next) = (mutex.clone(), log.clone());
+        process("next", 10)
+            .spawn(async move {
+                // It waits in the mutex when it lets the first go on.
+                par!(
+                    async {
+                        drop(own.lock().await?);
+                        next.add("next unlocks");
+                        Ok(())
+                    },
+                    async {
+                        release.send(()).await?;
+                        Ok(())
+                    }
+                )
+                .await?;
+                Ok(())
+            })
+            .unwrap();
+        let between_log = log.clone();
+        process("between", 20)
+            .spawn(async move {
+                between.recv().await?;
+                between_log.add("between");
+                Ok(())
+            })
+            .unwrap();
+        let (own, last) = (mutex.clone(), log.clone());
+        process("urgent", 30)
+            .spawn(async move {
+                urgent.recv().await?;
+                drop(own.lock().await?);
+                last.add("urgent");
+                Ok(())
+            })
+            .unwrap();
+    });
+    let order = log.between("handed over", "urgent");
+    assert_eq!(order, Vec::from(["next unlocks"]));
+}
+
+/// A branch that waits for what another branch of its process holds lends it nothing, least of all what the process inherits.
+#[test]
+fn who_inherits_does_not_lend_it_to_itself() {
+    own_process!();
+    let _watch = watchdog();
+    let (mutex, log) = (Mutex::new(()), Log::default());
+    on_one_executor(|process| {
+        let (own, seen) = (mutex.clone(), log.clone());
+        let (wait, waits) = luna::buffered::<()>(Buffer::fifo(1));
+        let (end, ended) = luna::buffered::<()>(Buffer::fifo(1));
+        process("both", 10)
+            .spawn(async move {
+                par!(
+                    async {
+                        let guard = own.lock().await?;
+                        yield_now().await; // the other branch waits for it now
+                        wait.send(()).await?;
+                        ended.recv().await?;
+                        if level() == 10 {
+                            seen.add("its own level again");
+                        }
+                        drop(guard);
+                        Ok(())
+                    },
+                    async {
+                        drop(own.lock().await?);
+                        Ok(())
+                    }
+                )
+                .await?;
+                Ok(())
+            })
+            .unwrap();
+        let (own, seen) = (mutex.clone(), log.clone());
+        process("gives up", 30)
+            .spawn(async move {
+                waits.recv().await?;
+                let given_up = own.lock_timeout(Duration::from_millis(1)).await;
+                assert!(given_up.is_err());
+                seen.add("given up");
+                end.send(()).await?;
+                Ok(())
+            })
+            .unwrap();
+    });
+    let log = log.0.lock().unwrap();
+    assert_eq!(*log, ["given up", "its own level again"]);
+}
+
+#[test]
+fn branches_of_one_process_do_not_lift_each_other() {
+    own_process!();
+    let _watch = watchdog();
+    on_one_executor(|process| {
+        process("both", 10)
+            .spawn(async move {
+                let mutex = Mutex::new(());
+                let (go, gone) = luna::channel::<()>();
+                pri_par!(
+                    async {
+                        gone.recv().await?;
+                        drop(mutex.lock().await?);
+                        assert_eq!(level(), 10);
+                        Ok(())
+                    },
+                    async {
+                        let guard = mutex.lock().await?;
+                        go.send(()).await?;
+                        for _ in 0..5 {
+                            yield_now().await;
+                            assert_eq!(level(), 9, "it would climb by one each time");
+                        }
+                        drop(guard);
+                        Ok(())
+                    },
+                )
+                .await?;
+                assert_eq!(level(), 10);
+                Ok(())
+            })
+            .unwrap();
+    });
+}
+
+/// Whether there are threads whose priority can be read back.
+fn has_threads_of_priority() -> bool {
+    let has = COMPLETE && has_real_time();
+    if !has {
+        skip("no real-time policies are given here");
+    }
+    has
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Low {
+    Executor,
+    OsThread,
+    PlainThread,
+}
+
+/// Low holds, high waits, middle burns, all on one core: while high waits, middle does not take a single step.
+#[test]
+fn no_inversion_between_three_threads_of_one_core() {
+    own_process!();
+    let _watch = watchdog();
+    if !has_threads_of_priority() {
+        return;
+    }
+    for (own, place) in [
+        (Policy::fifo(20), Low::Executor),
+        (Policy::fifo(20), Low::OsThread),
+        (Policy::round_robin(20), Low::OsThread),
+        (Policy::Other, Low::Executor),
+        (Policy::fifo(20), Low::PlainThread),
+        (Policy::Other, Low::PlainThread),
+    ] {
+        let mut system = System::new("inversion");
+        let mutex = Mutex::new(()).named("inverted");
+        let (burn, burns) = luna::channel::<()>();
+        let (ready, readied) = luna::channel::<()>();
+        let readied = readied.external();
+        let steps = Arc::new(AtomicU64::new(0));
+        let over = Arc::new(AtomicBool::new(false));
+        let (of_burner, is_over) = (steps.clone(), over.clone());
+        let fifo = |system: &mut System, name: &str, priority| {
+            let executor = system.executor(name).core(0);
+            executor.policy(Policy::fifo(priority)).build().unwrap()
+        };
+        fifo(&mut system, "middle", 40)
+            .process("burner")
+            .spawn(async move {
+                burns.recv().await?;
+                let end = luna::now() + Duration::from_millis(200);
+                while !is_over.load(Ordering::Relaxed) && luna::now() < end {
+                    of_burner.fetch_add(1, Ordering::Relaxed);
+                }
+                Ok(())
+            })
+            .unwrap();
+        let (wanted, of_high) = (mutex.clone(), steps.clone());
+        fifo(&mut system, "high", 60)
+            .process("high")
+            .spawn(async move {
+                readied.recv().await?;
+                // On this core nobody below runs until this process waits.
+                burn.try_send(())?;
+                let before = of_high.load(Ordering::Relaxed);
+                let guard = wanted.lock().await?;
+                let after = of_high.load(Ordering::Relaxed);
+                over.store(true, Ordering::Relaxed);
+                drop(guard);
+                assert_eq!(before, after, "the burner ran while the mutex was held");
+                Ok(())
+            })
+            .unwrap();
+        // What all three kinds of holders do, in steps that do not await where they hold what is wanted.
+        let hold = move || {
+            assert_eq!(current_policy(), own);
+            let guard = mutex.try_lock().expect("nobody holds it yet");
+            // A rendezvous, by trying until the other one waits.
+            while ready.try_send(()).is_err() {}
+            let mut turns = 0_u64;
+            while current_policy() == own {
+                turns += 1;
+                assert!(turns < 1 << 40);
+            }
+            assert_eq!(
+                current_policy(),
+                Policy::fifo(60),
+                "while the high one waits"
+            );
+            drop(guard);
+            assert_eq!(current_policy(), own, "after it unlocked");
+        };
+        match place {
+            Low::PlainThread => {
+                let thread = luna_platform::thread::spawn(
+                    Attributes::new("plain").policy(own).core(0),
+                    |_| Ok::<_, Infallible>(()),
+                    move |()| hold(),
+                )
+                .unwrap();
+                system.run().unwrap();
+                thread.join().unwrap();
+            }
+            Low::OsThread => {
+                let thread = system.thread("low").core(0).policy(own);
+                thread
+                    .process("low")
+                    .spawn(async move {
+                        hold();
+                        Ok(())
+                    })
+                    .unwrap();
+                system.run().unwrap();
+            }
+            Low::Executor => {
+                let executor = system.executor("low").core(0).policy(own).build().unwrap();
+                executor
+                    .process("low")
+                    .spawn(async move {
+                        hold();
+                        Ok(())
+                    })
+                    .unwrap();
+                system.run().unwrap();
+            }
+        }
+        assert_eq!(current::refused_boosts(), None);
+    }
+}
+
+#[test]
+fn a_chain_reaches_across_three_threads() {
+    own_process!();
+    let _watch = watchdog();
+    if !has_threads_of_priority() {
+        return;
+    }
+    let mut system = System::new("chain");
+    let (first, second) = (Mutex::new(()), Mutex::new(()));
+    let (go_middle, gone_middle) = luna::channel::<()>();
+    let (go_high, gone_high) = luna::channel::<()>();
+    let wanted = first.clone();
+    system
+        .thread("high")
+        .policy(Policy::fifo(60))
+        .process("high")
+        .spawn(async move {
+            gone_high.recv().await?;
+            drop(wanted.blocking_lock()?);
+            Ok(())
+        })
+        .unwrap();
+    let (holds, wanted) = (first.clone(), second.clone());
+    system
+        .executor("middle")
+        .policy(Policy::fifo(30))
+        .build()
+        .unwrap()
+        .process("middle")
+        .spawn(async move {
+            gone_middle.recv().await?;
+            let guard = holds.lock().await?;
+            go_high.send(()).await?;
+            let wanted = wanted.lock().await?;
+            assert_eq!(current_policy(), Policy::fifo(60));
+            drop((wanted, guard));
+            assert_eq!(current_policy(), Policy::fifo(30));
+            Ok(())
+        })
+        .unwrap();
+    let own = Policy::fifo(20);
+    let plain = luna_platform::thread::spawn(
+        Attributes::new("low").policy(own),
+        |_| Ok::<_, Infallible>(()),
+        move |()| {
+            let guard = second.blocking_lock().unwrap();
+            go_middle.blocking_send(()).unwrap();
+            // By way of the one in the middle, whether it waits here before the high one waits for it or after.
+            while current_policy() != Policy::fifo(60) {}
+            drop(guard);
+            assert_eq!(current_policy(), own);
+        },
+    )
+    .unwrap();
+    system.run().unwrap();
+    plain.join().unwrap();
+    assert_eq!(current::refused_boosts(), None);
+}
+
+#[test]
+fn plain_threads_wait_at_their_own_priority() {
+    own_process!();
+    let _watch = watchdog();
+    if !has_threads_of_priority() {
+        return;
+    }
+    let order = Mutex::new(Vec::with_capacity(3)).named("order");
+    let guard = order.try_lock().unwrap();
+    let threads: Vec<_> = [Policy::Other, Policy::fifo(5), Policy::fifo(7)]
+        .into_iter()
+        .enumerate()
+        .map(|(number, policy)| {
+            let theirs = order.clone();
+            let thread = luna_platform::thread::spawn(
+                Attributes::new("waits").policy(policy),
+                |_| Ok::<_, Infallible>(()),
+                move |()| theirs.blocking_lock().unwrap().push(policy),
+            );
+            let waiting = || {
+                let places = luna::inspect::places();
+                let place = places
+                    .iter()
+                    .find(|one| one.name.as_deref() == Some("order"));
+                place.map_or(0, |place| place.waiting.len())
+            };
+            while waiting() <= number {
+                std::thread::yield_now();
+            }
+            thread.unwrap()
+        })
+        .collect();
+    assert_eq!(current_policy(), Policy::fifo(7), "this thread holds it");
+    drop(guard);
+    assert_eq!(current_policy(), Policy::Other);
+    for thread in threads {
+        thread.join().unwrap();
+    }
+    let order = order.try_lock().unwrap();
+    assert_eq!(*order, [Policy::fifo(7), Policy::fifo(5), Policy::Other]);
+}

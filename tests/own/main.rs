@@ -1,0 +1,51 @@
+//! Tests that need a process of their own, or the machine to themselves: counted allocations, real-time
+//! priorities on one core, crashes. Each test runs in a child process, one after another
+//! ([`own_process`]).
+
+#[macro_use]
+mod own_process;
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../counting/mod.rs"]
+mod counting;
+#[path = "../kernel/mod.rs"]
+mod kernel;
+#[path = "../levels/mod.rs"]
+mod levels;
+
+mod allocation;
+mod bands;
+mod budget_allocation;
+mod budgets;
+mod call_allocation;
+mod call_priority;
+mod choice_allocation;
+mod crash_in_state;
+mod deadline_loops;
+mod emergency_functions;
+mod emergency_injection;
+mod emergency_on_a_core;
+#[cfg(feature = "events")]
+mod events_allocation;
+mod external_allocation;
+mod hang_on_a_core;
+mod inversion;
+mod late_cycles;
+mod lock_allocation;
+mod lock_priority;
+mod named_allocation;
+mod par_allocation;
+mod par_collections;
+mod parameters_allocation;
+mod record_allocation;
+mod same_core;
+mod spin_before_sleep;
+mod timer_channels;
+mod timer_manager;
+mod timer_manager_allocation;
+
+/// Counts for the tests of allocations, each of which runs alone in its process. Aborts where
+/// [`crash_in_state`] wants it.
+#[global_allocator]
+static ALLOCATOR: counting::Counting = counting::Counting::calling(crash_in_state::abort_if_armed);

@@ -1,0 +1,494 @@
+//! Looking for work before a sleep: who may, who may not and is told so, and that it is done.
+
+use crate::common;
+use common::{COMPLETE, PLACES, Place, setup_error, skip, watchdog};
+use luna::prelude::*;
+use luna::{AttributeError, Error, Report, SetupError, Shortfall};
+use luna_platform::shortfall::SpinRefusal;
+use luna_platform::thread::available_cores;
+use std::time::Duration;
+
+const SPIN: Duration = Duration::from_micros(50);
+
+/// Spawns an idle process on a place of its own, which looks for work before it sleeps if it `spins`.
+fn add(
+    system: &mut System,
+    place: Place,
+    name: &str,
+    core: Option<usize>,
+    spins: bool,
+) -> luna::Result<()> {
+    let spin = if spins { SPIN } else { Duration::ZERO };
+    macro_rules! described {
+        ($builder:expr) => {{
+            let builder = $builder.spin_before_sleep(spin);
+            match core {
+                Some(core) => builder.core(core),
+                None => builder,
+            }
+        }};
+    }
+    let process = match place {
+        Place::Executor => described!(system.executor(name)).build()?.process(name),
+        Place::Thread => described!(system.thread(name)).process(name),
+    };
+    process.spawn(async { Ok(()) }).map(drop)
+}
+
+/// Why the thread called `name` sleeps at once, if it was told so.
+fn refusal(report: &Report, name: &str) -> Option<SpinRefusal> {
+    let thread = report.threads.iter().find(|thread| thread.name == name);
+    let shortfalls = &thread.expect("it was started").shortfalls;
+    shortfalls.iter().find_map(|one| match one {
+        Shortfall::Spin { asked, why } => {
+            assert_eq!(*asked, SPIN);
+            Some(why.clone())
+        }
+        _ => None,
+    })
+}
+
+#[test]
+fn a_time_that_is_too_long() {
+    own_process!();
+    let time = Duration::from_micros(1000) + Duration::from_nanos(1);
+    let mut system = System::new("wrong");
+    for place in PLACES {
+        let outcome = match place {
+            Place::Executor => system
+                .executor("place")
+                .spin_before_sleep(time)
+                .build()
+                .map(drop),
+            Place::Thread => system
+                .thread("place")
+                .spin_before_sleep(time)
+                .process("one")
+                .spawn(async { Ok(()) })
+                .map(drop),
+        };
+        let error = setup_error(outcome, &["`place`", "1.000001ms", "at most 1ms"]);
+        let SetupError::Attributes(AttributeError::SpinTooLong { name, asked }) = error else {
+            panic!("{error:?}")
+        };
+        assert_eq!((name.as_str(), asked), ("place", time));
+    }
+}
+
+#[test]
+fn a_thread_with_a_core_to_itself_is_refused_nothing() {
+    own_process!();
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for place in PLACES {
+        let mut system = System::new("alone");
+        add(&mut system, place, "io", Some(core), true).unwrap();
+        let report = system.strict().run().unwrap();
+        assert_eq!(refusal(&report, "io"), None);
+    }
+}
+
+#[test]
+fn a_thread_that_shares_its_core_sleeps_at_once_and_says_with_whom() {
+    own_process!();
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for (first, second) in PLACES.iter().flat_map(|one| PLACES.map(|two| (*one, two))) {
+        let mut system = System::new("shared");
+        add(&mut system, first, "io", Some(core), true).unwrap();
+        add(&mut system, second, "main", Some(core), false).unwrap();
+        let report = system.run().unwrap();
+        let with = "main".to_owned();
+        assert_eq!(
+            refusal(&report, "io"),
+            Some(SpinRefusal::SharedCore { with })
+        );
+        assert_eq!(refusal(&report, "main"), None, "it asked for nothing");
+    }
+}
+
+#[test]
+fn threads_on_cores_of_their_own_do_not_share() {
+    own_process!();
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let mut system = System::new("apart");
+    add(&mut system, Place::Executor, "one", Some(first), true).unwrap();
+    add(&mut system, Place::Thread, "two", Some(second), true).unwrap();
+    let report = system.run().unwrap();
+    assert_eq!(
+        (refusal(&report, "one"), refusal(&report, "two")),
+        (None, None)
+    );
+}
+
+#[test]
+fn a_thread_without_a_core_shares_with_all() {
+    own_process!();
+    for place in PLACES {
+        let mut system = System::new("unpinned");
+        add(&mut system, place, "io", None, true).unwrap();
+        let report = system.run().unwrap();
+        assert_eq!(refusal(&report, "io"), Some(SpinRefusal::NotPinned));
+    }
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let core = available_cores()[0];
+    for place in PLACES {
+        let mut system = System::new("unpinned");
+        add(&mut system, Place::Executor, "io", Some(core), true).unwrap();
+        add(&mut system, place, "console", None, false).unwrap();
+        let report = system.run().unwrap();
+        let name = "console".to_owned();
+        assert_eq!(
+            refusal(&report, "io"),
+            Some(SpinRefusal::UnpinnedNeighbour { name })
+        );
+    }
+}
+
+#[test]
+fn a_strict_system_does_not_start_with_one_that_shares() {
+    own_process!();
+    let mut system = System::new("strict");
+    add(&mut system, Place::Executor, "io", None, true).unwrap();
+    let error = system.strict().run().unwrap_err();
+    let Error::Setup(SetupError::Refused { of, shortfall }) = &error else {
+        panic!("{error:?}")
+    };
+    assert_eq!(of, "io");
+    assert!(
+        matches!(shortfall, Shortfall::Spin { asked: SPIN, .. }),
+        "{shortfall:?}"
+    );
+    assert!(error.to_string().contains("pin it to a core"), "{error}");
+}
+
+/// How often this thread has given up its core by itself.
+#[cfg(unix)]
+fn sleeps() -> i64 {
+    use nix::sys::resource::{UsageWho, getrusage};
+    getrusage(UsageWho::RUSAGE_THREAD)
+        .unwrap()
+        .voluntary_context_switches()
+}
+
+/// How often a thread slept in so many short waits, with this time to look.
+#[cfg(unix)]
+fn sleeps_in(place: Place, waits: u32, spin: Duration) -> i64 {
+    use std::sync::{Arc, Mutex};
+    let slept = Arc::new(Mutex::new(0));
+    let result = slept.clone();
+    let body = async move {
+        let before = sleeps();
+        for _ in 0..waits {
+            luna::after(Duration::from_micros(100)).await;
+        }
+        *result.lock().unwrap() = sleeps() - before;
+        Ok(())
+    };
+    let core = available_cores()[0];
+    let mut system = System::new("waits");
+    let process = match place {
+        Place::Executor => {
+            let executor = system.executor("io").core(core).spin_before_sleep(spin);
+            executor.build().unwrap().process("waiter")
+        }
+        Place::Thread => {
+            let thread = system.thread("io").core(core).spin_before_sleep(spin);
+            thread.process("waiter")
+        }
+    };
+    process.spawn(body).unwrap();
+    system.run().unwrap();
+    *slept.lock().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_thread_that_may_look_does_not_sleep_when_a_deadline_is_near() {
+    own_process!();
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for place in PLACES {
+        // A thread that is kept from its core may sleep where it would have looked, or find the deadline there where it would have slept: so several times.
+        let times = |spin| (0..20).map(move |_| sleeps_in(place, 20, spin));
+        let looked = times(Duration::from_millis(1)).find(|slept| *slept < 5);
+        assert!(looked.is_some(), "{place:?} did not look");
+        let slept = times(Duration::ZERO).find(|slept| *slept > 15);
+        assert!(slept.is_some(), "{place:?} did not sleep");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_thread_that_looks_sees_messages_and_files_and_deadlines() {
+    own_process!();
+    let _watch = watchdog();
+    let core = COMPLETE.then(|| available_cores()[0]);
+    for place in PLACES {
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        let (sender, receiver) = luna::channel::<u32>();
+        let (answers, answered) = luna::channel::<u32>();
+        let body = async move {
+            for expected in 0..200 {
+                assert_eq!(receiver.recv().await?, expected);
+                match luna::readable(&reader).await {
+                    Ok(()) => {}
+                    Err(error) if error.is_unsupported() => {}
+                    Err(error) => panic!("{error}"),
+                }
+                let mut byte = [0];
+                std::io::Read::read_exact(&mut &reader, &mut byte).unwrap();
+                luna::after(Duration::from_micros(u64::from(expected % 3) * 30)).await;
+                answers.send(expected).await?;
+            }
+            Ok(())
+        };
+        let mut system = System::new("looks");
+        macro_rules! described {
+            ($builder:expr) => {{
+                let builder = $builder.spin_before_sleep(SPIN);
+                match core {
+                    Some(core) => builder.core(core),
+                    None => builder,
+                }
+            }};
+        }
+        let process = match place {
+            Place::Executor => described!(system.executor("io"))
+                .build()
+                .unwrap()
+                .process("server"),
+            Place::Thread => described!(system.thread("io")).process("server"),
+        };
+        process.spawn(body).unwrap();
+        let client = std::thread::spawn(move || {
+            for number in 0..200 {
+                sender.blocking_send(number).unwrap();
+                std::io::Write::write_all(&mut writer, &[1]).unwrap();
+                assert_eq!(answered.blocking_recv(), Ok(number));
+            }
+        });
+        system.run().unwrap();
+        client.join().unwrap();
+    }
+}
+
+/// Two processes whose operations find each other without ever waiting by way of their threads, for as long as others of the same executor have not
+/// had what they want: a deadline, and a message from a plain thread.
+#[test]
+fn processes_that_look_for_each_other_keep_nobody_from_running() {
+    own_process!();
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for place in PLACES {
+        let (calls, called) = luna::channel::<u64>();
+        let (answers, answered) = luna::channel::<u64>();
+        let (outside, from_outside) = luna::channel::<u32>();
+        let busy = std::sync::Arc::new(std::sync::atomic::AtomicU32::new(2));
+        let [of_client, of_ticker, of_neighbour] = [(); 3].map(|()| busy.clone());
+        let order = std::sync::atomic::Ordering::Relaxed;
+
+        let mut system = System::new("busy");
+        let spin = Duration::from_millis(1);
+        let main = system.executor("main").core(first).spin_before_sleep(spin);
+        let main = main.build().unwrap();
+        let server = match place {
+            Place::Executor => {
+                let other = system.executor("other").core(second);
+                let other = other.spin_before_sleep(spin).build().unwrap();
+                other.process("server")
+            }
+            Place::Thread => {
+                let other = system.thread("other").core(second);
+                other.spin_before_sleep(spin).process("server")
+            }
+        };
+        let client = async move {
+            let mut number = 0;
+            while of_client.load(order) > 0 {
+                calls.send(number).await?;
+                assert_eq!(answered.recv().await?, number);
+                number += 1;
+            }
+            Ok(())
+        };
+        let serve = async move {
+            while let Ok(number) = called.recv().await {
+                answers.send(number).await?;
+            }
+            Ok(())
+        };
+        let ticker = async move {
+            for _ in 0..50 {
+                luna::after(Duration::from_micros(100)).await;
+            }
+            of_ticker.fetch_sub(1, order);
+            Ok(())
+        };
+        let neighbour = async move {
+            for expected in 0..50 {
+                assert_eq!(from_outside.recv().await?, expected);
+            }
+            of_neighbour.fetch_sub(1, order);
+            Ok(())
+        };
+        server.spawn(serve).unwrap();
+        main.process("client").priority(20).spawn(client).unwrap();
+        main.process("ticker").priority(10).spawn(ticker).unwrap();
+        main.process("neighbour")
+            .priority(10)
+            .spawn(neighbour)
+            .unwrap();
+        let plain = std::thread::spawn(move || {
+            (0..50).for_each(|number| outside.blocking_send(number).unwrap());
+        });
+        let report = system.run().unwrap();
+        assert_eq!(
+            report
+                .all_shortfalls()
+                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
+                .count(),
+            0
+        );
+        plain.join().unwrap();
+    }
+}
+
+/// A stream between two cores, where each operation finds room or a value, or a partner that is about to make it: by turns of so many operations, the others of both executors run.
+#[test]
+fn a_stream_through_a_buffer_keeps_nobody_from_running() {
+    own_process!();
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+    const MESSAGES: u32 = 20_000;
+    /// Of one turn, at most.
+    const OPERATIONS: u32 = 64;
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    if !COMPLETE {
+        return skip("the portable layer does not pin threads");
+    }
+    let _watch = watchdog();
+    for capacity in [1, 64] {
+        let (sender, receiver) = luna::buffered::<u32>(luna::Buffer::fifo(capacity));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let turns = [(); 2].map(|()| Arc::new(AtomicU32::new(0)));
+
+        let mut system = System::new("stream");
+        let executors = [("sends", first), ("receives", second)].map(|(name, core)| {
+            let executor = system.executor(name).core(core).spin_before_sleep(SPIN);
+            executor.build().unwrap()
+        });
+        let over = is_over.clone();
+        executors[0]
+            .process("sender")
+            .spawn(async move {
+                for number in 0..MESSAGES {
+                    sender.send(number).await?;
+                }
+                Ok(())
+            })
+            .unwrap();
+        executors[1]
+            .process("receiver")
+            .spawn(async move {
+                for expected in 0..MESSAGES {
+                    assert_eq!(receiver.recv().await?, expected);
+                }
+                over.store(true, Relaxed);
+                Ok(())
+            })
+            .unwrap();
+        for ((executor, turns), name) in executors.iter().zip(&turns).zip(["first", "second"]) {
+            let (over, turns) = (is_over.clone(), turns.clone());
+            executor
+                .process(name)
+                .spawn(async move {
+                    while !over.load(Relaxed) {
+                        turns.fetch_add(1, Relaxed);
+                        luna::yield_now().await;
+                    }
+                    Ok(())
+                })
+                .unwrap();
+        }
+        let report = system.run().unwrap();
+        assert_eq!(
+            report
+                .all_shortfalls()
+                .filter(|(_, one)| matches!(one, Shortfall::Spin { .. }))
+                .count(),
+            0
+        );
+        for turns in turns {
+            let turns = turns.load(Relaxed);
+            assert!(turns >= MESSAGES / OPERATIONS - 1, "{turns}");
+        }
+    }
+}
+
+/// Blocking operations of one poll are more than a turn has, so those behind them may not look; they wait as any other.
+#[test]
+fn blocking_operations_without_end_in_one_turn_meet_and_time_out() {
+    own_process!();
+    let [first, second, ..] = available_cores()[..] else {
+        return skip("one core is usable");
+    };
+    let _watch = watchdog();
+    let core = |core| COMPLETE.then_some(core);
+    let (sender, receiver) = luna::channel::<u32>();
+    let (_nobody_sends, silent) = luna::channel::<u32>();
+    let mut system = System::new("many");
+    for (name, place) in [("sends", core(first)), ("receives", core(second))] {
+        let mut thread = system.thread(name).spin_before_sleep(SPIN);
+        if let Some(core) = place {
+            thread = thread.core(core);
+        }
+        let process = thread.process(name);
+        let spawned = match name {
+            "sends" => {
+                let sender = sender.clone();
+                process.spawn(async move {
+                    for number in 0..5_000 {
+                        sender.blocking_send(number)?;
+                    }
+                    Ok(())
+                })
+            }
+            _ => {
+                let (receiver, silent) = (receiver.clone(), silent.clone());
+                process.spawn(async move {
+                    for expected in 0..5_000 {
+                        assert_eq!(receiver.blocking_recv()?, expected);
+                    }
+                    let late = silent.blocking_recv_timeout(Duration::from_millis(5));
+                    assert!(late.unwrap_err().is_timeout());
+                    Ok(())
+                })
+            }
+        };
+        spawned.unwrap();
+    }
+    drop((sender, receiver));
+    system.run().unwrap();
+}

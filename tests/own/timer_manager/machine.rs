@@ -1,0 +1,138 @@
+//! What the machine does to the timers: programs that are suspended, clocks that jump, priorities.
+
+use super::*;
+
+#[test]
+#[cfg(unix)]
+fn a_suspended_program_misses_slots_counts_them_and_goes_on() {
+    own_process!();
+    use nix::sys::signal::Signal;
+    let _watch = watchdog();
+    if common::has_no_signals() {
+        return;
+    }
+    for part in ["executor", "manager"] {
+        let mut program = Program::start(part);
+        program.wait_for("ready");
+        program.signal(Signal::SIGSTOP as i32);
+        // What is tested: how long it is suspended, no point at which it is.
+        std::thread::sleep(Duration::from_secs(1));
+        program.signal(Signal::SIGCONT as i32);
+        let ended = program.end();
+        assert!(ended.status.success(), "{part}: {ended:?}");
+    }
+}
+
+/// A jump of the clock on the wall moves no timer: all are on the monotonic one, as the kernel says.
+#[test]
+#[cfg(target_os = "linux")]
+fn the_timers_are_on_the_monotonic_clock() {
+    own_process!();
+    let _watch = watchdog();
+    if !COMPLETE {
+        skip("the portable layer has no timers that are files");
+        return;
+    }
+    let mut system = managed("clocks");
+    let main = system.executor("main").build().unwrap();
+    main.process("one")
+        .spawn(async {
+            let mut tick = luna::periodic("one", PERIOD)?;
+            tick.next().await;
+            let timers = luna::off_path(|| {
+                let mut clocks = Vec::new();
+                for file in std::fs::read_dir("/proc/self/fdinfo").unwrap().flatten() {
+                    let text = std::fs::read_to_string(file.path()).unwrap_or_default();
+                    clocks.extend(
+                        text.lines()
+                            .filter(|line| line.starts_with("clockid:"))
+                            .map(str::to_owned),
+                    );
+                }
+                clocks
+            });
+            assert!(timers.len() >= 17, "{timers:?}");
+            assert!(
+                timers.iter().all(|clock| clock.trim_end().ends_with('1')),
+                "{timers:?}"
+            );
+            Ok(())
+        })
+        .unwrap();
+    system.run().unwrap();
+}
+
+#[test]
+fn its_thread_has_a_priority_of_its_own_where_the_system_has_any() {
+    own_process!();
+    let _watch = watchdog();
+    let has_real_time = common::has_real_time();
+    for asks in [false, true] {
+        let mut system = managed("ranks");
+        let mut main = system.executor("main");
+        if asks {
+            main = main.policy(Policy::fifo(10));
+        }
+        let main = main.build().unwrap();
+        main.process("one")
+            .spawn(async {
+                let mut tick = luna::periodic("one", PERIOD)?;
+                for _ in 0..3 {
+                    tick.next().await;
+                }
+                Ok(())
+            })
+            .unwrap();
+        let report = system.run().unwrap();
+        let expected = match asks && has_real_time {
+            true => Policy::fifo(98),
+            false => Policy::Other,
+        };
+        assert_eq!(timers(&report).policy, expected);
+        let is_missing = report
+            .shortfalls
+            .iter()
+            .any(|one| one.to_string().contains("fifo:98"));
+        assert_eq!(is_missing, asks && !has_real_time);
+    }
+}
+
+/// Threads of one priority on one core run in the order in which they are woken: so that is seen.
+#[test]
+fn the_loops_of_a_tick_are_woken_in_order_of_priority() {
+    own_process!();
+    let _watch = watchdog();
+    if !COMPLETE || !common::has_real_time() {
+        skip("no real-time policies here");
+        return;
+    }
+    const CYCLES: u64 = 100;
+    let mut system = managed("order");
+    system.timer_core(0);
+    let begun: Arc<Mutex<BTreeMap<u64, Vec<u8>>>> = Arc::default();
+    // Who comes first at first is the least urgent.
+    for level in [3, 10, 20, 30] {
+        let begun = begun.clone();
+        let name: &'static str = format!("level {level}").leak();
+        let thread = system.thread(name).core(0).policy(Policy::fifo(10));
+        thread
+            .process(name)
+            .priority(level)
+            .spawn(async move {
+                let mut tick = luna::periodic(name, PERIOD)?.phase(Duration::ZERO)?;
+                for _ in 0..CYCLES {
+                    let number = tick.next().await.number;
+                    begun.lock().unwrap().entry(number).or_default().push(level);
+                }
+                Ok(())
+            })
+            .unwrap();
+    }
+    system.run().unwrap();
+    let begun = begun.lock().unwrap();
+    let whole = || begun.values().filter(|levels| levels.len() == 4);
+    let in_order = whole().filter(|levels| **levels == [30, 20, 10, 3]).count();
+    // Where the machine stood still for more than a period, loops go on by themselves.
+    assert!(2 * in_order > whole().count(), "{begun:?}");
+    assert!(whole().count() > 0, "{begun:?}");
+}
