@@ -180,19 +180,14 @@ impl Program {
     /// Runs the test `part` of the caller's module, which finds `part` by [`part`].
     #[track_caller]
     pub(crate) fn start(part: &str) -> Self {
-        Self::start_by(Command::new(std::env::current_exe().unwrap()), part)
+        let program = Command::new(std::env::current_exe().unwrap());
+        Self::start_by(program, &part_of_caller(), part)
     }
 
-    /// With `command`, to which what the test program needs is appended.
-    #[track_caller]
-    pub(crate) fn start_by(mut command: Command, part: &str) -> Self {
+    /// With `command`, to which what the test program needs is appended; it runs `test`.
+    pub(crate) fn start_by(mut command: Command, test: &str, part: &str) -> Self {
         let mut child = command
-            .args([
-                &*part_of_caller(),
-                "--exact",
-                "--nocapture",
-                "--test-threads=1",
-            ])
+            .args([test, "--exact", "--nocapture", "--test-threads=1"])
             .env(PART, part)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -283,12 +278,15 @@ impl Program {
 impl Ended {
     /// The lines among `lines`, in the order in which they were said.
     pub(crate) fn said(&self, lines: &[&str]) -> Vec<&str> {
-        // The harness writes the test's name before its first line.
-        let said = self.output.lines().map(|line| {
+        self.lines().filter(|line| lines.contains(line)).collect()
+    }
+
+    /// The lines of its output, without what the harness writes before the first.
+    pub(crate) fn lines(&self) -> impl Iterator<Item = &str> {
+        self.output.lines().map(|line| {
             line.split_once("::part ... ")
                 .map_or(line, |(_test, line)| line)
-        });
-        said.filter(|line| lines.contains(line)).collect()
+        })
     }
 }
 
@@ -357,11 +355,12 @@ fn as_other_user(by: fn(&std::path::Path) -> Command, part: &str) -> Option<Ende
     for path in [&folder, &copy] {
         std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
     }
+    let test = part_of_caller();
     let can = by(&copy)
         .arg("--list")
         .output()
         .is_ok_and(|output| output.status.success());
-    let ended = can.then(|| Program::start_by(by(&copy), part).end());
+    let ended = can.then(|| Program::start_by(by(&copy), &test, part).end());
     std::fs::remove_dir_all(folder).unwrap();
     if !can {
         skip("no program can be run as that user, with setpriv and its limits");

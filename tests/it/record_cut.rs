@@ -177,7 +177,7 @@ fn part() {
 fn start(name: &str, file: &Path) -> Program {
     let mut command = std::process::Command::new(std::env::current_exe().unwrap());
     command.env(FILE, file);
-    Program::start_by(command, name)
+    Program::start_by(command, &common::part_of_caller(), name)
 }
 
 /// Records a run that a signal ends, and replays it: it goes as far as it had come, and is ended then.

@@ -2,6 +2,7 @@
 //! priorities on one core, crashes. Each test runs in a child process, one after another
 //! ([`own_process`]).
 
+#[path = "../common/own_process.rs"]
 #[macro_use]
 mod own_process;
 

@@ -382,7 +382,6 @@ fn any_executor_and_its_waker_changes() {
 #[test]
 #[should_panic(expected = "after it had ended")]
 fn polling_it_after_its_end_panics() {
-    own_process!();
     let mut branches = par_all([std::future::ready(Ok(()))]);
     let _ = future::block_on(&mut branches);
     let _ = future::block_on(&mut branches);

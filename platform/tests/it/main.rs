@@ -1,5 +1,7 @@
 //! Tests of the system-call layer. One program; a module a subject.
 
+mod deadline;
+mod memory_and_latency;
 mod pi_lock;
 mod reactor;
 mod thread;

@@ -1,5 +1,5 @@
-//! A program that may not use all cores, as under `taskset`: it is told why SCHED_DEADLINE is refused. A program of its own, since the mask is
-//! read once.
+//! A program that may not use all cores, as under `taskset`, learns why SCHED_DEADLINE is refused.
+//! It needs a process of its own, since the mask is read once.
 
 #![cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 
@@ -12,6 +12,7 @@ use std::time::Duration;
 
 #[test]
 fn all_cores_or_none() {
+    own_process!();
     let all = sched_getaffinity(getpid()).unwrap();
     let cores: Vec<_> = (0..CpuSet::count())
         .filter(|&core| all.is_set(core).unwrap())

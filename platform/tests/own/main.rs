@@ -1,6 +1,8 @@
-//! What changes the whole process: signal handlers, SCHED_DEADLINE, locked memory.
+//! Tests that change their whole process: signal handlers, the cores that it may use.
 
-mod deadline;
+#[path = "../../../tests/common/own_process.rs"]
+#[macro_use]
+mod own_process;
+
 mod deadline_on_few_cores;
-mod memory_and_latency;
 mod signals;
