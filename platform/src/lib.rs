@@ -40,6 +40,8 @@ pub mod facts;
 mod fetch;
 #[cfg(all(unix, not(loom)))]
 pub mod file;
+#[cfg(not(loom))]
+pub mod forked;
 pub mod home_lock;
 #[cfg(not(loom))]
 pub mod latency;

@@ -10,8 +10,11 @@ impl System {
     /// In an emergency they run once, first to last registered (with those that drivers register by [`Safety::on_emergency`]), on a thread of the highest
     /// priority, SCHED_FIFO 99, which waits ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a panic in a process or a timer's callback;
     /// [`luna::emergency`](crate::emergency()); an overrun budget if [so stated](crate::OnOverrun::Emergency); an [`EmergencyTrigger`]; a deadlock of a
-    /// [`strict`](Self::strict) system; the [parent's death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT) they run too, and then the
-    /// program ends as it would without them. `docs/safety.md` says what is guaranteed, and what is not.
+    /// [`strict`](Self::strict) system; the [parent's death](Self::emergency_at_parents_death) on
+    /// request. In a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT), and at every other signal
+    /// whose default action ends a program and that the program neither handles nor ignores, they
+    /// run too, and then the program ends as it would without them. `docs/safety.md` says what is
+    /// guaranteed, and what is not.
     ///
     /// One that panics does not keep the next from running. One that takes longer than its limit is left behind at low priority, and another thread goes on with the next:
     /// [`on_emergency_within`](Self::on_emergency_within). The report says how it went with each.
