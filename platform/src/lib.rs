@@ -47,6 +47,7 @@ pub mod home_lock;
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
+pub mod panics;
 #[cfg(not(loom))]
 pub mod parent;
 pub mod park;

@@ -25,8 +25,10 @@ impl System {
     /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by `std::process` inherits that, and such a signal does not end it unless it unblocks it (shells do so for what they run, few others do): have it
     /// started before, or empty the mask in [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
     ///
-    /// A panic makes an emergency as it leaves the process' body, that is after the panic hook, which by default writes to standard error. With
-    /// `panic = "abort"`, or a panic while one unwinds, it is a crash by SIGABRT.
+    /// A panic in a process makes an emergency before the panic hook prints, which takes long with
+    /// a backtrace; so also one that the body catches, unless by
+    /// [`luna::catch_panic`](crate::catch_panic()). A hook that the program sets while the system
+    /// runs comes before the functions. A panic while one unwinds is a crash by SIGABRT.
     pub fn on_emergency(
         &mut self,
         name: &str,
