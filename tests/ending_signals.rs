@@ -124,6 +124,26 @@ fn part() {
             assert_eq!(report.end, End::Completed);
             println!("completed");
         }
+        "many" => {
+            set_action(libc::SIGRTMIN(), libc::SIG_DFL);
+            let mut system = System::new("signalled often");
+            system.on_emergency_within("first", Duration::from_secs(60), || {
+                println!("begun");
+                let mut line = String::new();
+                std::io::stdin().read_line(&mut line).unwrap();
+                println!("function 1");
+            });
+            system.on_emergency("second", || println!("function 2"));
+            let executor = system.executor("control").build().unwrap();
+            executor
+                .process("waiting")
+                .spawn(async {
+                    println!("ready");
+                    std::future::pending().await
+                })
+                .unwrap();
+            system.run().unwrap();
+        }
         number => {
             let number: i32 = number.parse().unwrap();
             set_action(number, libc::SIG_DFL);
@@ -166,6 +186,29 @@ fn what_the_program_handles_or_ignores_is_left_to_it() {
         assert!(ended.status.success(), "{part}: {ended:?}");
         assert_eq!(ended.said(&SAID), SAID[2..], "{part}: {ended:?}");
     }
+}
+
+/// More than there are threads, of a kind that the kernel does not merge: none of them stops the
+/// thread that runs a function.
+#[test]
+fn many_at_once_are_as_one() {
+    let _watch = watchdog();
+    let mut program = Program::start("many");
+    program.wait_for("ready");
+    let send = |program: &Program| {
+        let process = i32::try_from(program.number()).unwrap();
+        // SAFETY: a plain system call.
+        assert_eq!(unsafe { libc::kill(process, libc::SIGRTMIN()) }, 0);
+    };
+    send(&program);
+    program.wait_for("begun");
+    for _ in 0..100 {
+        send(&program);
+    }
+    program.close_input();
+    let ended = program.end();
+    assert_eq!(ended.said(&SAID), SAID[..2], "{ended:?}");
+    assert_eq!(ended.status.signal(), Some(libc::SIGRTMIN()), "{ended:?}");
 }
 
 /// By the kernel, as its limit of real time without a sleep is over.

@@ -17,6 +17,8 @@
 //! program ends by the signal as it would have without this, with its core dump. A thread that
 //! crashes while it does what the others wait for is [seen](CrashSlot::has_crashed) to have.
 //!
+//! A second signal that is sent to the program while it ends by one has no effect.
+//!
 //! In the child of a bare `fork` the handler waits for nothing: the threads are the parent's.
 //!
 //! ```
@@ -228,12 +230,19 @@ pub(crate) fn forget() {
     CRASHED.store(0, Ordering::Release);
 }
 
-/// What the handler does on the thread that crashes: async-signal-safe, and it returns after a bounded time.
+/// What the handler does on the thread that crashes, or that the kernel has chosen for a signal that
+/// `is_sent`: async-signal-safe, and it returns after a bounded time. Says whether the program is to
+/// end by it.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
-pub(crate) fn handle(number: i32) {
+pub(crate) fn handle(number: i32, is_sent: bool) -> bool {
     let began = Instant::now_real();
-    // The first crash is the one that is told; the others wait as it does.
-    let _ = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
+    // The first crash is the one that is reported; the others wait as it does.
+    let noted = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
+    if noted.is_err() && is_sent {
+        // The program ends already, and this thread has done nothing wrong: it may be the one that
+        // does what the others wait for.
+        return false;
+    }
     let me = backend::current_thread();
     for member in SLOTS.iter().flat_map(|slot| &slot.members) {
         let _ = member.compare_exchange(me, -me, Ordering::AcqRel, Ordering::Relaxed);
@@ -249,6 +258,7 @@ pub(crate) fn handle(number: i32) {
             DONE.wait(seen, until);
         }
     }
+    true
 }
 
 // Where threads have no numbers, nobody crashes either.

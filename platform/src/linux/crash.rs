@@ -127,7 +127,8 @@ fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
         let action = action.assume_init_mut();
         action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
         // On a stack of its own, since the thread's may be used up. A fault while its own signal is blocked ends the program by default.
-        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
+        // Other system calls go on after the handler where they can, if it returns.
+        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
         libc::sigemptyset(&raw mut action.sa_mask);
         libc::sigaction(signal, action, ptr::null_mut())
     };
@@ -152,16 +153,27 @@ fn restore_one(signal: libc::c_int) {
     }
 }
 
+/// Whether the signal came from elsewhere, and the thread that handles it is as good as any other.
+/// What a thread sends to itself, as `abort` does, is its own.
+fn is_sent(number: libc::c_int, code: libc::c_int) -> bool {
+    let by_processor = [libc::SIGTRAP, libc::SIGSYS];
+    let may_be_own = FAULTS.contains(&number) || by_processor.contains(&number);
+    code != libc::SI_TKILL && (code <= 0 || !may_be_own)
+}
+
 /// Runs on the thread that crashes, or on the one that the kernel has chosen, in the middle of
 /// anything.
 extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
     let errno = Errno::last_raw();
     // In a child the parent's threads are not there, and what they would do is the parent's.
     let is_child = forked::is_child();
-    if !is_child {
-        handle(number);
-    }
+    // SAFETY: the kernel gives the handler a valid place.
+    let code = unsafe { (*info).si_code };
+    let ends = is_child || handle(number, is_sent(number, code));
     Errno::set_raw(errno);
+    if !ends {
+        return;
+    }
     // Whoever handled it before may abort, and there may be no room for one more of these on a small stack; what it is for has been done.
     restore_one(libc::SIGABRT);
     // SAFETY: it was written before this handler was set. The kernel's arguments are passed on to whoever would have been given them.
@@ -188,7 +200,7 @@ extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: 
         }
         // What the processor refused is refused again when this returns, now by default, and a core
         // dump tells why. All others are sent again, since they would not come again by themselves.
-        let is_refused_again = (*info).si_code > 0 && FAULTS.contains(&number);
+        let is_refused_again = code > 0 && FAULTS.contains(&number);
         if !is_refused_again {
             send_here(number);
         }
