@@ -1,8 +1,8 @@
 //! What is done before a signal ends the program: the threads that wait for it are woken, and given
 //! a bounded time.
 //!
-//! The signals are all whose default action ends a program, but SIGKILL and those that ask for an
-//! end in order ([`signals`](crate::signals)):
+//! The signals are all whose default action ends a program, but SIGKILL and the
+//! [requests](crate::signals) to end in order:
 //!
 //! - SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT, by which a program crashes;
 //! - SIGQUIT, SIGTRAP, SIGSYS, SIGXCPU, SIGXFSZ, SIGALRM, SIGVTALRM, SIGPROF, SIGPIPE, SIGIO,
