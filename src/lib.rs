@@ -85,6 +85,7 @@ pub use luna_executors::{
 #[cfg(unix)]
 pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
 pub use luna_platform::current::{ProcessId, on_path, refused_boosts};
+pub use luna_platform::panics::catch as catch_panic;
 pub use luna_platform::path::off_path;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};

@@ -7,6 +7,7 @@ use crate::system::deadlock::Deadlock;
 use crate::time::{Distribution, LoopReport, TimersReport, short};
 use luna_executors::{Exit, ProcessHandle};
 use luna_platform::shortfall::Shortfall;
+use luna_platform::signals;
 use luna_platform::thread::Policy;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -233,10 +234,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let end = match self.end {
             End::Completed => "completed".to_owned(),
-            End::Signal(2) => "ended by SIGINT".to_owned(),
-            End::Signal(15) => "ended by SIGTERM".to_owned(),
-            End::Signal(1) => "ended by SIGHUP".to_owned(),
-            End::Signal(number) => format!("ended by signal {number}"),
+            End::Signal(number) => format!("ended by {}", signals::name(number)),
             End::Panic => "ended by a panic".to_owned(),
             End::Deadlock => "ended by a deadlock".to_owned(),
             End::Overrun => "ended by an overrun".to_owned(),

@@ -1,9 +1,25 @@
-//! What is done before a crash ends the program: who waits for it is woken, and given a bounded time.
+//! What is done before a signal ends the program: the threads that wait for it are woken, and given
+//! a bounded time.
 //!
-//! SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT are handled on the [alternate stack](crate::thread) of the thread that crashes. The handler does what a handler may: it
-//! notes the signal, counts an [event](crate::signals::announce_event), and waits until all watches have said that they are
-//! [done](CrashSlot::announce_done), or their time is over. Then whatever handled the signal before has its turn: the standard library's handler, which tells of a stack that has overflowed, or
-//! the default, so that the program ends by the signal as it would have without this, with its core dump. Whoever crashes while it does what the others wait for is [seen](CrashSlot::has_crashed) to have.
+//! The signals are all whose default action ends a program, but SIGKILL and the
+//! [requests](crate::signals) to end in order:
+//!
+//! - SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT, by which a program crashes;
+//! - SIGQUIT, SIGTRAP, SIGSYS, SIGXCPU, SIGXFSZ, SIGALRM, SIGVTALRM, SIGPROF, SIGPIPE, SIGIO,
+//!   SIGPWR, SIGUSR1, SIGUSR2, SIGSTKFLT and the real-time signals, where the program neither ignores
+//!   them nor has a handler of its own when the first watch is made.
+//!
+//! They are handled on the [alternate stack](crate::thread) of the thread that crashes, or that the
+//! kernel has chosen. The handler does what a handler may: it notes the signal, counts an
+//! [event](crate::signals::announce_event), and waits until all watches have said that they are
+//! [done](CrashSlot::announce_done), or their time is over. Then the handler of before has its turn:
+//! the standard library's, which tells of a stack that has overflowed, or the default, so that the
+//! program ends by the signal as it would have without this, with its core dump. A thread that
+//! crashes while it does what the others wait for is [seen](CrashSlot::has_crashed) to have.
+//!
+//! A second signal that is sent to the program while it ends by one has no effect.
+//!
+//! In the child of a bare `fork` the handler waits for nothing: the threads are the parent's.
 //!
 //! ```
 //! use luna_platform::crash::CrashWatch;
@@ -15,6 +31,7 @@
 //! ```
 
 use crate::backend::crash as backend;
+use crate::forked;
 use crate::futex::Futex;
 use crate::signals::SignalError;
 use crate::thread::ThreadNumber;
@@ -30,7 +47,8 @@ pub const MOST_WATCHES: usize = 64;
 /// The most members that a watch knows apart.
 pub const MOST_MEMBERS: usize = 9;
 
-/// The signal by which the program crashes, 0 for none. Written by handlers; back only if one of before has made good what it was about.
+/// The signal by which the program ends, 0 for none. Written by handlers; back only if one of
+/// before has made good what it was about.
 static CRASHED: AtomicI32 = AtomicI32::new(0);
 
 /// Counts what handlers wait for.
@@ -61,8 +79,39 @@ impl Slot {
     }
 }
 
-/// How many watches there are.
-static INSTALLED: Mutex<usize> = Mutex::new(0);
+/// How many watches there are, and in which process.
+struct Installed {
+    process: u32,
+    watches: usize,
+}
+
+static INSTALLED: Mutex<Installed> = Mutex::new(Installed {
+    process: 0,
+    watches: 0,
+});
+
+impl Installed {
+    /// Forgets the watches of a parent process, which are not in this one.
+    fn enter_process(&mut self) {
+        let process = std::process::id();
+        if self.process == process {
+            return;
+        }
+        if self.watches > 0 {
+            backend::restore();
+        }
+        for slot in &SLOTS {
+            slot.is_awaited.store(false, Ordering::Relaxed);
+            slot.is_taken.store(false, Ordering::Relaxed);
+        }
+        CRASHED.store(0, Ordering::Relaxed);
+        *self = Installed {
+            process,
+            watches: 0,
+        };
+        forked::remember_process();
+    }
+}
 
 /// While it lives, a crash waits for who holds it. Several may live in one program: a crash waits for all, each its time.
 #[derive(Debug)]
@@ -83,16 +132,17 @@ impl CrashWatch {
     /// [`SignalError`] if the system does not let a signal be handled, or has none, or if there are [`MOST_WATCHES`] watches.
     pub fn install() -> Result<CrashWatch, SignalError> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        installed.enter_process();
         let free = SLOTS
             .iter()
             .find(|slot| !slot.is_taken.load(Ordering::Relaxed));
         let Some(slot) = free else {
             return Err(SignalError::TooMany { most: MOST_WATCHES });
         };
-        if *installed == 0 {
+        if installed.watches == 0 {
             backend::install()?;
         }
-        *installed += 1;
+        installed.watches += 1;
         slot.is_taken.store(true, Ordering::Relaxed);
         slot.bound.store(0, Ordering::Relaxed);
         for member in &slot.members {
@@ -112,11 +162,15 @@ impl CrashWatch {
 
 impl Drop for CrashWatch {
     fn drop(&mut self) {
-        self.slot.announce_done();
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        if installed.process != std::process::id() {
+            // It is a parent's.
+            return;
+        }
+        self.slot.announce_done();
         self.slot.0.is_taken.store(false, Ordering::Relaxed);
-        *installed -= 1;
-        if *installed == 0 {
+        installed.watches -= 1;
+        if installed.watches == 0 {
             backend::restore();
         }
     }
@@ -176,12 +230,19 @@ pub(crate) fn forget() {
     CRASHED.store(0, Ordering::Release);
 }
 
-/// What the handler does on the thread that crashes: async-signal-safe, and it returns after a bounded time.
+/// What the handler does on the thread that crashes, or that the kernel has chosen for a signal that
+/// `is_sent`: async-signal-safe, and it returns after a bounded time. Says whether the program is to
+/// end by it.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
-pub(crate) fn handle(number: i32) {
+pub(crate) fn handle(number: i32, is_sent: bool) -> bool {
     let began = Instant::now_real();
-    // The first crash is the one that is told; the others wait as it does.
-    let _ = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
+    // The first crash is the one that is reported; the others wait as it does.
+    let noted = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
+    if noted.is_err() && is_sent {
+        // The program ends already, and this thread has done nothing wrong: it may be the one that
+        // does what the others wait for.
+        return false;
+    }
     let me = backend::current_thread();
     for member in SLOTS.iter().flat_map(|slot| &slot.members) {
         let _ = member.compare_exchange(me, -me, Ordering::AcqRel, Ordering::Relaxed);
@@ -197,6 +258,7 @@ pub(crate) fn handle(number: i32) {
             DONE.wait(seen, until);
         }
     }
+    true
 }
 
 // Where threads have no numbers, nobody crashes either.

@@ -40,11 +40,14 @@ pub mod facts;
 mod fetch;
 #[cfg(all(unix, not(loom)))]
 pub mod file;
+#[cfg(not(loom))]
+pub mod forked;
 pub mod home_lock;
 #[cfg(not(loom))]
 pub mod latency;
 #[cfg(not(loom))]
 pub mod memory;
+pub mod panics;
 #[cfg(not(loom))]
 pub mod parent;
 pub mod park;

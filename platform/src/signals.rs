@@ -16,6 +16,7 @@
 use crate::backend::signals as backend;
 use crate::clock::Instant;
 use crate::event_count::EventCount;
+use crate::forked;
 use std::fmt;
 use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -48,10 +49,9 @@ pub enum Signal {
     Interrupt,
     /// SIGTERM: what `kill` sends.
     Terminate,
-    /// SIGHUP: the terminal has gone. Left alone where it is ignored already, as under `nohup`.
+    /// SIGHUP: the terminal has gone. Left alone where it is ignored already, as under `nohup`, or
+    /// where the program has a handler of its own.
     Hangup,
-    /// SIGQUIT: Ctrl-\.
-    Quit,
     /// SIGUSR1.
     User1,
     /// SIGUSR2.
@@ -71,23 +71,62 @@ impl fmt::Display for Signal {
             Signal::Interrupt => "SIGINT",
             Signal::Terminate => "SIGTERM",
             Signal::Hangup => "SIGHUP",
-            Signal::Quit => "SIGQUIT",
             Signal::User1 => "SIGUSR1",
             Signal::User2 => "SIGUSR2",
         })
     }
 }
 
+/// Shows the signal `number` by its name, such as `SIGTERM` or `SIGRTMIN+3`; by its number if it
+/// has none here.
+///
+/// ```
+/// assert_eq!(luna_platform::signals::name(999).to_string(), "signal 999");
+/// ```
+pub fn name(number: i32) -> impl fmt::Display {
+    fmt::from_fn(move |f| {
+        if let Some(name) = backend::name(number) {
+            return f.write_str(name);
+        }
+        match backend::real_time_number(number) {
+            Some(0) => f.write_str("SIGRTMIN"),
+            Some(above) => write!(f, "SIGRTMIN+{above}"),
+            None => write!(f, "signal {number}"),
+        }
+    })
+}
+
 /// What is installed in this process, and for how many watches.
 struct Installed {
+    /// In which process.
+    process: u32,
     watches: usize,
     before: Vec<backend::Before>,
 }
 
 static INSTALLED: Mutex<Installed> = Mutex::new(Installed {
+    process: 0,
     watches: 0,
     before: Vec::new(),
 });
+
+impl Installed {
+    /// Forgets what a parent process has installed, whose watches are not in this one.
+    fn enter_process(&mut self) {
+        let process = std::process::id();
+        if self.process == process {
+            return;
+        }
+        self.before.drain(..).for_each(backend::restore);
+        RECEIVED_AT.store(0, Ordering::Relaxed);
+        RECEIVED.store(0, Ordering::Relaxed);
+        for place in &WAITING {
+            place.store(0, Ordering::Relaxed);
+        }
+        (self.process, self.watches) = (process, 0);
+        forked::remember_process();
+    }
+}
 
 /// While it lives, signals are events instead of the program's end.
 ///
@@ -95,7 +134,8 @@ static INSTALLED: Mutex<Installed> = Mutex::new(Installed {
 /// least [`SAME_REQUEST`] later, ends the program at once with `_exit(128 + number)`: nothing is flushed or dropped.
 ///
 /// Several may live in one process, from several systems: all hear of a signal. When the last is dropped, the handlers of before are
-/// back, and the signal is forgotten.
+/// back, and the signal is forgotten. In the child of a bare `fork` a signal does by default what
+/// it does everywhere.
 ///
 /// ```
 /// use luna_platform::signals::{Signal, SignalWatch};
@@ -119,6 +159,7 @@ impl SignalWatch {
     /// [`SignalError`] if the system does not let a signal be handled, or has none. Nothing has changed then.
     pub fn install(signals: &[Signal]) -> Result<SignalWatch, SignalError> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        installed.enter_process();
         let already = installed.before.len();
         for &signal in signals {
             if installed
@@ -129,7 +170,7 @@ impl SignalWatch {
                 continue;
             }
             match backend::install(signal) {
-                Ok(before) => installed.before.push(before),
+                Ok(before) => installed.before.extend(before),
                 Err(error) => {
                     installed.before.drain(already..).for_each(backend::restore);
                     return Err(error);
@@ -160,6 +201,10 @@ impl SignalWatch {
     /// Gives the signal that was received, if this was the last watch.
     fn end(&self) -> Option<i32> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
+        if installed.process != std::process::id() {
+            // It is a parent's.
+            return None;
+        }
         installed.watches -= 1;
         if installed.watches > 0 {
             return None;
@@ -182,10 +227,18 @@ pub fn received() -> Option<i32> {
     Some(RECEIVED.load(Ordering::Acquire)).filter(|&number| number != 0)
 }
 
-/// Lets SIGINT, SIGTERM and SIGHUP be handled on the calling thread, which blocked them since it was [made here](crate::thread): for a thread of high priority that is to
-/// hear of them at once. One system call.
+/// Lets SIGINT, SIGTERM, SIGHUP and SIGQUIT be handled on the calling thread, which blocked them
+/// since it was [made here](crate::thread): for a thread of high priority that is to hear of them
+/// at once. One system call. It leaves out SIGHUP and SIGQUIT where the program handled or ignored
+/// them when [`HeldBack`] was made last.
 pub fn accept_here() {
-    backend::accept_here();
+    backend::accept_here(true);
+}
+
+/// As [`accept_here`], without SIGQUIT, whose [handler](crate::crash) waits until others have done
+/// their work: for a thread that those others need.
+pub fn accept_ends_here() {
+    backend::accept_here(false);
 }
 
 /// Blocks them again, so that the kernel chooses another thread. One system call.
@@ -193,8 +246,10 @@ pub fn refuse_here() {
     backend::hold_back();
 }
 
-/// While it lives, the thread that made it blocks SIGINT, SIGTERM and SIGHUP, so that another takes them: the kernel prefers the main thread to all others, though it may
-/// wait long for a core.
+/// While it lives, the thread that made it blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that
+/// another takes them: the kernel prefers the main thread to all others, though it may wait long
+/// for a core. SIGHUP and SIGQUIT stay as they are where the program ignores them or has a handler
+/// of its own.
 ///
 /// ```
 /// let held = luna_platform::signals::HeldBack::here();
@@ -210,6 +265,7 @@ pub struct HeldBack {
 impl HeldBack {
     /// Blocks them here. Not for the real-time path.
     pub fn here() -> HeldBack {
+        backend::find_requests();
         HeldBack {
             before: backend::hold_back(),
             stays_on_its_thread: std::marker::PhantomData,

@@ -5,13 +5,14 @@ use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::logging::Log;
 use crate::record::Tapes;
-use crate::safety::{Cause, Emergency};
+use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_executors::{
     Announced, LastWords, Living, OsThread, ProcessSpec, Refused, SimulationHandle,
 };
 use luna_platform::clock::Clock;
 use luna_platform::events;
+use luna_platform::panics;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
@@ -22,7 +23,6 @@ use std::future::Future;
 use std::hint::cold_path;
 use std::marker::PhantomData;
 use std::mem::ManuallyDrop;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -213,7 +213,7 @@ pub(crate) trait Phases: Send {
 
 /// Runs `pre_run`. Its panic is an error as any other.
 pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
-    catch_unwind(AssertUnwindSafe(|| resident.pre_run()))
+    panics::catch(|| resident.pre_run())
         .unwrap_or_else(|payload| Err(Error::Panicked(luna_executors::panic_message(&*payload))))
 }
 
@@ -221,10 +221,10 @@ pub(crate) fn prepare(resident: &mut dyn Phases) -> Result<()> {
 /// from being cleaned up. Gives it.
 pub(crate) fn clean_up(resident: Option<Box<dyn Phases>>) -> Option<Error> {
     let mut resident = resident?;
-    let cleaned_up = catch_unwind(AssertUnwindSafe(move || {
+    let cleaned_up = panics::catch(move || {
         resident.post_run();
         drop(resident);
-    }));
+    });
     let payload = cleaned_up.err()?;
     let message = luna_executors::panic_message(&*payload);
     // It is the user's too.
@@ -502,14 +502,16 @@ impl<F> Drop for Supervised<F> {
     }
 }
 
-/// A panic in a process is an emergency: triggered here, as it leaves the body, not when somebody finds the process ended.
+/// A panic in a process is an emergency. The panic hook has triggered it, unless the program has
+/// set another hook since, or the panic went on from another thread: then it is triggered here, as
+/// the panic leaves the body.
 struct Alarm;
 
 impl Drop for Alarm {
     #[cold]
     #[inline(never)]
     fn drop(&mut self) {
-        Common::with(|common| common.emergency.trigger(Cause::Panic));
+        Common::with(|common| common.emergency.trigger_by_panic());
     }
 }
 

@@ -5,6 +5,7 @@ use crate::logging::Log;
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
+use luna_platform::signals;
 use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -60,7 +61,8 @@ pub enum Cause {
     Overrun,
     /// Every process of a strict system waits for another.
     Deadlock,
-    /// A signal came that asks the program to end (SIGINT is 2, SIGTERM 15, SIGHUP 1), or one that says that it crashes.
+    /// A signal came that asks the program to end (SIGINT is 2, SIGTERM 15, SIGHUP 1), or another
+    /// one whose default action ends it.
     Signal(i32),
     /// The program that started this one has ended.
     ParentDied,
@@ -77,10 +79,7 @@ impl fmt::Display for Cause {
             Cause::Panic => f.write_str("a panic"),
             Cause::Overrun => f.write_str("a budget was overrun"),
             Cause::Deadlock => f.write_str("a deadlock"),
-            Cause::Signal(2) => f.write_str("SIGINT"),
-            Cause::Signal(15) => f.write_str("SIGTERM"),
-            Cause::Signal(1) => f.write_str("SIGHUP"),
-            Cause::Signal(number) => write!(f, "signal {number}"),
+            Cause::Signal(number) => signals::name(*number).fmt(f),
             Cause::ParentDied => f.write_str("the parent process has died"),
             Cause::GuardianLost => f.write_str("the guardian has ended"),
             Cause::Reset(why) => write!(f, "reset: {why}"),

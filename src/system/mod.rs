@@ -515,8 +515,10 @@ impl System {
     /// are released. While they run this thread sleeps, runs `post_run` of those that end, and frees what they leave.
     ///
     /// SIGINT, SIGTERM and SIGHUP run the functions of [`on_emergency`](Self::on_emergency), then cancel all processes; the report is returned as
-    /// usual, and says so. A second signal ends the program at once. A process that does not end within two seconds then is left behind. This thread blocks those three while
-    /// it is in here, so that the emergency manager's own takes them, as soon as they come.
+    /// usual, and says so. A second signal ends the program at once. A process that does not end
+    /// within two seconds then is left behind. This thread blocks those three and SIGQUIT while it
+    /// is in here, so that the emergency manager's own takes them, as soon as they come; SIGHUP and
+    /// SIGQUIT only if the program neither handles nor ignores them.
     ///
     /// # Errors
     ///

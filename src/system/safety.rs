@@ -10,8 +10,11 @@ impl System {
     /// In an emergency they run once, first to last registered (with those that drivers register by [`Safety::on_emergency`]), on a thread of the highest
     /// priority, SCHED_FIFO 99, which waits ready for it; then the system ends. What makes an emergency: SIGINT, SIGTERM, SIGHUP; a panic in a process or a timer's callback;
     /// [`luna::emergency`](crate::emergency()); an overrun budget if [so stated](crate::OnOverrun::Emergency); an [`EmergencyTrigger`]; a deadlock of a
-    /// [`strict`](Self::strict) system; the [parent's death](Self::emergency_at_parents_death) on request. In a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT) they run too, and then the
-    /// program ends as it would without them. `docs/safety.md` says what is guaranteed, and what is not.
+    /// [`strict`](Self::strict) system; the [parent's death](Self::emergency_at_parents_death) on
+    /// request. In a crash (SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT), and at every other signal
+    /// whose default action ends a program and that the program neither handles nor ignores, they
+    /// run too, and then the program ends as it would without them. `docs/safety.md` says what is
+    /// guaranteed, and what is not.
     ///
     /// One that panics does not keep the next from running. One that takes longer than its limit is left behind at low priority, and another thread goes on with the next:
     /// [`on_emergency_within`](Self::on_emergency_within). The report says how it went with each.
@@ -22,8 +25,10 @@ impl System {
     /// Functions run with SIGINT, SIGTERM, SIGHUP and SIGQUIT blocked. A program that one starts by `std::process` inherits that, and such a signal does not end it unless it unblocks it (shells do so for what they run, few others do): have it
     /// started before, or empty the mask in [`pre_exec`](https://doc.rust-lang.org/std/os/unix/process/trait.CommandExt.html#tymethod.pre_exec).
     ///
-    /// A panic makes an emergency as it leaves the process' body, that is after the panic hook, which by default writes to standard error. With
-    /// `panic = "abort"`, or a panic while one unwinds, it is a crash by SIGABRT.
+    /// A panic in a process makes an emergency before the panic hook prints, which takes long with
+    /// a backtrace; so also one that the body catches, unless by
+    /// [`luna::catch_panic`](crate::catch_panic()). A hook that the program sets while the system
+    /// runs comes before the functions. A panic while one unwinds is a crash by SIGABRT.
     pub fn on_emergency(
         &mut self,
         name: &str,

@@ -13,7 +13,7 @@ use crate::error::{Error, Result, SetupError};
 use crate::parameters::FileWatch;
 use crate::record::RecordError;
 use crate::report::{End, Report};
-use crate::safety::Cause;
+use crate::safety::{Cause, Emergency};
 use crate::tell::tell;
 use crate::time::{ManagerThread, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
@@ -230,7 +230,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         End::Undriven => failed_before,
         End::Livelock => livelock,
         _ => error_of_run(&members.started, cause, &report)
-            .or_else(|| callback_panic.flatten().filter(|_| signal.is_none())),
+            .or_else(|| callback_panic.flatten().filter(|_| signal.is_none()))
+            .or_else(|| caught_panic(&members.started, emergency, &report)),
     }
     // Whatever has ended the system: something may not be as its process was to leave it.
     .or_else(|| members.started.first_cleanup().cloned());
@@ -501,6 +502,18 @@ fn livelock(started: &Register, standstill: Option<Standstill>, now: Instant) ->
             at: now,
         }),
         _ => None,
+    }
+}
+
+/// The error of a run that a panic has ended with which no process ended: it was an emergency
+/// before the body caught it.
+fn caught_panic(started: &Register, emergency: &Emergency, report: &Report) -> Option<Error> {
+    let (process, _) = emergency.cause().filter(|_| report.end == End::Panic)?;
+    let message = "it was caught, but not by `luna::catch_panic`";
+    let error = Error::Panicked(message.to_owned());
+    match process.and_then(|process| started.name(process)) {
+        Some(name) => Some(error.in_process(name)),
+        None => Some(error),
     }
 }
 

@@ -243,6 +243,11 @@ impl Program {
         self.child.stdin.take();
     }
 
+    /// Its number as a process.
+    pub(crate) fn number(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends it a signal, by number.
     #[cfg(unix)]
     pub(crate) fn signal(&self, signal: i32) {

@@ -9,12 +9,12 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{Activity, LEVELS, Process, ProcessId};
 use luna_platform::events;
 use luna_platform::home_lock::HomeLock;
+use luna_platform::panics;
 use luna_platform::path;
 use luna_platform::tape::Taper;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
@@ -542,7 +542,7 @@ impl Record {
             drop(shown);
             drop(waker.take());
             if let Some(ready) = ready
-                && let Err(payload) = catch_unwind(AssertUnwindSafe(|| ready.wake()))
+                && let Err(payload) = panics::catch(|| ready.wake())
             {
                 // A foreign waker's panic is its own matter: the others are told all the same. Dropping what it said could panic in turn.
                 std::mem::forget(payload);

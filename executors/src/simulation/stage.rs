@@ -13,11 +13,11 @@ use crate::watch;
 use luna_platform::bell::Watch;
 use luna_platform::clock::{Clock, Instant, VirtualClock};
 use luna_platform::futex::Waited;
+use luna_platform::panics;
 use luna_platform::park::Parker;
 use luna_platform::reclaim::{self, Shared};
 use std::cell::Cell;
 use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -378,7 +378,7 @@ impl Play<'_> {
             }
             Oldest::Done(delivery) => {
                 // What it drops may be the user's, whose panic is nobody's here.
-                if let Err(payload) = catch_unwind(AssertUnwindSafe(delivery)) {
+                if let Err(payload) = panics::catch(delivery) {
                     std::mem::forget(payload);
                 }
                 return true;

@@ -1,6 +1,8 @@
-//! Handlers of the signals by which a program crashes.
+//! Handlers of the signals that end the program by the signal itself.
 
+use super::signals::{action_of, send_here, set_default};
 use crate::crash::{forget, handle};
+use crate::forked;
 use crate::signals::SignalError;
 use nix::errno::Errno;
 use nix::libc;
@@ -8,7 +10,8 @@ use std::cell::UnsafeCell;
 use std::mem::MaybeUninit;
 use std::ptr;
 
-const SIGNALS: [libc::c_int; 5] = [
+/// By these a program crashes. Whatever handled them before has its turn afterwards.
+const FAULTS: [libc::c_int; 5] = [
     libc::SIGSEGV,
     libc::SIGBUS,
     libc::SIGFPE,
@@ -16,20 +19,48 @@ const SIGNALS: [libc::c_int; 5] = [
     libc::SIGABRT,
 ];
 
-/// The place of SIGABRT among them.
-const ABORT: usize = 4;
+/// The others that end a program by default: they are handled where they would, and left alone
+/// where the program ignores them or has a handler of its own. The real-time signals belong to
+/// them. SIGINT, SIGTERM and SIGHUP ask for an end in order, and are handled elsewhere.
+const OTHERS: &[libc::c_int] = &[
+    libc::SIGQUIT,
+    libc::SIGTRAP,
+    libc::SIGSYS,
+    libc::SIGXCPU,
+    libc::SIGXFSZ,
+    libc::SIGALRM,
+    libc::SIGVTALRM,
+    libc::SIGPROF,
+    libc::SIGPIPE,
+    libc::SIGIO,
+    libc::SIGPWR,
+    libc::SIGUSR1,
+    libc::SIGUSR2,
+    #[cfg(not(any(
+        target_arch = "mips",
+        target_arch = "mips64",
+        target_arch = "mips32r6",
+        target_arch = "mips64r6",
+        target_arch = "sparc",
+        target_arch = "sparc64"
+    )))]
+    libc::SIGSTKFLT,
+];
 
-/// What each signal did before.
+/// One more than the highest signal's number, on all of Linux' processors.
+const NUMBERS: usize = 129;
+
+/// What each signal did before, by its number.
 ///
 /// # Invariants
 ///
 /// Written only by `install`, which one thread at a time calls, before the handler of that signal is set; read from then on.
-struct Before([UnsafeCell<MaybeUninit<libc::sigaction>>; SIGNALS.len()]);
+struct Before([UnsafeCell<MaybeUninit<libc::sigaction>>; NUMBERS]);
 
 // SAFETY: the invariant: writes come before the system call that sets the handler, which alone reads.
 unsafe impl Sync for Before {}
 
-static BEFORE: Before = Before([const { UnsafeCell::new(MaybeUninit::zeroed()) }; SIGNALS.len()]);
+static BEFORE: Before = Before([const { UnsafeCell::new(MaybeUninit::zeroed()) }; NUMBERS]);
 
 type Handler = extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void);
 
@@ -39,14 +70,26 @@ pub(crate) fn current_thread() -> i32 {
     nix::unistd::gettid().as_raw()
 }
 
+/// All that may be handled here.
+fn signals() -> impl Iterator<Item = libc::c_int> {
+    let others = OTHERS.iter().copied().chain(real_time());
+    FAULTS.into_iter().chain(others)
+}
+
+/// Without those that the C library keeps for itself.
+fn real_time() -> impl Iterator<Item = libc::c_int> {
+    libc::SIGRTMIN()..=libc::SIGRTMAX().min(NUMBERS as i32 - 1)
+}
+
 /// Sets the handlers. Called by one thread at a time, when none is set.
 pub(crate) fn install() -> Result<(), SignalError> {
-    for (index, &signal) in SIGNALS.iter().enumerate() {
-        let before = BEFORE.0[index].get().cast::<libc::sigaction>();
-        // SAFETY: what was before is read first, into a place that nobody reads before the handler is set.
-        let known = Errno::result(unsafe { libc::sigaction(signal, ptr::null(), before) });
-        if let Err(error) = known.and_then(|_| set_handler(signal)) {
-            SIGNALS[..index].iter().enumerate().for_each(restore_one);
+    for signal in signals() {
+        if let Err(error) = install_one(signal) {
+            // Valgrind and emulators keep real-time signals for themselves: no program sends those.
+            if real_time().any(|one| one == signal) {
+                continue;
+            }
+            restore();
             return Err(SignalError::NoCrashHandler {
                 number: signal,
                 message: error.to_string(),
@@ -56,6 +99,27 @@ pub(crate) fn install() -> Result<(), SignalError> {
     Ok(())
 }
 
+fn install_one(signal: libc::c_int) -> Result<(), Errno> {
+    let before = action_of(signal).ok_or_else(Errno::last)?;
+    let is_free = before.sa_sigaction == libc::SIG_DFL || is_own(&before);
+    if !is_free && !FAULTS.contains(&signal) {
+        return Ok(());
+    }
+    // It may be set already: a library found it as the former action and has put it back since.
+    // Then what was before it is known.
+    if !is_own(&before) {
+        // SAFETY: the invariant: the handler of this signal is not set, so no handler reads the
+        // place.
+        unsafe { before_of(signal).write(before) };
+    }
+    set_handler(signal)
+}
+
+/// Where the action of before is kept.
+fn before_of(signal: libc::c_int) -> *mut libc::sigaction {
+    BEFORE.0[signal as usize].get().cast()
+}
+
 fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
     let mut action = MaybeUninit::<libc::sigaction>::zeroed();
     // SAFETY: all zeros is an action, whose fields are then set.
@@ -63,42 +127,58 @@ fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
         let action = action.assume_init_mut();
         action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
         // On a stack of its own, since the thread's may be used up. A fault while its own signal is blocked ends the program by default.
-        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
+        // Other system calls go on after the handler where they can, if it returns.
+        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
         libc::sigemptyset(&raw mut action.sa_mask);
         libc::sigaction(signal, action, ptr::null_mut())
     };
     Errno::result(outcome).map(drop)
 }
 
-/// Sets what the signals did before, where nobody has set something else since.
-pub(crate) fn restore() {
-    SIGNALS.iter().enumerate().for_each(restore_one);
+/// Whether it is this module's handler that is set.
+pub(super) fn is_own(action: &libc::sigaction) -> bool {
+    action.sa_sigaction == HANDLER as *const () as usize
 }
 
-fn restore_one((index, &signal): (usize, &libc::c_int)) {
-    let mut now = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: the place is valid to write to; the action of before was in place before, so whoever set it answers for it.
-    unsafe {
-        let is_known = libc::sigaction(signal, ptr::null(), now.as_mut_ptr()) == 0;
-        if is_known && now.assume_init().sa_sigaction == HANDLER as *const () as usize {
-            libc::sigaction(signal, BEFORE.0[index].get().cast(), ptr::null_mut());
-        }
+/// Sets what the signals did before, where nobody has set something else since.
+pub(crate) fn restore() {
+    signals().for_each(restore_one);
+}
+
+fn restore_one(signal: libc::c_int) {
+    if action_of(signal).is_some_and(|now| is_own(&now)) {
+        // SAFETY: the action of before was in place before, so whoever set it answers for it. It
+        // was written before the handler was set.
+        unsafe { libc::sigaction(signal, before_of(signal), ptr::null_mut()) };
     }
 }
 
-/// Runs on the thread that crashes, in the middle of anything.
+/// Whether the signal came from elsewhere, and the thread that handles it is as good as any other.
+/// What a thread sends to itself, as `abort` does, is its own.
+fn is_sent(number: libc::c_int, code: libc::c_int) -> bool {
+    let by_processor = [libc::SIGTRAP, libc::SIGSYS];
+    let may_be_own = FAULTS.contains(&number) || by_processor.contains(&number);
+    code != libc::SI_TKILL && (code <= 0 || !may_be_own)
+}
+
+/// Runs on the thread that crashes, or on the one that the kernel has chosen, in the middle of
+/// anything.
 extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
     let errno = Errno::last_raw();
-    handle(number);
+    // In a child the parent's threads are not there, and what they would do is the parent's.
+    let is_child = forked::is_child();
+    // SAFETY: the kernel gives the handler a valid place.
+    let code = unsafe { (*info).si_code };
+    let ends = is_child || handle(number, is_sent(number, code));
     Errno::set_raw(errno);
-    let Some(index) = SIGNALS.iter().position(|&signal| signal == number) else {
+    if !ends {
         return;
-    };
+    }
     // Whoever handled it before may abort, and there may be no room for one more of these on a small stack; what it is for has been done.
-    restore_one((ABORT, &SIGNALS[ABORT]));
+    restore_one(libc::SIGABRT);
     // SAFETY: it was written before this handler was set. The kernel's arguments are passed on to whoever would have been given them.
     unsafe {
-        let before = *BEFORE.0[index].get().cast::<libc::sigaction>();
+        let before = *before_of(number);
         match before.sa_sigaction {
             libc::SIG_DFL | libc::SIG_IGN => set_default(number),
             address if before.sa_flags & libc::SA_SIGINFO != 0 => {
@@ -110,37 +190,19 @@ extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: 
                 handler(number);
             }
         }
-        if !is_default(number) {
+        if action_of(number).is_none_or(|now| now.sa_sigaction != libc::SIG_DFL) {
             // Who handled it before has, and the program goes on.
-            let _ = set_handler(SIGNALS[ABORT]);
-            forget();
+            let _ = set_handler(libc::SIGABRT);
+            if !is_child {
+                forget();
+            }
             return;
         }
-        // What the processor refused is refused again when this returns, now by default. What somebody sent, as `abort` does, is sent again.
-        if (*info).si_code <= 0 {
-            libc::syscall(
-                libc::SYS_tgkill,
-                libc::getpid(),
-                libc::syscall(libc::SYS_gettid),
-                number,
-            );
+        // What the processor refused is refused again when this returns, now by default, and a core
+        // dump tells why. All others are sent again, since they would not come again by themselves.
+        let is_refused_again = code > 0 && FAULTS.contains(&number);
+        if !is_refused_again {
+            send_here(number);
         }
-    }
-}
-
-fn set_default(number: libc::c_int) {
-    // SAFETY: all zeros is the default action without flags.
-    unsafe {
-        let action = MaybeUninit::<libc::sigaction>::zeroed().assume_init();
-        libc::sigaction(number, &raw const action, ptr::null_mut());
-    }
-}
-
-fn is_default(number: libc::c_int) -> bool {
-    let mut now = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: the place is valid to write to.
-    unsafe {
-        libc::sigaction(number, ptr::null(), now.as_mut_ptr()) == 0
-            && now.assume_init().sa_sigaction == libc::SIG_DFL
     }
 }

@@ -1,8 +1,20 @@
 //! Handlers of signals.
 
+use super::crash;
+use crate::forked;
 use crate::signals::{Noted, Signal, SignalError, note};
 use nix::errno::Errno;
+use nix::libc;
 use nix::sys::signal as sys;
+use std::mem::MaybeUninit;
+use std::ptr;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether a system takes SIGHUP and SIGQUIT. Written when a thread begins to hold requests back.
+static TAKES: [(sys::Signal, AtomicBool); 2] = [
+    (sys::Signal::SIGHUP, AtomicBool::new(true)),
+    (sys::Signal::SIGQUIT, AtomicBool::new(true)),
+];
 
 /// What a signal did before it was watched for.
 pub(crate) struct Before {
@@ -21,7 +33,6 @@ fn sys_signal(signal: Signal) -> sys::Signal {
         Signal::Interrupt => sys::Signal::SIGINT,
         Signal::Terminate => sys::Signal::SIGTERM,
         Signal::Hangup => sys::Signal::SIGHUP,
-        Signal::Quit => sys::Signal::SIGQUIT,
         Signal::User1 => sys::Signal::SIGUSR1,
         Signal::User2 => sys::Signal::SIGUSR2,
     }
@@ -34,17 +45,82 @@ pub(crate) fn number(signal: Signal) -> i32 {
 /// Which signals a thread blocks.
 pub(crate) type Mask = sys::SigSet;
 
+/// What asks a program to end, as far as a system takes it.
 fn requests() -> sys::SigSet {
-    sys::SigSet::from_iter([
-        sys::Signal::SIGINT,
-        sys::Signal::SIGTERM,
-        sys::Signal::SIGHUP,
-    ])
+    let mut requests = sys::SigSet::from_iter([sys::Signal::SIGINT, sys::Signal::SIGTERM]);
+    for (signal, takes) in &TAKES {
+        if takes.load(Ordering::Relaxed) {
+            requests.add(*signal);
+        }
+    }
+    requests
+}
+
+/// Leaves out of the requests what the program ignores or handles itself.
+pub(crate) fn find_requests() {
+    for (signal, takes) in &TAKES {
+        takes.store(is_free(*signal as i32), Ordering::Relaxed);
+    }
+}
+
+/// What `signal` does. `None` if the kernel does not know it, or keeps it for itself.
+pub(super) fn action_of(signal: libc::c_int) -> Option<libc::sigaction> {
+    let mut action = MaybeUninit::<libc::sigaction>::zeroed();
+    // SAFETY: the place is valid to write to, and all zeros is an action. The call changes nothing.
+    unsafe {
+        let outcome = libc::sigaction(signal, ptr::null(), action.as_mut_ptr());
+        (outcome == 0).then(|| action.assume_init())
+    }
+}
+
+pub(super) fn set_default(signal: libc::c_int) {
+    // SAFETY: all zeros is the default action without flags, which runs nothing.
+    unsafe {
+        let action = MaybeUninit::<libc::sigaction>::zeroed().assume_init();
+        libc::sigaction(signal, &raw const action, ptr::null_mut());
+    }
+}
+
+/// Sends `signal` to the calling thread. Async-signal-safe.
+pub(super) fn send_here(signal: libc::c_int) {
+    // SAFETY: plain system calls. The thread is there.
+    unsafe {
+        let thread = libc::syscall(libc::SYS_gettid);
+        libc::syscall(libc::SYS_tgkill, libc::getpid(), thread, signal);
+    }
+}
+
+/// Whether neither the program ignores `signal` nor it has a handler of its own.
+fn is_free(signal: libc::c_int) -> bool {
+    action_of(signal).is_some_and(|action| {
+        action.sa_sigaction == libc::SIG_DFL || is_own(&action) || crash::is_own(&action)
+    })
+}
+
+/// Whether it is this module's handler that is set.
+fn is_own(action: &libc::sigaction) -> bool {
+    let own: extern "C" fn(libc::c_int) = handle;
+    action.sa_sigaction == own as *const () as usize
+}
+
+pub(crate) fn name(number: i32) -> Option<&'static str> {
+    let signal = sys::Signal::try_from(number).ok();
+    signal.map(sys::Signal::as_str)
+}
+
+/// How many places a real-time signal lies above the first one.
+pub(crate) fn real_time_number(number: i32) -> Option<i32> {
+    let range = libc::SIGRTMIN()..=libc::SIGRTMAX();
+    range.contains(&number).then(|| number - libc::SIGRTMIN())
 }
 
 /// These fail only for an unknown `how`.
-pub(crate) fn accept_here() {
-    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&requests()), None);
+pub(crate) fn accept_here(takes_quit: bool) {
+    let mut accepted = requests();
+    if !takes_quit {
+        accepted.remove(sys::Signal::SIGQUIT);
+    }
+    let _ = sys::pthread_sigmask(sys::SigmaskHow::SIG_UNBLOCK, Some(&accepted), None);
 }
 
 pub(crate) fn hold_back() -> Mask {
@@ -70,34 +146,33 @@ pub(crate) fn send_to_this_process(number: i32) {
     }
 }
 
-/// Sets the handler of `signal`.
-pub(crate) fn install(signal: Signal) -> Result<Before, SignalError> {
+/// Sets the handler of `signal`; does nothing, and gives nothing, if it is a request that the
+/// program ignores or handles itself.
+pub(crate) fn install(signal: Signal) -> Result<Option<Before>, SignalError> {
+    // SIGINT and SIGTERM are the user's emergency stop: a system takes them in any case.
+    let is_needed = matches!(signal, Signal::Interrupt | Signal::Terminate);
+    if !is_needed && !is_free(number(signal)) {
+        return Ok(None);
+    }
     // Other system calls go on after the handler where they can; the handler runs on an alternative stack if the thread has one.
     let flags = sys::SaFlags::SA_RESTART | sys::SaFlags::SA_ONSTACK;
     let action = sys::SigAction::new(sys::SigHandler::Handler(handle), flags, sys::SigSet::all());
     // SAFETY: `handle` does only what is async-signal-safe.
     let before = unsafe { sys::sigaction(sys_signal(signal), &action) };
-    let before = before.map_err(|error| SignalError::Refused {
-        signal,
-        message: error.to_string(),
-    })?;
-    let before = Before {
-        signal,
-        action: before,
-    };
-    if signal == Signal::Hangup && matches!(before.action.handler(), sys::SigHandler::SigIgn) {
-        // `nohup` asked that the program outlive its terminal.
-        restore(before);
-        return Ok(Before {
+    match before {
+        Ok(action) => Ok(Some(Before { signal, action })),
+        Err(error) => Err(SignalError::Refused {
             signal,
-            action: sys::SigAction::new(sys::SigHandler::SigIgn, flags, sys::SigSet::empty()),
-        });
+            message: error.to_string(),
+        }),
     }
-    Ok(before)
 }
 
-/// Sets what the signal did before.
+/// Sets what the signal did before, unless another handler was set since.
 pub(crate) fn restore(before: Before) {
+    if action_of(number(before.signal)).is_none_or(|action| !is_own(&action)) {
+        return;
+    }
     // SAFETY: the action was in place before, so whoever set it answers for it.
     let outcome = unsafe { sys::sigaction(sys_signal(before.signal), &before.action) };
     debug_assert!(
@@ -110,6 +185,13 @@ pub(crate) fn restore(before: Before) {
 extern "C" fn handle(number: i32) {
     // What was interrupted may be about to read its `errno`, which the system call in here changes.
     let errno = Errno::last_raw();
+    if forked::is_child() {
+        // The parent's threads are not here: it does what it does by default, as soon as this
+        // handler has returned.
+        set_default(number);
+        send_here(number);
+        return Errno::set_raw(errno);
+    }
     match note(number) {
         Noted::Event => Errno::set_raw(errno),
         // SAFETY: ends the process without running anything of it.

@@ -17,13 +17,21 @@ pub(crate) fn number(signal: Signal) -> i32 {
         Signal::Interrupt => 2,
         Signal::Terminate => 15,
         Signal::Hangup => 1,
-        Signal::Quit => 3,
         Signal::User1 => 10,
         Signal::User2 => 12,
     }
 }
 
-pub(crate) fn install(_signal: Signal) -> Result<Before, SignalError> {
+/// There are none.
+pub(crate) fn name(_number: i32) -> Option<&'static str> {
+    None
+}
+
+pub(crate) fn real_time_number(_number: i32) -> Option<i32> {
+    None
+}
+
+pub(crate) fn install(_signal: Signal) -> Result<Option<Before>, SignalError> {
     Err(SignalError::Unsupported)
 }
 
@@ -34,9 +42,11 @@ pub(crate) fn restore(before: Before) {
 /// Nothing is blocked.
 pub(crate) type Mask = ();
 
-pub(crate) fn accept_here() {}
+pub(crate) fn accept_here(_takes_quit: bool) {}
 
 pub(crate) fn hold_back() -> Mask {}
+
+pub(crate) fn find_requests() {}
 
 pub(crate) fn set_mask(_mask: &Mask) {}
 

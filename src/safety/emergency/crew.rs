@@ -10,6 +10,7 @@
 mod member;
 
 use super::Emergency;
+use super::panics;
 use super::rouser::{self, Rouser, RouserThread};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
@@ -37,8 +38,9 @@ const MOST: usize = MOST_MEMBERS;
 /// How much longer a crash waits than the functions may take.
 const CRASH_MARGIN: Duration = Duration::from_millis(200);
 
-/// How often the end looks whether the members have ended.
-const LOOKS_EVERY: Duration = Duration::from_micros(200);
+/// How often a thread that is in no hurry looks whether the functions have run, or the members have
+/// ended.
+pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
 /// What the members know of each other.
 #[derive(Debug)]
@@ -172,6 +174,7 @@ impl EmergencyThread {
             Signal::Hangup,
         ]))?;
         let crash = supported(CrashWatch::install())?;
+        panics::install_hook();
         let crew = &emergency.crew;
         crew.hears_signals
             .store(signals.is_some(), Ordering::Relaxed);

@@ -2,6 +2,7 @@
 
 mod crew;
 mod functions;
+mod panics;
 mod rouser;
 mod trigger;
 
@@ -21,7 +22,7 @@ use functions::{Functions, Run};
 use luna_executors::SimulationHandle;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
-use luna_platform::signals;
+use luna_platform::{forked, path, signals};
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,6 +31,9 @@ use std::time::Duration;
 
 /// How long at most a process that triggers looks on until the functions begin: so no other process of its core runs before.
 const LOOKS_ON: Duration = Duration::from_millis(1);
+
+/// The exit status of a program that panics.
+const PANICKED: i32 = 101;
 
 /// What the triggers share with the crew. It lives from the system's making.
 #[derive(Debug)]
@@ -160,6 +164,29 @@ impl Emergency {
             // It does not get its core: this thread has been moved to another, or the kernel holds back the core's real-time threads.
             signals::announce_event();
         }
+    }
+
+    /// As [`trigger`](Self::trigger), for a panic that leaves a process' body or a callback;
+    /// nothing if the panic hook has done so before. In the child of a bare `fork` it ends that
+    /// child: the thread would go on with the parent's processes.
+    pub(crate) fn trigger_by_panic(&self) {
+        if forked::is_child() {
+            forked::end_child(PANICKED);
+        }
+        if !panics::take_raised() {
+            self.trigger(Cause::Panic);
+        }
+    }
+
+    /// Waits until the functions have run, but no longer than `at_most`.
+    fn wait_for_functions(&self, at_most: Duration) {
+        let until = Instant::now_real() + at_most;
+        let is_over = || !self.has_begun() || self.is_safe() || !self.crew.serves();
+        path::off_path(|| {
+            while !is_over() && Instant::now_real() < until {
+                std::thread::sleep(crew::LOOKS_EVERY);
+            }
+        });
     }
 
     fn begin(&self, cause: Cause) {

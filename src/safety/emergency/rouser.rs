@@ -69,7 +69,7 @@ impl RouserThread {
             Attributes::framework("luna-rouser", policy).stack_size(MINIMUM_STACK_SIZE),
             move |_| {
                 if hears_signals {
-                    signals::accept_here();
+                    signals::accept_ends_here();
                 }
                 Ok::<_, Infallible>(())
             },

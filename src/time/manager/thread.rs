@@ -3,7 +3,7 @@
 use super::report::{TickReport, TimersReport};
 use super::{Engine, Manager};
 use crate::error::{Error, Result};
-use crate::safety::{Cause, Emergency};
+use crate::safety::Emergency;
 use luna_platform::clock::Instant;
 use luna_platform::current;
 use luna_platform::lock::PiLock;
@@ -140,7 +140,7 @@ impl Drop for End<'_> {
         self.engine.bases.close();
         if std::thread::panicking() {
             // A fault of the framework: nobody keeps time any more as the system was told.
-            self.shared.emergency.trigger(Cause::Panic);
+            self.shared.emergency.trigger_by_panic();
         }
     }
 }
@@ -152,6 +152,8 @@ impl Shared {
             shared: self,
             engine,
         };
+        // For the panic hook.
+        self.emergency.enter_thread();
         // A thread's first lock asks the kernel for its number: not on the path.
         drop(self.panic.lock());
         current::set_on_path(true);
@@ -177,6 +179,6 @@ impl Shared {
         self.panic
             .lock()
             .get_or_insert(Error::Callback { name, message });
-        self.emergency.trigger(Cause::Panic);
+        self.emergency.trigger_by_panic();
     }
 }

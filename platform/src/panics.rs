@@ -1,0 +1,60 @@
+//! Whether a panic on this thread is expected, and caught by code that goes on.
+
+use std::any::Any;
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+thread_local! {
+    static ARE_CAUGHT: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Calls `f` and catches its panic, as [`std::panic::catch_unwind`] does, and lets the panic hook
+/// [know](are_caught) that the caller does.
+///
+/// In a process of a system a panic is an emergency from the moment of the panic hook on, before
+/// anybody can know that it will be caught. One in here is none: the caller has its payload, and
+/// decides. The panic hook prints it all the same. What `f` leaves half done is seen by the caller
+/// alone, so no `UnwindSafe` is asked for.
+///
+/// ```
+/// let outcome = luna_platform::panics::catch(|| u8::try_from(300).unwrap());
+/// assert!(outcome.is_err());
+/// ```
+///
+/// # Errors
+///
+/// The payload of the panic.
+pub fn catch<R>(f: impl FnOnce() -> R) -> Result<R, Box<dyn Any + Send>> {
+    struct Restore(bool);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            ARE_CAUGHT.set(self.0);
+        }
+    }
+    let _restore = Restore(ARE_CAUGHT.replace(true));
+    catch_unwind(AssertUnwindSafe(f))
+}
+
+/// Whether the calling thread is in [`catch`]. For a panic hook: also while the thread ends.
+pub fn are_caught() -> bool {
+    ARE_CAUGHT.get()
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_known_inside_alone() {
+        assert!(!are_caught());
+        let inner = catch(|| {
+            assert!(are_caught());
+            catch(|| panic!("on purpose")).unwrap_err();
+            assert!(are_caught());
+            7
+        });
+        assert_eq!(inner.unwrap(), 7);
+        catch(|| panic!("on purpose")).unwrap_err();
+        assert!(!are_caught());
+    }
+}
