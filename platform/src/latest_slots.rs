@@ -1,50 +1,123 @@
-//! Three slots for a value of which the latest matters: one writes, one reads, and neither ever waits for the other.
+//! A value of which the latest matters: one publisher, one owner, any number of other readers, all wait-free.
 //!
-//! The *owner* reads the front slot. The writer fills the back slot, which nobody reads, and swaps it with the one between; at a moment of its own the owner
-//! swaps the front with the one between, if that is new. So what the owner reads changes only when it says so, all of it at once, and a value that came while another
-//! was not taken yet takes its place. Nothing is allocated or freed, and each side does one atomic exchange.
+//! The *owner* reads the front slot. The publisher fills a free slot and offers it in `between`. The
+//! owner takes the offer when it calls [`latch`](LatestSlots::latch). So the value that the owner
+//! reads changes only at its own call, all words at once, and an offer that was not taken yet is
+//! replaced by a later one. Other threads may [`read`](LatestSlots::read) the front slot too.
 //!
-//! The values themselves lie with the user, three of each: this is who may touch which. They are atomics too, so that others than the owner may read the front
-//! beside it, by [`read`](ThreeSlots::read): they look afterwards whether the slot still has the value that the owner took.
+//! # Why there are more than three slots
+//!
+//! With three slots, a slot that the owner gives away is written again at once, so a reader can only
+//! copy and check. It must repeat the copy as long as the check fails. If the owner is preempted in
+//! the middle of `latch`, the check fails until the owner runs again, and a reader of higher priority
+//! on the same core never ends. A wait-free reader needs a slot that is not written while it is read.
+//! Readers that are preempted while each reads another value then need a slot each, so a fixed number
+//! of slots is not enough for any number of readers. This protocol counts the readers of a slot in the
+//! word that names the slot, as the ARC register does (M. Ianni et al., "Anonymous Readers Counting",
+//! 2017). It begins with [`SLOTS`] slots, which are enough as long as no thread is preempted in the
+//! middle of a counted read. The publisher, which is not on the real-time path, allocates more when
+//! readers hold all of them.
+//!
+//! # Bounds
+//!
+//! | operation | steps |
+//! | --- | --- |
+//! | [`front`](LatestSlots::front), [`is_fresh`](LatestSlots::is_fresh) | one load |
+//! | [`latch`](LatestSlots::latch) | one load; with an offer three atomic exchanges, one load and one store more |
+//! | [`read`](LatestSlots::read) | at most two copies, and three atomic operations between them; the owner makes one copy |
+//! | [`publish`](LatestSlots::publish) | one copy, one exchange, and a look at each slot; there are at most twice as many as `SLOTS` and the greatest number of readers that held slots at once |
+//!
+//! # Protocol
+//!
+//! A slot is in use, or retired with the number of readers that entered it. `latch` goes from the
+//! slot `old` to the offered slot `new` in four steps: it takes the offer out of `between`, exchanges
+//! `pins` (this names `new` to readers that count themselves, and says how many entered `old`), raises
+//! `front` (this names `new` to readers that check), and retires `old`. A retired slot is free once as
+//! many readers have left it as entered it.
+//!
+//! - A reader that finds the same `front` before and after its copy has read one value: the slot was
+//!   not retired in between, so it was not written. An owner that stops anywhere in `latch` leaves
+//!   `front` as it is, so it makes no check fail.
+//! - A reader whose check fails enters through `pins`. Its slot stays until it leaves.
+//! - That reader may have learned of `new` before the owner has raised `front`. It raises `front`
+//!   itself before it returns, so that no later read finds an older value.
+//! - At most four slots are not free without counted readers: the front, the one in the owner's hand,
+//!   the offer, and the one that is written.
+//!
+//! The values themselves lie with the user, in a [`SlotMemory`] each: this is which slot may be
+//! accessed when. The values are atomics, since a reader whose check fails may have read a slot while
+//! it was written.
 
-use crate::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+mod memory;
 
-/// In `between`: the owner has not taken it yet.
-const FRESH: usize = 4;
-const SLOT: usize = 3;
-/// In `front`: how far the number of the value stands left of its slot.
-const NUMBER: u32 = 2;
+pub use memory::{SLOTS, SlotMemory};
 
-/// Who may touch which of three slots. They all hold the value number 1 at first.
+use crate::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
+
+/// In `between`: nothing is offered. Else it is the slot and 1.
+const NOTHING: usize = 0;
+/// In `front`: where the number of the value begins. Below it is the slot.
+const NUMBER: u32 = 16;
+/// In `pins`: where the slot begins. Below it is how many readers have entered.
+const PINNED: u32 = 32;
+/// In `entered`: the slot is retired. Below it is how many readers have entered.
+const RETIRED: u64 = 1 << 32;
+
+/// Which of several slots may be accessed when. They all hold the value number 1 at first.
 ///
 /// # Invariants
 ///
-/// `front`, `back` and the slot of `between` are all different, and only their users exchange them.
+/// `pins` and `front` name slots that are in use. A slot is retired by the owner, or by the publisher if the owner never took it. The publisher
+/// alone makes a retired slot one in use, once all readers that entered have left. The numbers in `front` only rise.
 #[derive(Debug)]
-pub struct ThreeSlots {
+pub struct LatestSlots {
     between: AtomicUsize,
-    /// The owner's slot, and the number of the value that it has taken there: others know by that whether they read this one.
+    /// The owner's slot and the number of its value.
     front: AtomicU64,
-    /// The writer's.
-    back: AtomicUsize,
-    /// The number of the value in each slot; 0 while it is written.
-    numbers: [AtomicU64; 3],
+    /// The owner's slot, and how many readers have entered it. Never behind `front`.
+    pins: AtomicU64,
+    slots: SlotMemory<Slot>,
 }
 
-impl Default for ThreeSlots {
+#[derive(Debug)]
+struct Slot {
+    number: AtomicU64,
+    /// [`RETIRED`] with a count, or 0 while it is in use.
+    entered: AtomicU64,
+    /// How many of those that entered have left.
+    left: AtomicU32,
+}
+
+impl Slot {
+    fn new(entered: u64) -> Self {
+        Self {
+            number: AtomicU64::new(1),
+            entered: AtomicU64::new(entered),
+            left: AtomicU32::new(0),
+        }
+    }
+
+    fn is_free(&self) -> bool {
+        // Acquire: what the owner and the readers did with the slot is over when it is written.
+        let entered = self.entered.load(Ordering::Acquire);
+        entered & RETIRED != 0 && entered & !RETIRED == u64::from(self.left.load(Ordering::Acquire))
+    }
+}
+
+impl Default for LatestSlots {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl ThreeSlots {
-    /// Three slots that hold the same.
+impl LatestSlots {
+    /// Slots that all hold the same. Allocates.
     pub fn new() -> Self {
         Self {
-            between: AtomicUsize::new(1),
+            between: AtomicUsize::new(NOTHING),
             front: AtomicU64::new(1 << NUMBER),
-            back: AtomicUsize::new(2),
-            numbers: std::array::from_fn(|_| AtomicU64::new(1)),
+            pins: AtomicU64::new(0),
+            slots: SlotMemory::new(1, |slot, _| Slot::new(if slot == 0 { 0 } else { RETIRED })),
         }
     }
 
@@ -54,113 +127,149 @@ impl ThreeSlots {
         slot(self.front.load(Ordering::Relaxed))
     }
 
-    /// Lets `write` fill a slot with the value of this number, with release stores, and offers it to the owner. Says whether the owner had taken the one before. Numbers are greater each time, from 2,
-    /// below 2 to the 62. By one thread at a time. Wait-free.
+    /// Lets `write` fill a slot with the value of this number, with release stores, and offers it to the owner. Says whether the owner had taken the
+    /// one before. The slot may be one that was not there before: `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater each
+    /// time, from 2, below 2 to the 48. By one thread at a time. Wait-free; allocates when readers hold all slots.
+    ///
+    /// # Panics
+    ///
+    /// If more than 65 000 threads stopped in the middle of a read, each in another value.
     pub fn publish(&self, number: u64, write: impl FnOnce(usize)) -> bool {
-        let back = self.back.load(Ordering::Relaxed);
-        // Before the value, whose stores are releases: who sees any of it sees this.
-        self.numbers[back].store(0, Ordering::Relaxed);
-        write(back);
-        self.numbers[back].store(number, Ordering::Release);
-        let between = self.between.swap(back | FRESH, Ordering::AcqRel);
-        self.back.store(between & SLOT, Ordering::Relaxed);
-        between & FRESH == 0
+        let free = self.free();
+        write(free);
+        let own = self.slot(free);
+        own.number.store(number, Ordering::Relaxed);
+        let before = self.between.swap(free + 1, Ordering::AcqRel);
+        if before != NOTHING {
+            // The owner never took it, so no reader has entered it.
+            let untaken = self.slot(before - 1);
+            untaken.entered.store(RETIRED, Ordering::Relaxed);
+        }
+        before == NOTHING
     }
 
-    /// Makes the latest value that was published the front one; says whether there was one. By the owner alone. Wait-free: a load, and an exchange if there is one.
+    /// Makes a free slot one in use.
+    fn free(&self) -> usize {
+        let found = (0..self.slots.count()).find(|&slot| self.slot(slot).is_free());
+        let free = found.unwrap_or_else(|| {
+            let new = self.slots.count();
+            assert!(
+                new < 1 << NUMBER,
+                "readers hold all slots that there can be"
+            );
+            self.slots.reach(new, |_, _| Slot::new(RETIRED));
+            new
+        });
+        let slot = self.slot(free);
+        slot.left.store(0, Ordering::Relaxed);
+        slot.entered.store(0, Ordering::Relaxed);
+        free
+    }
+
+    /// Makes the latest value that was published the front one; says whether there was one. By the owner alone. Wait-free.
     #[inline]
     pub fn latch(&self) -> bool {
         if !self.is_fresh() {
             return false;
         }
-        let between = self.between.swap(self.front(), Ordering::AcqRel) & SLOT;
-        let number = self.numbers[between].load(Ordering::Relaxed);
-        self.front
-            .store(number << NUMBER | between as u64, Ordering::Release);
+        let new = self.take();
+        let old = self.pin(new);
+        self.show(new);
+        self.retire(old);
         true
+    }
+
+    /// Takes the offer. There is one: only the owner takes it out.
+    #[inline]
+    fn take(&self) -> usize {
+        self.between.swap(NOTHING, Ordering::AcqRel) - 1
+    }
+
+    /// Names the slot to readers that enter; returns what was there.
+    #[inline]
+    fn pin(&self, new: usize) -> u64 {
+        self.pins.swap((new as u64) << PINNED, Ordering::AcqRel)
+    }
+
+    /// Names the slot, which is in use, to the owner and to readers that check; unless a later one was named.
+    #[inline]
+    fn show(&self, new: usize) {
+        let number = self.slot(new).number.load(Ordering::Relaxed);
+        self.front
+            .fetch_max(number << NUMBER | new as u64, Ordering::AcqRel);
+    }
+
+    /// Gives the slot before to the publisher, with the number of its readers.
+    #[inline]
+    fn retire(&self, old: u64) {
+        let entered = RETIRED | old & (RETIRED - 1);
+        let old = self.slot((old >> PINNED) as usize);
+        // Release: the owner has read it, and has raised `front`, before the slot is written again.
+        old.entered.store(entered, Ordering::Release);
     }
 
     /// Whether a value was published that the owner has not taken.
     #[inline(always)]
     pub fn is_fresh(&self) -> bool {
-        self.between.load(Ordering::Relaxed) & FRESH != 0
+        self.between.load(Ordering::Relaxed) != NOTHING
     }
 
-    /// Lets `copy` read the front slot, with acquire loads, until what it has read is the value that the owner has taken. The owner's first look is always enough; another thread looks again only when
-    /// the owner has taken a new value meanwhile, and never gets one that the owner has not taken, nor an older one than it got before.
+    /// Lets `copy` read the front slot, with acquire loads, and returns what it has made of the value that the owner has taken. Calls it once for the
+    /// owner, and at most twice for others, which never get a value that the owner has not begun to take, nor an older one than any reader got before.
+    /// Wait-free. `copy` may see parts of two values; what it returns then is dropped.
     #[inline(always)]
     pub fn read<R>(&self, mut copy: impl FnMut(usize) -> R) -> R {
-        loop {
-            let front = self.front.load(Ordering::Acquire);
-            let slot = slot(front);
-            let read = copy(slot);
-            // Once the owner has given the slot away, it may have a later value, or parts of one: who has seen any of it sees its number, or 0.
-            if self.numbers[slot].load(Ordering::Relaxed) == front >> NUMBER {
-                return read;
-            }
-            #[cfg(loom)]
-            loom::thread::yield_now();
+        let front = self.front.load(Ordering::Acquire);
+        let read = copy(slot(front));
+        // Whoever has seen any of a later value in this slot sees a later `front`: the owner raised that before it retired the slot, and the
+        // publisher saw the slot retired before it wrote there.
+        if self.front.load(Ordering::Relaxed) == front {
+            return read;
         }
+        self.read_pinned(copy)
+    }
+
+    /// As [`read`](Self::read), of a slot that stays until it is read.
+    #[cold]
+    fn read_pinned<R>(&self, mut copy: impl FnMut(usize) -> R) -> R {
+        /// Also if `copy` panics.
+        struct Leave<'a>(&'a Slot);
+        impl Drop for Leave<'_> {
+            fn drop(&mut self) {
+                // Release: the slot is read before it is written again.
+                self.0.left.fetch_add(1, Ordering::Release);
+            }
+        }
+        // A thread enters a slot twice at most, since it enters only after `front` was changed: 32 bits are enough.
+        let entered = self.pins.fetch_add(1, Ordering::AcqRel);
+        let slot = (entered >> PINNED) as usize;
+        let leave = Leave(self.slot(slot));
+        let read = copy(slot);
+        // No later read, of any thread, is to find the value before.
+        self.show(slot);
+        drop(leave);
+        read
     }
 
     /// The number of the value in the front slot.
     pub fn number(&self) -> u64 {
         self.front.load(Ordering::Acquire) >> NUMBER
     }
+
+    #[inline(always)]
+    fn slot(&self, slot: usize) -> &Slot {
+        &self.slots.slot(slot)[0]
+    }
 }
 
 /// The slot that `front` names.
 #[inline(always)]
 fn slot(front: u64) -> usize {
-    front as usize & SLOT
+    front as usize & ((1 << NUMBER) - 1)
 }
 
 #[cfg(all(test, not(loom)))]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_latest_is_taken_and_only_when_it_is_latched() {
-        let slots = ThreeSlots::new();
-        let values: [AtomicU64; 3] = std::array::from_fn(|_| AtomicU64::new(0));
-        let put =
-            |value: u64| slots.publish(value, |slot| values[slot].store(value, Ordering::Release));
-        let get = || slots.read(|slot| values[slot].load(Ordering::Acquire));
-        assert!(!slots.latch());
-        for round in 1..20 {
-            assert!(put(10 * round), "what was there is taken");
-            assert!(!put(10 * round + 1));
-            let before = if round == 1 { 0 } else { 10 * (round - 1) + 1 };
-            assert_eq!(get(), before);
-            assert!(slots.is_fresh() && slots.latch());
-            assert_eq!((get(), slots.number()), (10 * round + 1, 10 * round + 1));
-            assert!(!slots.latch());
-        }
-    }
-
-    /// While somebody else copies the slot, the owner gives it away and it is written again: that value is not the owner's yet.
-    #[test]
-    fn another_reader_does_not_run_ahead_of_the_owner() {
-        let slots = ThreeSlots::new();
-        let values: [AtomicU64; 3] = std::array::from_fn(|_| AtomicU64::new(1));
-        let put = |value: u64| {
-            slots.publish(value, |slot| values[slot].store(value, Ordering::Release));
-        };
-        let mut looks = 0;
-        let read = slots.read(|slot| {
-            looks += 1;
-            if looks == 1 {
-                put(2);
-                assert!(slots.latch());
-                put(3);
-                put(4);
-                assert_eq!(values[slot].load(Ordering::Acquire), 4);
-            }
-            values[slot].load(Ordering::Acquire)
-        });
-        assert_eq!((read, looks, slots.number()), (2, 2, 2));
-    }
-}
+mod tests;
 
 #[cfg(all(test, loom))]
 mod loom_tests;
