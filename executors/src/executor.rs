@@ -703,7 +703,8 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, take_in: bool) -> bool {
         look_at_timers(timers, deadline);
     }
     watch::glance(shared.inbound.bell());
-    match current::next_ready() {
+    // SAFETY: who comes is given a turn at once, or retired.
+    match unsafe { current::next_ready() } {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(owner) => unsafe { task::run(owner) },
         None => rest(shared, timers),

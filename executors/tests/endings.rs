@@ -401,10 +401,12 @@ fn a_panic_around_the_bodies_ends_them_all_on_their_thread() {
         processes.push(
             executor.spawn(ProcessSpec::new("others"), move || async move {
                 let _held = held;
-                while number % 2 == 0 {
+                if number % 2 != 0 {
+                    return pending().await;
+                }
+                loop {
                     yield_now().await;
                 }
-                pending().await
             }),
         );
     }

@@ -128,7 +128,8 @@ impl Member {
                     if self.timers.next_deadline() <= now {
                         self.timers.expire(now);
                     }
-                    let Some(owner) = current::next_ready() else {
+                    // SAFETY: who comes is given a turn below, before anything else is done, or retired.
+                    let Some(owner) = (unsafe { current::next_ready() }) else {
                         break;
                     };
                     if rested && taken == 0 {

@@ -427,7 +427,8 @@ pub(crate) fn end_all(why: &str) {
     let mut number = 0;
     loop {
         // First those that are queued, since a turn is that of a task that is not. A drop may queue others.
-        let queued = current::next_ready().map(NonNull::cast::<Task>);
+        // SAFETY: who comes is given a turn below, before anything else is done, or retired.
+        let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
         let next = queued.or_else(|| SEATS.with_borrow(|seats| seats.next(&mut number)));
         let Some(task) = next else {
             return;
