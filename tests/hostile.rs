@@ -228,7 +228,8 @@ fn partners_elsewhere_learn_that_a_foreign_waker_has_ended_an_executor() {
     };
     let other = system.executor("lives").build().unwrap();
     other.process("partner").spawn(partner).unwrap();
-    // The partner is cancelled when the functions have ended, so one of them waits for what it learns.
+    // The partner is cancelled when the functions have ended, so one of them waits for what it
+    // learns.
     let received = Arc::new(Mutex::new(None));
     let told = received.clone();
     system.on_emergency_within("waits", Duration::from_secs(30), move || {

@@ -151,8 +151,8 @@ impl Selection {
     ///
     /// # Safety
     ///
-    /// As there; the gate favours the home of `process`, which is this thread; and `process` was given by `current::plain_turn` or
-    /// `current::unrecorded_turn` in this turn.
+    /// As there; the gate favours the home of `process`, which is this thread; and `process` was
+    /// given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
         self.has_plain_wakeup.store(true, Ordering::Relaxed);

@@ -183,7 +183,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin); and `process` was given by [`current::plain_turn`] or [`current::unrecorded_turn`] in this turn.
+    /// As for [`begin`](Self::begin); and `process` was given by [`current::plain_turn`] or
+    /// [`current::unrecorded_turn`] in this turn.
     #[inline(always)]
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
         let user = User::Process(process.id());

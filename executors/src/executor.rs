@@ -56,8 +56,8 @@ thread_local! {
     static GIVES_UP: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether the bodies that are dropped on this thread now are dropped because their executor's thread panicked outside of any process: in a waker that
-/// is not LUNA's, for example.
+/// Whether the bodies that are dropped on this thread now are dropped because their executor's
+/// thread panicked outside of any process: in a waker that is not LUNA's, for example.
 #[inline]
 pub fn has_given_up() -> bool {
     // Bodies are dropped by a thread that lives, but what they hold may be dropped later.
@@ -217,9 +217,10 @@ impl Shared {
         self.set_stopped();
     }
 
-    /// Ends the executor after a panic outside of any process, on its thread. A process may rely on what was to be done there, so none is polled any
-    /// more: all have panicked with it. Their bodies are dropped, and the channel ends in them poison their channels, so that partners elsewhere do not
-    /// wait for them. O(processes), and what their drops take.
+    /// Ends the executor after a panic outside of any process, on its thread. A process may rely on
+    /// what was to be done there, so none is polled any more: all have panicked with it. Their
+    /// bodies are dropped, and the channel ends in them poison their channels, so that partners
+    /// elsewhere do not wait for them. O(processes), and what their drops take.
     pub(crate) fn give_up(&self, payload: Box<dyn Any + Send>) {
         let why = format!(
             "its executor's thread panicked outside of any process, as a waker does that is not LUNA's: {}",

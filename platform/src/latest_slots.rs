@@ -67,8 +67,9 @@ const RETIRED: u64 = 1 << 32;
 ///
 /// # Invariants
 ///
-/// `pins` and `front` name slots that are in use. A slot is retired by the owner, or by the publisher if the owner never took it. The publisher
-/// alone makes a retired slot one in use, once all readers that entered have left. The numbers in `front` only rise.
+/// `pins` and `front` name slots that are in use. A slot is retired by the owner, or by the
+/// publisher if the owner never took it. The publisher alone makes a retired slot one in use, once
+/// all readers that entered have left. The numbers in `front` only rise.
 #[derive(Debug)]
 pub struct LatestSlots {
     between: AtomicUsize,
@@ -127,9 +128,11 @@ impl LatestSlots {
         slot(self.front.load(Ordering::Relaxed))
     }
 
-    /// Lets `write` fill a slot with the value of this number, with release stores, and offers it to the owner. Says whether the owner had taken the
-    /// one before. The slot may be one that was not there before: `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater each
-    /// time, from 2, below 2 to the 48. By one thread at a time. Wait-free; allocates when readers hold all slots.
+    /// Lets `write` fill a slot with the value of this number, with release stores, and offers it
+    /// to the owner. Says whether the owner had taken the one before. The slot may be one that was
+    /// not there before: `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater
+    /// each time, from 2, below 2 to the 48. By one thread at a time. Wait-free; allocates when
+    /// readers hold all slots.
     ///
     /// # Panics
     ///
@@ -166,7 +169,8 @@ impl LatestSlots {
         free
     }
 
-    /// Makes the latest value that was published the front one; says whether there was one. By the owner alone. Wait-free.
+    /// Makes the latest value that was published the front one; says whether there was one. By the
+    /// owner alone. Wait-free.
     #[inline]
     pub fn latch(&self) -> bool {
         if !self.is_fresh() {
@@ -191,7 +195,8 @@ impl LatestSlots {
         self.pins.swap((new as u64) << PINNED, Ordering::AcqRel)
     }
 
-    /// Names the slot, which is in use, to the owner and to readers that check; unless a later one was named.
+    /// Names the slot, which is in use, to the owner and to readers that check; unless a later one
+    /// was named.
     #[inline]
     fn show(&self, new: usize) {
         let number = self.slot(new).number.load(Ordering::Relaxed);
@@ -214,15 +219,18 @@ impl LatestSlots {
         self.between.load(Ordering::Relaxed) != NOTHING
     }
 
-    /// Lets `copy` read the front slot, with acquire loads, and returns what it has made of the value that the owner has taken. Calls it once for the
-    /// owner, and at most twice for others, which never get a value that the owner has not begun to take, nor an older one than any reader got before.
-    /// Wait-free. `copy` may see parts of two values; what it returns then is dropped.
+    /// Lets `copy` read the front slot, with acquire loads, and returns what it has made of the
+    /// value that the owner has taken. Calls it once for the owner, and at most twice for others,
+    /// which never get a value that the owner has not begun to take, nor an older one than any
+    /// reader got before. Wait-free. `copy` may see parts of two values; what it returns then is
+    /// dropped.
     #[inline(always)]
     pub fn read<R>(&self, mut copy: impl FnMut(usize) -> R) -> R {
         let front = self.front.load(Ordering::Acquire);
         let read = copy(slot(front));
-        // Whoever has seen any of a later value in this slot sees a later `front`: the owner raised that before it retired the slot, and the
-        // publisher saw the slot retired before it wrote there.
+        // Whoever has seen any of a later value in this slot sees a later `front`: the owner raised
+        // that before it retired the slot, and the publisher saw the slot retired before it wrote
+        // there.
         if self.front.load(Ordering::Relaxed) == front {
             return read;
         }
@@ -240,7 +248,8 @@ impl LatestSlots {
                 self.0.left.fetch_add(1, Ordering::Release);
             }
         }
-        // A thread enters a slot twice at most, since it enters only after `front` was changed: 32 bits are enough.
+        // A thread enters a slot twice at most, since it enters only after `front` was changed: 32
+        // bits are enough.
         let entered = self.pins.fetch_add(1, Ordering::AcqRel);
         let slot = (entered >> PINNED) as usize;
         let leave = Leave(self.slot(slot));

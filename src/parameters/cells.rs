@@ -82,7 +82,8 @@ impl Cells {
         }
     }
 
-    /// Its only word. By [`LatestSlots::read`] too: a handle may be in another process, where the slot may be written again while it is read.
+    /// Its only word. By [`LatestSlots::read`] too: a handle may be in another process, where the
+    /// slot may be written again while it is read.
     #[inline(always)]
     pub(super) fn word(&self) -> u64 {
         let load = |slot: usize| self.words.slot(slot)[0].load(Ordering::Acquire);

@@ -1,11 +1,13 @@
 //! The second level: a group on one executor that is one party of a barrier.
 //!
-//! The member that completes the group goes to the barrier for all: the group's own `sync` lies in the group, and that member comes with it. When a
-//! member leaves meanwhile, the group is not complete any more, and its coming is withdrawn, unless the barrier's round is over already.
+//! The member that completes the group goes to the barrier for all: the group's own `sync` lies in
+//! the group, and that member comes with it. When a member leaves meanwhile, the group is not
+//! complete any more, and its coming is withdrawn, unless the barrier's round is over already.
 //!
-//! Wakers are user code: their clones, wakes and drops may poll and drop members of the same group. So none of that happens between two steps of
-//! one change. A round of the barrier that is complete is complete for the group too before the first waker is woken: a member that is dropped
-//! from there on has come, and one that is polled first from there on is of the next round.
+//! Wakers are user code: their clones, wakes and drops may poll and drop members of the same group.
+//! So none of that happens between two steps of one change. A round of the barrier that is complete
+//! is complete for the group too before the first waker is woken: a member that is dropped from
+//! there on has come, and one that is polled first from there on is of the next round.
 
 use super::{Barrier, SyncOp};
 use luna_platform::current::{self, Home, Wakeup};
@@ -117,7 +119,8 @@ impl Group {
         );
     }
 
-    /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the group is complete. Runs no user code.
+    /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
+    /// group is complete. Runs no user code.
     fn come(&self, wakeup: Wakeup) -> After<'_> {
         // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the group's own allocation and is dropped after
         // it; it is not moved while it is there, and is taken out as soon as its round is complete.
@@ -140,9 +143,11 @@ impl Group {
         }
     }
 
-    /// Completes the round: all that wait are to be readied. Called on the group's thread. Runs no user code.
+    /// Completes the round: all that wait are to be readied. Called on the group's thread. Runs no
+    /// user code.
     fn complete(&self) {
-        // SAFETY: this is the group's thread. The operation is over, so that it has no wakeup any more that its drop could drop.
+        // SAFETY: this is the group's thread. The operation is over, so that it has no wakeup any
+        // more that its drop could drop.
         unsafe {
             *self.global.get() = None;
             let state = self.state();
@@ -172,7 +177,8 @@ impl Group {
         }
     }
 
-    /// A member that waits is about to leave: so the group is not complete, and has not come, unless the barrier's round is over. Runs no user code.
+    /// A member that waits is about to leave: so the group is not complete, and has not come,
+    /// unless the barrier's round is over. Runs no user code.
     fn withdraw(&self) -> After<'_> {
         // SAFETY: this is the group's thread, and the borrow ends before `complete`.
         let taken_back = unsafe { &mut *self.global.get() }
@@ -182,7 +188,8 @@ impl Group {
         if is_complete {
             self.complete();
         } else {
-            // SAFETY: this is the group's thread. What was taken back has no wakeup any more that its drop could drop.
+            // SAFETY: this is the group's thread. What was taken back has no wakeup any more that
+            // its drop could drop.
             unsafe { *self.global.get() = None };
         }
         After {
@@ -223,7 +230,8 @@ impl After<'_> {
     }
 }
 
-/// The members that are still to be readied: when this is dropped, they are, also after a waker has panicked.
+/// The members that are still to be readied: when this is dropped, they are, also after a waker has
+/// panicked.
 struct Rest<'a>(&'a Group);
 
 impl Drop for Rest<'_> {
@@ -237,7 +245,8 @@ enum Phase {
     New,
     /// In one of the group's lists, or released.
     Waiting,
-    /// The round is complete, and this member has completed the barrier's; the process lets others run before it goes on.
+    /// The round is complete, and this member has completed the barrier's; the process lets others
+    /// run before it goes on.
     GaveWay,
     Over,
 }
@@ -273,7 +282,8 @@ impl LocalSync<'_> {
         unsafe { (*self.node().as_ptr()).round != (*self.group.state()).number }
     }
 
-    /// Takes one that waits back, if its round is not complete. Says whether it is. Runs no user code.
+    /// Takes one that waits back, if its round is not complete. Says whether it is. Runs no user
+    /// code.
     fn leave(&mut self) -> (bool, After<'_>) {
         let mut after = match self.is_through() {
             false => self.group.withdraw(),
@@ -302,7 +312,8 @@ impl LocalSync<'_> {
         (is_through, after)
     }
 
-    /// Goes to the barrier for the group, if that is complete. Says whether this member has completed the barrier's round.
+    /// Goes to the barrier for the group, if that is complete. Says whether this member has
+    /// completed the barrier's round.
     fn come_for_all(&self, cx: &Context<'_>) -> bool {
         let is_due = || !self.is_through() && self.group.is_complete();
         if !is_due() {
@@ -323,7 +334,8 @@ impl LocalSync<'_> {
     fn enter(&mut self, cx: &Context<'_>) {
         self.group.enter();
         let wakeup = Wakeup::of(cx);
-        // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before it goes.
+        // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before
+        // it goes.
         unsafe {
             let (node, state) = (self.node().as_ptr(), self.group.state());
             (*node).round = (*state).number;
@@ -338,7 +350,8 @@ impl LocalSync<'_> {
 
     /// Is to be woken by `cx` from now on.
     fn renew(&mut self, cx: &Context<'_>) {
-        // SAFETY: this future stays on the group's thread, which alone changes the node; no borrow of it is left while user code runs.
+        // SAFETY: this future stays on the group's thread, which alone changes the node; no borrow
+        // of it is left while user code runs.
         let wakeup = || unsafe { (*self.node().as_ptr()).wait.wakeup_mut() };
         if wakeup().as_ref().is_some_and(|known| known.is_of(cx)) {
             return;

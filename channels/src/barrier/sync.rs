@@ -28,7 +28,8 @@ enum Phase {
     Over,
 }
 
-/// What [`SyncOp::come`] has led to. Its caller carries it out once its own state is changed, since all of it may run user code.
+/// What [`SyncOp::come`] has led to. Its caller carries it out once its own state is changed, since
+/// all of it may run user code.
 #[must_use]
 pub(super) struct Came {
     /// The round is complete.
@@ -120,8 +121,8 @@ impl<'a> SyncOp<'a> {
         }
     }
 
-    /// Comes, or looks whether the round is complete, for a group that is one party: all at once, without user code. `wakeup` is for the group. Not to
-    /// be called once the round is complete.
+    /// Comes, or looks whether the round is complete, for a group that is one party: all at once,
+    /// without user code. `wakeup` is for the group. Not to be called once the round is complete.
     ///
     /// # Safety
     ///
@@ -146,8 +147,9 @@ impl<'a> SyncOp<'a> {
             return is_over(false, [Some(wakeup), None]);
         }
         let mut lists = shared.place.lock();
-        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the contract, and its drop takes it off. Under the lock a
-        // listed one may be changed, and is in the list that the round's number says.
+        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
+        // contract, and its drop takes it off. Under the lock a listed one may be changed, and is
+        // in the list that the round's number says.
         unsafe {
             if is_new {
                 if shared.complete_with(&mut lists, 1) {

@@ -401,7 +401,8 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 /// The wakeup was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
 unsafe fn go_on(ready: PlainReady, process: &Process) -> AtHome {
-    // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a plain turn.
+    // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
+    // plain turn.
     unsafe {
         ready.wake();
         AtHome::done(process)

@@ -128,7 +128,8 @@ impl Member {
                     if self.timers.next_deadline() <= now {
                         self.timers.expire(now);
                     }
-                    // SAFETY: who comes is given a turn below, before anything else is done, or retired.
+                    // SAFETY: who comes is given a turn below, before anything else is done, or
+                    // retired.
                     let Some(owner) = (unsafe { current::next_ready() }) else {
                         break;
                     };

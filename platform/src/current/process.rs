@@ -273,11 +273,13 @@ impl Process {
         unsafe { self.keep_recorded() };
     }
 
-    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one: a turn begins with a store that forgets it.
+    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one:
+    /// a turn begins with a store that forgets it.
     ///
     /// # Safety
     ///
-    /// This is the home's thread: another one could lose a change of the state that is made there, so that the process would be queued twice.
+    /// This is the home's thread: another one could lose a change of the state that is made there,
+    /// so that the process would be queued twice.
     #[inline]
     pub unsafe fn keep_recorded(&self) {
         let now = self.state.load(Ordering::Relaxed);

@@ -21,8 +21,8 @@ pub fn ready_levels() -> u32 {
 ///
 /// # Safety
 ///
-/// Until this is called with 0, no process is in this thread's run queue but at levels that are given, and [`next_ready`] is called only if one is at
-/// the highest of them.
+/// Until this is called with 0, no process is in this thread's run queue but at levels that are
+/// given, and [`next_ready`] is called only if one is at the highest of them.
 #[doc(hidden)]
 pub unsafe fn pretend_ready_levels(bits: u32) {
     with_queue(|queue| queue.pretend(bits));
@@ -33,8 +33,9 @@ pub unsafe fn pretend_ready_levels(bits: u32) {
 ///
 /// # Safety
 ///
-/// The caller gives the process a turn ([`give_turn`](super::give_turn), [`with_process`](super::with_process)) or ends it before anybody readies it
-/// again: until then it counts as one that is in the queue.
+/// The caller gives the process a turn ([`give_turn`](super::give_turn),
+/// [`with_process`](super::with_process)) or ends it before anybody readies it again: until then it
+/// counts as one that is in the queue.
 #[inline(always)]
 pub unsafe fn next_ready() -> Option<NonNull<()>> {
     Some(with_queue(RunQueue::pop)?.cast())
@@ -119,7 +120,8 @@ pub fn spend_operation() -> bool {
 ///
 /// # Safety
 ///
-/// `process` is the current one of this thread, and an executor's: [`plain_turn`](super::plain_turn) has given it in this turn.
+/// `process` is the current one of this thread, and an executor's:
+/// [`plain_turn`](super::plain_turn) has given it in this turn.
 #[inline(always)]
 pub unsafe fn gives_way(process: &Process) -> bool {
     let gives_way = THREAD.with(|thread| {
@@ -136,7 +138,8 @@ pub unsafe fn gives_way(process: &Process) -> bool {
     let Some(place) = gives_way else {
         return false;
     };
-    // SAFETY: by the contract it is the current process, of an executor: so this is its home's thread, and it lives until its executor has popped it.
+    // SAFETY: by the contract it is the current process, of an executor: so this is its home's
+    // thread, and it lives until its executor has popped it.
     unsafe { process.ready_here(0, place) };
     true
 }

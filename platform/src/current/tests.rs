@@ -28,7 +28,8 @@ fn readied() -> u8 {
 
 /// Lets others seem ready at these levels, beside those that are queued there.
 fn pretend(levels: u32) {
-    // SAFETY: the tests take only what they have queued at the highest of the levels, and end with 0.
+    // SAFETY: the tests take only what they have queued at the highest of the levels, and end with
+    // 0.
     unsafe { pretend_ready_levels(levels) };
 }
 

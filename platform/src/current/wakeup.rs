@@ -137,8 +137,9 @@ impl Wakeup {
     ///
     /// # Safety
     ///
-    /// `process` is the current one of this thread, and an executor's: `plain_turn` has given it in this turn. So references to it are counted, and without
-    /// atomics on this thread, which is its home.
+    /// `process` is the current one of this thread, and an executor's: `plain_turn` has given it in
+    /// this turn. So references to it are counted, and without atomics on this thread, which is its
+    /// home.
     #[inline(always)]
     pub unsafe fn of_plain_turn(process: &Process) -> Wakeup {
         process.references.add();

@@ -1,4 +1,5 @@
-//! A publisher, the owner, and other readers, in any order: nobody sees parts of two values, the owner sees a value until it takes a new one, and the last one is never lost.
+//! A publisher, the owner, and other readers, in any order: nobody sees parts of two values, the
+//! owner sees a value until it takes a new one, and the last one is never lost.
 
 use super::*;
 use crate::sync::Arc;
@@ -72,7 +73,8 @@ fn the_owner_sees_whole_values_in_their_order_and_at_last_the_last() {
     });
 }
 
-/// Two values are there before, so that slots are used again. The reader may stop between any two steps.
+/// Two values are there before, so that slots are used again. The reader may stop between any two
+/// steps.
 #[test]
 fn another_reader_sees_no_parts_of_two_values() {
     bounded(|| {

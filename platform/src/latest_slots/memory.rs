@@ -14,7 +14,8 @@ pub struct SlotMemory<T> {
     more: More<T>,
 }
 
-/// The slots from [`SLOTS`] on: twice as many in each part as in all before, so that a slot is found in O(log slots).
+/// The slots from [`SLOTS`] on: twice as many in each part as in all before, so that a slot is
+/// found in O(log slots).
 #[derive(Debug)]
 struct More<T>(OnceLock<Box<Part<T>>>);
 
@@ -26,7 +27,8 @@ struct Part<T> {
 }
 
 impl<T> SlotMemory<T> {
-    /// [`SLOTS`] slots of `each` values, which `make` makes of the slot and the index in it. Allocates.
+    /// [`SLOTS`] slots of `each` values, which `make` makes of the slot and the index in it.
+    /// Allocates.
     pub fn new(each: usize, make: impl Fn(usize, usize) -> T) -> Self {
         Self {
             each,

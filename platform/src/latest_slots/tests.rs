@@ -29,7 +29,8 @@ impl Scene {
         self.slots.read(|slot| self.load(slot))
     }
 
-    /// A read in whose first copy the front changes to `values[0]`, so that the second is counted; `then` happens in the middle of that.
+    /// A read in whose first copy the front changes to `values[0]`, so that the second is counted;
+    /// `then` happens in the middle of that.
     fn get_slowly(&self, value: u64, then: &dyn Fn()) -> u64 {
         let mut copies = 0;
         let read = self.slots.read(|slot| {
