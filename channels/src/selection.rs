@@ -151,11 +151,13 @@ impl Selection {
     ///
     /// # Safety
     ///
-    /// As there; and the gate favours the home of `process`, which is this thread.
+    /// As there; the gate favours the home of `process`, which is this thread; and `process` was
+    /// given by `current::plain_turn` or `current::unrecorded_turn` in this turn.
     #[inline]
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
         self.has_plain_wakeup.store(true, Ordering::Relaxed);
-        let wakeup = Some(Wakeup::of_plain_turn(process));
+        // SAFETY: by the contract it is the current process, in a plain turn.
+        let wakeup = Some(unsafe { Wakeup::of_plain_turn(process) });
         // SAFETY: as for `open_gated`. A wakeup that is left there is that of an opening which nobody has left: there is none.
         self.wakeup.with_mut(|cell| unsafe { *cell = wakeup });
         self.state.store(OPEN, Ordering::Release);

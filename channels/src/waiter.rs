@@ -183,11 +183,13 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// As for [`begin`](Self::begin).
+    /// As for [`begin`](Self::begin); and `process` was given by [`current::plain_turn`] or
+    /// [`current::unrecorded_turn`] in this turn.
     #[inline(always)]
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
         let user = User::Process(process.id());
-        let wakeup = Wakeup::of_plain_turn(process);
+        // SAFETY: by the contract it is the current process, in a plain turn.
+        let wakeup = unsafe { Wakeup::of_plain_turn(process) };
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {

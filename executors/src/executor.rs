@@ -10,7 +10,8 @@ use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
 use crate::process::{
-    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, overseer, prepare_thread,
+    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
+    prepare_thread,
 };
 use crate::simulation::{SimulationHandle, Stage, is_stage};
 use crate::task;
@@ -25,6 +26,8 @@ use luna_platform::spare::Spare;
 use luna_platform::spin::{self, Outside};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
 use luna_platform::timer_queue::TimerQueue;
+use std::any::Any;
+use std::cell::Cell;
 use std::collections::LinkedList;
 use std::convert::Infallible;
 use std::fmt;
@@ -49,6 +52,16 @@ impl Phase {
 thread_local! {
     /// What the tasks of this thread that have ended had of the executor that it is.
     static SPARE_SHARED: Spare<Shared> = const { Spare::new() };
+    /// See [`has_given_up`].
+    static GIVES_UP: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether the bodies that are dropped on this thread now are dropped because their executor's
+/// thread panicked outside of any process: in a waker that is not LUNA's, for example.
+#[inline]
+pub fn has_given_up() -> bool {
+    // Bodies are dropped by a thread that lives, but what they hold may be dropped later.
+    GIVES_UP.try_with(Cell::get).unwrap_or(false)
 }
 
 /// Another reference for a task of an executor.
@@ -204,17 +217,23 @@ impl Shared {
         self.set_stopped();
     }
 
-    /// A panic that was no process' has ended its thread's work, who is its home now. Nobody knows what that left half done, so nobody is polled any more: its processes
-    /// have panicked with it, and their memory is not touched.
-    pub(crate) fn give_up(&self) {
-        // Whoever is spawned from here on is refused: nobody would poll it.
+    /// Ends the executor after a panic outside of any process, on its thread. A process may rely on
+    /// what was to be done there, so none is polled any more: all have panicked with it. Their
+    /// bodies are dropped, and the channel ends in them poison their channels, so that partners
+    /// elsewhere do not wait for them. O(processes), and what their drops take.
+    pub(crate) fn give_up(&self, payload: Box<dyn Any + Send>) {
+        let why = format!(
+            "its executor's thread panicked outside of any process, as a waker does that is not LUNA's: {}",
+            panic_message(&*payload)
+        );
+        // Dropping it could panic in turn.
+        std::mem::forget(payload);
+        // Nothing is built here from now on.
         self.advance(Phase::STOPPING);
+        GIVES_UP.set(true);
+        task::end_all(&why);
+        GIVES_UP.set(false);
         self.close();
-        for record in task::records() {
-            record.leave_body();
-            let why = "the executor's thread panicked outside of any process";
-            record.end_panicked(Box::new(why), &self.living);
-        }
     }
 
     /// Takes in no more; those that wait end unstarted.
@@ -625,9 +644,9 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say.
-    if lived.is_err() {
+    if let Err(payload) = lived {
         current::set_on_path(false);
-        shared.give_up();
+        shared.give_up(payload);
     }
 }
 
@@ -685,7 +704,8 @@ fn round(shared: &Arc<Shared>, timers: &TimerQueue, take_in: bool) -> bool {
         look_at_timers(timers, deadline);
     }
     watch::glance(shared.inbound.bell());
-    match current::next_ready() {
+    // SAFETY: who comes is given a turn at once, or retired.
+    match unsafe { current::next_ready() } {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(owner) => unsafe { task::run(owner) },
         None => rest(shared, timers),

@@ -135,6 +135,17 @@ impl<T: Copy> Seats<T> {
         self.members.iter().copied().flatten()
     }
 
+    /// The first who has the seat `number` or a later one; `number` is then the one behind.
+    pub(crate) fn next(&self, number: &mut usize) -> Option<T> {
+        let later = self.members.get(*number..)?;
+        let (skipped, member) = later
+            .iter()
+            .enumerate()
+            .find_map(|(skipped, member)| Some((skipped, (*member)?)))?;
+        *number += skipped + 1;
+        Some(member)
+    }
+
     /// Gives the seat of this number to the next who comes. O(1).
     pub(crate) fn leave(&mut self, number: usize) {
         self.members[number] = None;

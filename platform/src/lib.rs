@@ -19,7 +19,9 @@
 //! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of who started the program, as events.
 //!
 //! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
-//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`], [`timer_queue`], [`relay`] and [`reclaim`]. [`three_slots`] hold what is replaced while others read it.
+//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`],
+//! [`timer_queue`], [`relay`] and [`reclaim`]. [`latest_slots`] hold what is replaced while others
+//! read it.
 //!
 //! A system call is made on the real-time path only where a function's documentation says so; [`path`] lets a test hold the path to that.
 
@@ -45,6 +47,7 @@ pub mod forked;
 pub mod home_lock;
 #[cfg(not(loom))]
 pub mod latency;
+pub mod latest_slots;
 #[cfg(not(loom))]
 pub mod memory;
 pub mod panics;
@@ -69,7 +72,7 @@ pub mod sync;
 pub mod tape;
 #[cfg(not(loom))]
 pub mod thread;
-pub mod three_slots;
+
 pub mod tick_list;
 #[cfg(not(loom))]
 pub mod timer_fd;

@@ -494,6 +494,11 @@ impl<F: Future<Output = Result<()>>> Future for Supervised<F> {
 
 impl<F> Drop for Supervised<F> {
     fn drop(&mut self) {
+        if luna_executors::has_given_up() {
+            // The thread panicked around the body: an emergency too, and before anything of the
+            // body's has its turn.
+            drop(Alarm);
+        }
         // Also a panic of what a cancelled body leaves.
         let alarm = Alarm;
         // SAFETY: dropped here, in its place, and nowhere else.

@@ -2,7 +2,7 @@
 
 use crate::record;
 use luna_platform::current;
-use luna_platform::three_slots::ThreeSlots;
+use luna_platform::latest_slots::{LatestSlots, SlotMemory};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, Weak};
 
@@ -11,19 +11,19 @@ pub(crate) struct Reader {
     /// The process: 0 is none.
     pub(super) process: u32,
     pub(super) name: Arc<str>,
-    pub(super) slots: ThreeSlots,
+    pub(super) slots: LatestSlots,
     /// What its process declared, for recordings: known when its `pre_run` is over.
     pub(super) cells: OnceLock<Box<[Weak<Cells>]>>,
 }
 
-/// The words of a parameter in a process, three times.
+/// The words of a parameter in a process, once in each slot.
 pub(super) struct Cells {
     pub(super) reader: Arc<Reader>,
     /// What it is called in recordings.
     pub(super) name: Arc<str>,
     /// Which entry of the store.
     pub(super) entry: usize,
-    words: Box<[AtomicU64]>,
+    words: SlotMemory<AtomicU64>,
 }
 
 impl Reader {
@@ -61,44 +61,44 @@ fn is_current(process: u32) -> bool {
 
 impl Cells {
     pub(super) fn new(reader: Arc<Reader>, name: Arc<str>, entry: usize, words: &[u64]) -> Self {
-        let all = (0..3).flat_map(|_| words);
+        let make = |_, index: usize| AtomicU64::new(words[index]);
+        let memory = SlotMemory::new(words.len(), make);
+        // Sets may have come before it was declared.
+        memory.reach(reader.slots.front(), make);
         Self {
             reader,
             name,
             entry,
-            words: all.map(|&word| AtomicU64::new(word)).collect(),
+            words: memory,
         }
     }
 
-    /// The words of `slot`.
-    fn slot(&self, slot: usize) -> &[AtomicU64] {
-        let each = self.words.len() / 3;
-        &self.words[slot * each..(slot + 1) * each]
-    }
-
-    /// Fills the slot, for [`ThreeSlots::publish`].
+    /// Fills the slot, for [`LatestSlots::publish`]. Allocates, if there was no such slot yet.
     pub(super) fn fill(&self, slot: usize, words: &[u64]) {
-        for (cell, &word) in self.slot(slot).iter().zip(words) {
+        self.words
+            .reach(slot, |_, index| AtomicU64::new(words[index]));
+        for (cell, &word) in self.words.slot(slot).iter().zip(words) {
             cell.store(word, Ordering::Release);
         }
     }
 
-    /// Its only word. By [`ThreeSlots::read`] too: a handle may be in another process, where the slot may be written again while it is read.
+    /// Its only word. By [`LatestSlots::read`] too: a handle may be in another process, where the
+    /// slot may be written again while it is read.
     #[inline(always)]
     pub(super) fn word(&self) -> u64 {
-        let load = |slot: usize| self.words[slot].load(Ordering::Acquire);
+        let load = |slot: usize| self.words.slot(slot)[0].load(Ordering::Acquire);
         self.reader.slots.read(load)
     }
 
     /// Several words, all of one value.
     #[inline]
     pub(super) fn several<T>(&self, make: impl Fn(&[AtomicU64]) -> T) -> T {
-        self.reader.slots.read(|slot| make(self.slot(slot)))
+        self.reader.slots.read(|slot| make(self.words.slot(slot)))
     }
 
     /// Records its value, or takes the recorded one.
     fn note(&self) {
-        let slot = self.slot(self.reader.slots.front());
+        let slot = self.words.slot(self.reader.slots.front());
         let mut bytes = [0; record::LONGEST];
         let bytes = &mut bytes[..8 * slot.len()];
         let fill = |bytes: &mut [u8]| {

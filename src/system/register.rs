@@ -239,14 +239,9 @@ impl Register {
         }
         let was_sentenced = exit == Some(Exit::Cancelled)
             && member.ledger().is_some_and(|ledger| ledger.is_sentenced());
-        let has_left_body = member.handle.has_left_body();
         let error = exit.and_then(|exit| error_of(member, exit, said));
         member.has_failed = error.is_some();
-        let mut resident = member.take_resident();
-        if has_left_body {
-            // The body that was left may still be found by others, and refers to it.
-            std::mem::forget(resident.take());
-        }
+        let resident = member.take_resident();
         if let Some(error) = &error {
             keep_first(&mut self.first_error, member.order, error);
             if is_panic(error) {

@@ -1,6 +1,7 @@
 //! The user's code does its worst: wakers that panic, payloads that panic when dropped, operations moved from one run to another.
 
 use luna::prelude::*;
+use luna::{Error, RecvError};
 use std::cell::Cell;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind, panic_any};
@@ -200,6 +201,48 @@ fn a_foreign_waker_panics_on_an_executors_thread() {
     executor.process("waits").spawn(body).unwrap();
     assert!(ends(move || system.run()).is_err());
     assert!(safe.load(Ordering::SeqCst));
+}
+
+/// Another sender lives, so the channel does not close by itself.
+#[test]
+fn partners_elsewhere_learn_that_a_foreign_waker_has_ended_an_executor() {
+    let mut system = System::new("partners of an executor");
+    let (sender, receiver) = luna::channel::<u32>();
+    let _keeps_it_open = sender.clone();
+    let executor = system.executor("dies").build().unwrap();
+    let has_waker = async {
+        let mut delay: Boxed = Box::pin(luna::after(Duration::from_millis(1)));
+        poll_with_panicking_waker(&mut delay);
+        std::future::pending().await
+    };
+    executor.process("has the waker").spawn(has_waker).unwrap();
+    let has_sender = async move {
+        let _sender = sender;
+        std::future::pending().await
+    };
+    executor.process("has a sender").spawn(has_sender).unwrap();
+    let (learns, learned) = mpsc::channel();
+    let partner = async move {
+        learns.send(receiver.recv().await).map_err(Error::other)?;
+        std::future::pending().await
+    };
+    let other = system.executor("lives").build().unwrap();
+    other.process("partner").spawn(partner).unwrap();
+    // The partner is cancelled when the functions have ended, so one of them waits for what it
+    // learns.
+    let received = Arc::new(Mutex::new(None));
+    let told = received.clone();
+    system.on_emergency_within("waits", Duration::from_secs(30), move || {
+        *told.lock().unwrap() = learned.recv_timeout(Duration::from_secs(20)).ok();
+    });
+    let error = ends(move || system.run()).unwrap_err();
+    assert_eq!(*received.lock().unwrap(), Some(Err(RecvError::Poisoned)));
+    let text = format!("{error}");
+    assert!(
+        text.contains("has the waker") && text.contains("outside of any process"),
+        "{text}"
+    );
+    assert!(text.ends_with("a waker"), "{text}");
 }
 
 #[test]

@@ -1,7 +1,13 @@
 //! The second level: a group on one executor that is one party of a barrier.
 //!
-//! Whoever completes the group goes to the barrier for all: the group's own `sync` lies in the group, and is polled by that member. When a member
-//! leaves meanwhile, the group is not complete any more, and its coming is withdrawn, unless the barrier's round is over already.
+//! The member that completes the group goes to the barrier for all: the group's own `sync` lies in
+//! the group, and that member comes with it. When a member leaves meanwhile, the group is not
+//! complete any more, and its coming is withdrawn, unless the barrier's round is over already.
+//!
+//! Wakers are user code: their clones, wakes and drops may poll and drop members of the same group.
+//! So none of that happens between two steps of one change. A round of the barrier that is complete
+//! is complete for the group too before the first waker is woken: a member that is dropped from
+//! there on has come, and one that is polled first from there on is of the next round.
 
 use super::{Barrier, SyncOp};
 use luna_platform::current::{self, Home, Wakeup};
@@ -113,26 +119,35 @@ impl Group {
         );
     }
 
-    /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, by a member that waits, when the group is complete.
-    fn poll_global(&self, cx: &mut Context<'_>) {
+    /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
+    /// group is complete. Runs no user code.
+    fn come(&self, wakeup: Wakeup) -> After<'_> {
         // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the group's own allocation and is dropped after
-        // it; it is not moved while it is there.
-        let polled = unsafe {
+        // it; it is not moved while it is there, and is taken out as soon as its round is complete.
+        let came = unsafe {
             let global = &mut *self.global.get();
             let sync = global.get_or_insert_with(|| {
                 let barrier: *const Barrier = &raw const self.barrier;
                 (*barrier).sync()
             });
-            Pin::new_unchecked(sync).poll(cx)
+            sync.come(wakeup)
         };
-        if polled.is_ready() {
-            self.release();
+        if came.is_complete {
+            self.complete();
+        }
+        After {
+            group: self,
+            completes: came.completes,
+            is_complete: came.is_complete,
+            former: came.former,
         }
     }
 
-    /// Completes the round, and readies all who wait. Called on the group's thread.
-    fn release(&self) {
-        // SAFETY: this is the group's thread, and nothing is borrowed while somebody's code runs. The operation is over.
+    /// Completes the round: all that wait are to be readied. Called on the group's thread. Runs no
+    /// user code.
+    fn complete(&self) {
+        // SAFETY: this is the group's thread. The operation is over, so that it has no wakeup any
+        // more that its drop could drop.
         unsafe {
             *self.global.get() = None;
             let state = self.state();
@@ -140,7 +155,6 @@ impl Group {
             (*state).number = (*state).number.wrapping_add(1);
             (*state).releasing.append(&mut (*state).waiting);
         }
-        self.ready_all();
     }
 
     fn ready_all(&self) {
@@ -163,23 +177,61 @@ impl Group {
         }
     }
 
-    /// A member that waited leaves: so the group is not complete, and has not come, unless the barrier's round is over. Says whether it is.
-    fn withdraw(&self) -> bool {
-        // SAFETY: this is the group's thread.
-        let global = unsafe { &mut *self.global.get() };
-        let Some(sync) = global else {
-            return false;
-        };
-        if sync.leave() {
-            self.release();
-            return true;
+    /// A member that waits is about to leave: so the group is not complete, and has not come,
+    /// unless the barrier's round is over. Runs no user code.
+    fn withdraw(&self) -> After<'_> {
+        // SAFETY: this is the group's thread, and the borrow ends before `complete`.
+        let taken_back = unsafe { &mut *self.global.get() }
+            .as_mut()
+            .map(SyncOp::take_back);
+        let (is_complete, former) = taken_back.unwrap_or_default();
+        if is_complete {
+            self.complete();
+        } else {
+            // SAFETY: this is the group's thread. What was taken back has no wakeup any more that
+            // its drop could drop.
+            unsafe { *self.global.get() = None };
         }
-        *global = None;
-        false
+        After {
+            group: self,
+            completes: false,
+            is_complete,
+            former: [former, None],
+        }
+    }
+
+    /// Whether all members have come, and wait.
+    fn is_complete(&self) -> bool {
+        // SAFETY: this is the group's thread.
+        unsafe { (*self.state()).arrived >= self.parties }
     }
 }
 
-/// The rest of a release, if somebody's waker panics in the middle of it.
+/// What is left to be done after a change of the group: all that may run user code.
+#[must_use]
+struct After<'a> {
+    group: &'a Group,
+    /// The barrier's other parties are to be released.
+    completes: bool,
+    /// The members whose round is complete are to be readied.
+    is_complete: bool,
+    former: [Option<Wakeup>; 2],
+}
+
+impl After<'_> {
+    /// Also if a waker panics, all are readied.
+    fn carry_out(self) {
+        let members = self.is_complete.then(|| Rest(self.group));
+        if self.completes {
+            self.group.barrier.shared().release();
+        }
+        drop(members);
+        drop(self.former);
+    }
+}
+
+/// The members that are still to be readied: when this is dropped, they are, also after a waker has
+/// panicked.
 struct Rest<'a>(&'a Group);
 
 impl Drop for Rest<'_> {
@@ -193,6 +245,9 @@ enum Phase {
     New,
     /// In one of the group's lists, or released.
     Waiting,
+    /// The round is complete, and this member has completed the barrier's; the process lets others
+    /// run before it goes on.
+    GaveWay,
     Over,
 }
 
@@ -227,11 +282,21 @@ impl LocalSync<'_> {
         unsafe { (*self.node().as_ptr()).round != (*self.group.state()).number }
     }
 
-    /// Takes one that waits back, if its round is not complete. Says whether it is.
-    fn leave(&mut self) -> bool {
-        let is_through = self.is_through() || self.group.withdraw();
+    /// Takes one that waits back, if its round is not complete. Says whether it is. Runs no user
+    /// code.
+    fn leave(&mut self) -> (bool, After<'_>) {
+        let mut after = match self.is_through() {
+            false => self.group.withdraw(),
+            true => After {
+                group: self.group,
+                completes: false,
+                is_complete: false,
+                former: [None, None],
+            },
+        };
+        let is_through = self.is_through();
         // SAFETY: as above; a listed node is in the list that the round's number says.
-        let former = unsafe {
+        unsafe {
             let (node, state) = (self.node().as_ptr(), self.group.state());
             if (*node).is_listed {
                 (*node).is_listed = false;
@@ -242,11 +307,61 @@ impl LocalSync<'_> {
                     (*state).arrived -= 1;
                 }
             }
-            (*node).wait.wakeup_mut().take()
-        };
-        // Somebody's code, so with nothing borrowed.
-        drop(former);
-        is_through
+            after.former[1] = (*node).wait.wakeup_mut().take();
+        }
+        (is_through, after)
+    }
+
+    /// Goes to the barrier for the group, if that is complete. Says whether this member has
+    /// completed the barrier's round.
+    fn come_for_all(&self, cx: &Context<'_>) -> bool {
+        let is_due = || !self.is_through() && self.group.is_complete();
+        if !is_due() {
+            return false;
+        }
+        // Cloning a waker is user code: what it did is looked at afterwards.
+        let wakeup = Wakeup::of(cx);
+        if !is_due() {
+            return false;
+        }
+        let after = self.group.come(wakeup);
+        let completes = after.completes;
+        after.carry_out();
+        completes
+    }
+
+    /// Comes to the group. Cloning the waker is user code, and comes first.
+    fn enter(&mut self, cx: &Context<'_>) {
+        self.group.enter();
+        let wakeup = Wakeup::of(cx);
+        // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before
+        // it goes.
+        unsafe {
+            let (node, state) = (self.node().as_ptr(), self.group.state());
+            (*node).round = (*state).number;
+            (*node).is_listed = true;
+            (*state)
+                .waiting
+                .insert(self.node().cast(), current::priority(), wakeup);
+            (*state).arrived += 1;
+        }
+        self.phase = Phase::Waiting;
+    }
+
+    /// Is to be woken by `cx` from now on.
+    fn renew(&mut self, cx: &Context<'_>) {
+        // SAFETY: this future stays on the group's thread, which alone changes the node; no borrow
+        // of it is left while user code runs.
+        let wakeup = || unsafe { (*self.node().as_ptr()).wait.wakeup_mut() };
+        if wakeup().as_ref().is_some_and(|known| known.is_of(cx)) {
+            return;
+        }
+        let mut new = Some(Wakeup::of(cx));
+        // The clone may have completed the round.
+        if !self.is_through() {
+            std::mem::swap(wakeup(), &mut new);
+        }
+        drop(new);
     }
 }
 
@@ -260,48 +375,41 @@ impl Future for LocalSync<'_> {
             this.phase != Phase::Over,
             "a sync was polled after it was over"
         );
-        if current::branch_failed() && !(this.phase == Phase::Waiting && this.leave()) {
-            this.phase = Phase::New;
+        if this.phase == Phase::GaveWay {
+            this.phase = Phase::Over;
+            return Poll::Ready(());
+        }
+        if current::branch_failed() {
+            let mut has_come = false;
+            if std::mem::replace(&mut this.phase, Phase::New) == Phase::Waiting {
+                let (is_through, after) = this.leave();
+                has_come = is_through;
+                after.carry_out();
+            }
+            if has_come {
+                this.phase = Phase::Over;
+                return Poll::Ready(());
+            }
             current::end_branch(cx);
             return Poll::Pending;
         }
         if this.phase == Phase::New {
-            this.group.enter();
-            let wakeup = Wakeup::of(cx);
-            // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before it goes.
-            unsafe {
-                let (node, state) = (this.node().as_ptr(), this.group.state());
-                (*node).round = (*state).number;
-                (*node).is_listed = true;
-                (*state)
-                    .waiting
-                    .insert(this.node().cast(), current::priority(), wakeup);
-                (*state).arrived += 1;
-            }
-            this.phase = Phase::Waiting;
+            this.enter(cx);
         } else if !this.is_through() {
-            // SAFETY: this future stays on the group's thread.
-            let former = unsafe {
-                let wakeup = (*this.node().as_ptr()).wait.wakeup_mut();
-                match wakeup {
-                    Some(known) if known.is_of(cx) => None,
-                    _ => wakeup.replace(Wakeup::of(cx)),
-                }
-            };
-            // Somebody's code, so with nothing borrowed.
-            drop(former);
+            this.renew(cx);
         }
-        // SAFETY: this is the group's thread.
-        if !this.is_through() && unsafe { (*this.group.state()).arrived } >= this.group.parties {
-            this.group.poll_global(cx);
-        }
+        let completes = this.come_for_all(cx);
         if !this.is_through() {
             this.group.barrier.shared().place.waits();
             return Poll::Pending;
         }
         // It may be on its way to being readied.
-        this.leave();
         this.phase = Phase::Over;
+        this.leave().1.carry_out();
+        if completes && crate::gives_way(cx) {
+            this.phase = Phase::GaveWay;
+            return Poll::Pending;
+        }
         Poll::Ready(())
     }
 }
@@ -310,7 +418,7 @@ impl Drop for LocalSync<'_> {
     fn drop(&mut self) {
         if self.phase == Phase::Waiting {
             self.group.barrier.shared().place.waits_no_more();
-            self.leave();
+            self.leave().1.carry_out();
         }
     }
 }

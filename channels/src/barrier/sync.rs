@@ -28,6 +28,18 @@ enum Phase {
     Over,
 }
 
+/// What [`SyncOp::come`] has led to. Its caller carries it out once its own state is changed, since
+/// all of it may run user code.
+#[must_use]
+pub(super) struct Came {
+    /// The round is complete.
+    pub(super) is_complete: bool,
+    /// This party has completed it, and the others are to be [released](Shared::release).
+    pub(super) completes: bool,
+    /// Not needed any more.
+    pub(super) former: [Option<Wakeup>; 2],
+}
+
 /// Coming to a barrier: see [`Barrier::sync`].
 ///
 /// # Invariants
@@ -109,20 +121,97 @@ impl<'a> SyncOp<'a> {
         }
     }
 
+    /// Comes, or looks whether the round is complete, for a group that is one party: all at once,
+    /// without user code. `wakeup` is for the group. Not to be called once the round is complete.
+    ///
+    /// # Safety
+    ///
+    /// It is pinned, and in no alternative.
+    pub(super) unsafe fn come(&mut self, wakeup: Wakeup) -> Came {
+        let shared = self.shared();
+        let waits = |former| Came {
+            is_complete: false,
+            completes: false,
+            former: [former, None],
+        };
+        let is_over = |completes, former| Came {
+            is_complete: true,
+            completes,
+            former,
+        };
+        let is_new = self.phase == Phase::New;
+        if is_new {
+            shared.note_user();
+        } else if self.outcome() == Outcome::Done {
+            self.phase = Phase::Over;
+            return is_over(false, [Some(wakeup), None]);
+        }
+        let mut lists = shared.place.lock();
+        // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
+        // contract, and its drop takes it off. Under the lock a listed one may be changed, and is
+        // in the list that the round's number says.
+        unsafe {
+            if is_new {
+                if shared.complete_with(&mut lists, 1) {
+                    self.phase = Phase::Over;
+                    return is_over(true, [Some(wakeup), None]);
+                }
+                let number = shared.round(&lists, |round| {
+                    round.arrived += 1;
+                    round.number
+                });
+                Waiter::begin(self.node(), false, None, None);
+                (*Waiter::link(self.node())).ticket = number;
+                lists
+                    .senders
+                    .insert(self.node().cast(), current::priority(), Some(wakeup));
+                self.phase = Phase::Listed;
+                return waits(None);
+            }
+            let node = Waiter::link(self.node());
+            let is_done = self.outcome() == Outcome::Done;
+            let number = shared.round(&lists, |round| round.number);
+            if !is_done && number == (*node).ticket {
+                return waits((*node).wait.wakeup_mut().replace(wakeup));
+            }
+            if !is_done {
+                lists.held.remove(self.node().cast());
+                (*node)
+                    .outcome
+                    .store(Outcome::Done as u8, Ordering::Relaxed);
+            }
+            self.phase = Phase::Over;
+            let former = if is_done {
+                None
+            } else {
+                (*node).wait.wakeup_mut().take()
+            };
+            is_over(false, [Some(wakeup), former])
+        }
+    }
+
     /// Takes a listed one back, if the round is not complete. Says whether it is.
     pub(super) fn leave(&mut self) -> bool {
+        let (is_complete, former) = self.take_back();
+        // Dropping a waker can run anything, so at the end.
+        drop(former);
+        is_complete
+    }
+
+    /// As [`leave`](Self::leave), without user code: gives what is to be dropped.
+    pub(super) fn take_back(&mut self) -> (bool, Option<Wakeup>) {
         match self.phase {
             Phase::Listed => {}
-            Phase::New => return false,
-            Phase::Completed | Phase::GaveWay | Phase::Over => return true,
+            Phase::New => return (false, None),
+            Phase::Completed | Phase::GaveWay | Phase::Over => return (true, None),
         }
         self.shared().place.waits_no_more();
         let mut lists = self.shared().place.lock();
         // SAFETY: as in `poll_round`.
         unsafe {
             match self.outcome() {
-                Outcome::Done => return true,
-                Outcome::Stale => return false,
+                Outcome::Done => return (true, None),
+                Outcome::Stale => return (false, None),
                 _ => {}
             }
             let node = Waiter::link(self.node());
@@ -145,8 +234,7 @@ impl<'a> SyncOp<'a> {
             (*node).outcome.store(outcome as u8, Ordering::Relaxed);
             let former = (*node).wait.wakeup_mut().take();
             drop(lists);
-            drop(former);
-            is_complete
+            (is_complete, former)
         }
     }
 }

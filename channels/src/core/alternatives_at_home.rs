@@ -10,7 +10,7 @@ use crate::place::{LastUser, Lists, user_number};
 use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, PlainReady, Process};
+use luna_platform::current::{PlainReady, Process};
 use luna_platform::home_lock::InsideGuard;
 use std::ptr::NonNull;
 
@@ -398,13 +398,13 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 ///
 /// # Safety
 ///
-/// The wakeup was made on this thread, which is the home of `process`.
+/// The wakeup was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
 unsafe fn go_on(ready: PlainReady, process: &Process) -> AtHome {
-    // SAFETY: the contract.
-    unsafe { ready.wake() };
-    match current::gives_way(process) {
-        true => AtHome::GaveWay,
-        false => AtHome::Done,
+    // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
+    // plain turn.
+    unsafe {
+        ready.wake();
+        AtHome::done(process)
     }
 }

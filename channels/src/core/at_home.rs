@@ -34,9 +34,13 @@ pub(crate) enum AtHome {
 }
 
 impl AtHome {
+    /// # Safety
+    ///
+    /// As for [`current::gives_way`].
     #[inline(always)]
-    pub(super) fn done(process: &Process) -> AtHome {
-        match current::gives_way(process) {
+    pub(super) unsafe fn done(process: &Process) -> AtHome {
+        // SAFETY: the contract is the same.
+        match unsafe { current::gives_way(process) } {
             true => AtHome::GaveWay,
             false => AtHome::Done,
         }

@@ -293,10 +293,12 @@ fn outranked(f: impl FnOnce()) {
     let _home = current::enter_home(home, timers, false);
     let id = current::ProcessId::new();
     let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone());
-    current::pretend_ready_levels(1 << 5);
+    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    unsafe { current::pretend_ready_levels(1 << 5) };
     // SAFETY: this thread is the home, and the process lives.
     unsafe { current::with_process(&process, f) };
-    current::pretend_ready_levels(0);
+    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    unsafe { current::pretend_ready_levels(0) };
 }
 
 #[test]

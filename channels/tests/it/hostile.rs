@@ -3,7 +3,9 @@
 #![cfg(not(loom))]
 
 use futures_lite::future::poll_once;
-use luna_channels::{Alternative, Barrier, Buffer, LocalBarrier, RecvError, buffered, channel};
+use luna_channels::{
+    Alternative, Barrier, Buffer, LocalBarrier, LocalSync, RecvError, buffered, channel,
+};
 use luna_executors::block_on;
 use std::cell::RefCell;
 use std::future::Future;
@@ -227,6 +229,91 @@ fn a_wakers_drop_may_complete_the_group() {
         // The former waker goes, and with it comes the last member.
         assert!(poll(&mut first, Waker::noop()).is_ready());
         assert_eq!(drops.load(Ordering::SeqCst), 1);
+    })
+    .unwrap();
+}
+
+thread_local! {
+    /// A group, and the member that a waker is to drop.
+    static MEMBER: RefCell<Option<(&'static LocalBarrier, Member)>> = const { RefCell::new(None) };
+}
+
+type Member = Pin<Box<LocalSync<'static>>>;
+
+/// When woken, drops a member of the group, and lets one come for the next round.
+struct Replacing;
+impl Wake for Replacing {
+    fn wake(self: Arc<Self>) {
+        let Some((group, dropped)) = MEMBER.with_borrow_mut(Option::take) else {
+            return;
+        };
+        drop(dropped);
+        let mut next = Box::pin(group.sync());
+        assert!(poll(&mut next, Waker::noop()).is_pending());
+        MEMBER.set(Some((group, next)));
+    }
+}
+
+#[test]
+fn a_member_that_is_dropped_in_the_barriers_wake_releases_no_second_round() {
+    block_on(async {
+        let barrier = Barrier::new(2);
+        let group: &'static LocalBarrier = Box::leak(Box::new(barrier.local(2)));
+        let mut outsider = Box::pin(barrier.sync());
+        assert!(poll(&mut outsider, &Waker::from(Arc::new(Replacing))).is_pending());
+        let mut one = Box::pin(group.sync());
+        assert!(poll(&mut one, Waker::noop()).is_pending());
+        MEMBER.set(Some((group, one)));
+        let mut two = Box::pin(group.sync());
+        assert!(poll(&mut two, Waker::noop()).is_ready());
+        assert!(poll(&mut outsider, Waker::noop()).is_ready());
+        let (_, mut next) = MEMBER.take().expect("the waker ran");
+        assert!(
+            poll(&mut next, Waker::noop()).is_pending(),
+            "it passed the next round alone"
+        );
+        // It passes with the others.
+        let mut outsider = Box::pin(barrier.sync());
+        assert!(poll(&mut outsider, Waker::noop()).is_pending());
+        assert!(poll(&mut Box::pin(group.sync()), Waker::noop()).is_ready());
+        assert!(poll(&mut next, Waker::noop()).is_ready());
+        assert!(poll(&mut outsider, Waker::noop()).is_ready());
+    })
+    .unwrap();
+}
+
+/// When woken, drops a member of the group, and panics.
+struct DroppingAndPanicking;
+impl Wake for DroppingAndPanicking {
+    fn wake(self: Arc<Self>) {
+        drop(MEMBER.with_borrow_mut(Option::take));
+        panic!("a waker that panics");
+    }
+}
+
+#[test]
+fn a_panic_in_the_barriers_wake_keeps_no_member_of_the_group() {
+    block_on(async {
+        let barrier = Barrier::new(2);
+        let group: &'static LocalBarrier = Box::leak(Box::new(barrier.local(3)));
+        let mut outsider = Box::pin(barrier.sync());
+        let waker = Waker::from(Arc::new(DroppingAndPanicking));
+        assert!(poll(&mut outsider, &waker).is_pending());
+        let mut one = Box::pin(group.sync());
+        assert!(poll(&mut one, Waker::noop()).is_pending());
+        MEMBER.set(Some((group, one)));
+        let count = Arc::new(Count::default());
+        let mut two = Box::pin(group.sync());
+        assert!(poll(&mut two, &Waker::from(count.clone())).is_pending());
+        let mut three = Box::pin(group.sync());
+        assert!(panics(|| {
+            let _ = poll(&mut three, Waker::noop());
+        }));
+        assert_eq!(count.0.load(Ordering::SeqCst), 1);
+        assert!(poll(&mut two, Waker::noop()).is_ready());
+        assert!(poll(&mut three, Waker::noop()).is_ready());
+        let mut next = Box::pin(group.sync());
+        assert!(poll(&mut next, Waker::noop()).is_pending());
     })
     .unwrap();
 }

@@ -262,12 +262,6 @@ impl ProcessHandle {
         join::joiners(&self.0)
     }
 
-    /// Whether its body was left behind and is never dropped, since its executor's thread panicked outside of any process: what the body refers to
-    /// must then stay. Asked after the end.
-    pub fn has_left_body(&self) -> bool {
-        self.0.has_left_body()
-    }
-
     /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
     /// real-time path: it frees; O(1).
     #[inline]

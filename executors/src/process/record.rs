@@ -55,8 +55,6 @@ impl How {
 struct Fate;
 
 impl Fate {
-    /// Its thread has gone under with the body, which still refers to what it was made of.
-    const BODY_LEFT: u8 = 1;
     /// It was ended by its overseer.
     const POISONED: u8 = 2;
 }
@@ -471,17 +469,6 @@ impl Record {
         if let Some(waker) = waker {
             waker.wake();
         }
-    }
-
-    /// Says that the process' body is never dropped, if it has not ended: called before it is ended.
-    pub(crate) fn leave_body(&self) {
-        if !self.has_ended() {
-            self.fate.fetch_or(Fate::BODY_LEFT, Ordering::Release);
-        }
-    }
-
-    pub(super) fn has_left_body(&self) -> bool {
-        self.fate.load(Ordering::Acquire) & Fate::BODY_LEFT != 0
     }
 
     /// Ends a process whose body never ran.

@@ -7,6 +7,7 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{self, Guest};
 use luna_platform::events;
 use luna_platform::timer_queue::TimerQueue;
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -127,7 +128,9 @@ impl Member {
                     if self.timers.next_deadline() <= now {
                         self.timers.expire(now);
                     }
-                    let Some(owner) = current::next_ready() else {
+                    // SAFETY: who comes is given a turn below, before anything else is done, or
+                    // retired.
+                    let Some(owner) = (unsafe { current::next_ready() }) else {
                         break;
                     };
                     if rested && taken == 0 {
@@ -145,14 +148,15 @@ impl Member {
         current::set_on_path(false);
         // Also a turn that ended in a panic was one.
         self.left = self.left.saturating_sub(taken);
-        if lived.is_err() {
-            self.give_up();
+        let goes_on = lived.is_ok();
+        if let Err(payload) = lived {
+            self.give_up(payload);
         }
         if events::is_on() {
             self.tell(rested && taken == 0);
         }
         self.leave();
-        (taken, lived.is_ok())
+        (taken, goes_on)
     }
 
     /// Tells who records it its name, and whether it rests now. Who `rested` before and polled nobody, which depends on other threads, has nothing to tell.
@@ -209,8 +213,8 @@ impl Member {
     }
 
     /// Its processes have panicked with what has: see the executors of real threads.
-    fn give_up(&mut self) {
+    fn give_up(&mut self, payload: Box<dyn Any + Send>) {
         self.is_closed = true;
-        self.shared.give_up();
+        self.shared.give_up(payload);
     }
 }

@@ -29,6 +29,7 @@ use std::any::{Any, TypeId};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
 use std::mem::{ManuallyDrop, offset_of};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
@@ -418,6 +419,63 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
         }
     }
     Ok(())
+}
+
+/// Ends all tasks of this thread's executor as panicked, whose work a panic outside of any process
+/// has ended. The channel ends in their bodies poison their channels. A body that panics as it is
+/// dropped keeps none of the others. The executor builds none meanwhile. O(tasks), and what the
+/// drops take. Allocates.
+pub(crate) fn end_all(why: &str) {
+    let mut number = 0;
+    loop {
+        // First those that are queued, since a turn is that of a task that is not. A drop may queue
+        // others. SAFETY: who comes is given a turn below, before anything else is done, or
+        // retired.
+        let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
+        let next = queued.or_else(|| SEATS.with_borrow(|seats| seats.next(&mut number)));
+        let Some(task) = next else {
+            return;
+        };
+        // SAFETY: a task is retired only when it is not queued, and then has no seat, so this one
+        // is live. It is not queued now, this is the home's thread, and no process has its turn.
+        unsafe {
+            match (task.as_ref().record.has_ended(), queued) {
+                (false, _) => end_left(task, why),
+                (true, Some(_)) => retire(task),
+                (true, None) => {}
+            }
+        }
+    }
+}
+
+/// Ends a task in a turn in which it is not polled.
+///
+/// # Safety
+///
+/// `task` is live, and neither queued nor has it ended. This is its home's thread, where no process
+/// has its turn.
+unsafe fn end_left(task: NonNull<Task>, why: &str) {
+    // SAFETY: the contract: nobody accesses the body, and the task lives until it is retired, at
+    // the end.
+    unsafe {
+        let this = task.as_ref();
+        let ended = catch_unwind(AssertUnwindSafe(|| {
+            current::give_turn(&this.process, || {
+                current::poison_dropped_ends(|| {
+                    (this.methods().end_panicked)(task, Box::new(why.to_owned()));
+                });
+            })
+        }));
+        let is_queued = match ended {
+            Ok((_, is_queued)) => is_queued,
+            Err(payload) => {
+                // Dropping it could panic in turn.
+                std::mem::forget(payload);
+                current::take_interrupted().is_some_and(|(_, is_queued)| is_queued)
+            }
+        };
+        end(task, is_queued);
+    }
 }
 
 /// # Safety

@@ -3,17 +3,21 @@
 #![cfg(not(loom))]
 
 use crate::support;
-use luna_executors::{Executor, Exit, Living, ProcessHandle, ProcessSpec, ProcessState, yield_now};
+use luna_executors::{
+    Executor, ExecutorHandle, Exit, Living, ProcessHandle, ProcessSpec, ProcessState, has_given_up,
+    yield_now,
+};
 use luna_platform::clock::Instant;
-use luna_platform::current::{User, user};
+use luna_platform::current::{User, dropped_ends_poison, user};
 use luna_platform::thread::Attributes;
 use luna_platform::timer_queue::Sleep;
-use std::future::{pending, poll_fn};
+use std::future::{Future, pending, poll_fn};
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::Poll;
+use std::task::{Context, Poll, Wake, Waker};
 use std::thread::ThreadId;
+use std::time::Duration;
 use support::{Drops, Gate, Log, executor, quiet_panics, until, watchdog};
 
 /// Says on which thread it was dropped. Not `Send`.
@@ -337,4 +341,92 @@ fn announced_and_dropped_or_built_in_the_turn_of_another() {
     assert_eq!(ended.len(), 3);
     assert_eq!((ended[0], ended[2]), (dropped.id(), parent.id()));
     living.take_ended(|id| panic!("{id} was listed twice"));
+}
+
+/// A waker of another runtime, with a bug.
+struct PanicsWhenWoken;
+
+impl Wake for PanicsWhenWoken {
+    fn wake(self: Arc<Self>) {
+        panic!("on purpose, in a waker");
+    }
+}
+
+/// When dropped, notes where and how, spawns another one, and panics.
+struct Last {
+    drops: Log<(ThreadId, bool, bool)>,
+    executor: ExecutorHandle,
+    late: Log<ProcessHandle>,
+}
+
+impl Drop for Last {
+    fn drop(&mut self) {
+        self.drops.add((
+            std::thread::current().id(),
+            dropped_ends_poison(),
+            has_given_up(),
+        ));
+        let spec = ProcessSpec::new("late");
+        self.late.add(self.executor.spawn(spec, || async {}));
+        panic!("on purpose, in drop");
+    }
+}
+
+#[test]
+fn a_panic_around_the_bodies_ends_them_all_on_their_thread() {
+    let _watchdog = watchdog("a_panic_around_the_bodies_ends_them_all_on_their_thread");
+    quiet_panics();
+    let executor = executor();
+    let (threads, drops, late) = (Log::new(), Log::new(), Log::new());
+    let own = threads.clone();
+    let mut processes = vec![executor.spawn(ProcessSpec::new("has the waker"), move || {
+        own.add(std::thread::current().id());
+        async {
+            let waker = Waker::from(Arc::new(PanicsWhenWoken));
+            let soon = Instant::now() + Duration::from_millis(1);
+            let mut sleep = Box::pin(Sleep::until(soon));
+            let polled = sleep.as_mut().poll(&mut Context::from_waker(&waker));
+            assert!(polled.is_pending());
+            pending().await
+        }
+    })];
+    // Some wait, and some are in the run queue.
+    for number in 0..6 {
+        let held = Last {
+            drops: drops.clone(),
+            executor: executor.handle().clone(),
+            late: late.clone(),
+        };
+        processes.push(
+            executor.spawn(ProcessSpec::new("others"), move || async move {
+                let _held = held;
+                if number % 2 != 0 {
+                    return pending().await;
+                }
+                loop {
+                    yield_now().await;
+                }
+            }),
+        );
+    }
+    executor.release();
+    for process in &processes {
+        let exit = process.wait();
+        let Exit::Panicked(message) = &exit else {
+            panic!("{exit:?}");
+        };
+        assert!(
+            message.ends_with("not LUNA's: on purpose, in a waker"),
+            "{message}"
+        );
+    }
+    executor.stop();
+    assert!(!has_given_up());
+    let here = threads.take()[0];
+    assert_eq!(drops.take(), [(here, true, true); 6]);
+    let late = late.take();
+    assert_eq!(late.len(), 6);
+    for process in late {
+        assert_eq!(process.wait(), Exit::Cancelled);
+    }
 }

@@ -52,6 +52,7 @@ use branch::{Branch, lowered};
 use home_thread::HomeThread;
 use run_queue::RunQueue;
 use std::cell::{Cell, RefCell};
+use std::marker::PhantomData;
 use std::ptr::NonNull;
 
 /// What a thread that runs processes keeps beside the current one.
@@ -118,14 +119,24 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
     };
     SPARE_HOME_THREADS.with(|spare| spare.keep(&thread));
     HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
-    HomeGuard { home }
+    HomeGuard {
+        home,
+        stays_on_its_thread: PhantomData,
+    }
 }
 
-/// Ends what [`enter_home`] began.
+/// Ends what [`enter_home`] began: on the same thread, so it is not `Send`.
+///
+/// ```compile_fail,E0277
+/// fn can_be_sent(_: impl Send) {}
+/// use luna_platform::{current, sync::Arc, timer_queue::TimerQueue};
+/// can_be_sent(current::enter_home(current::Home::new(), Arc::new(TimerQueue::new()), false));
+/// ```
 #[derive(Debug)]
 #[must_use = "the thread stops being a home when the guard is dropped"]
 pub struct HomeGuard {
     home: Home,
+    stays_on_its_thread: PhantomData<*const ()>,
 }
 
 impl Drop for HomeGuard {

@@ -269,12 +269,19 @@ impl Process {
     pub unsafe fn set_recorded(&self) {
         debug_assert!(self.is_owned());
         self.kind.set(Kind::Recorded);
-        self.keep_recorded();
+        // SAFETY: by the contract this is the home's thread.
+        unsafe { self.keep_recorded() };
     }
 
-    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one: a turn begins with a store that forgets it. On the home's thread.
+    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one:
+    /// a turn begins with a store that forgets it.
+    ///
+    /// # Safety
+    ///
+    /// This is the home's thread: another one could lose a change of the state that is made there,
+    /// so that the process would be queued twice.
     #[inline]
-    pub fn keep_recorded(&self) {
+    pub unsafe fn keep_recorded(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::RECORDED, Ordering::Relaxed);
     }
@@ -512,8 +519,12 @@ impl Process {
         NonNull::with_exposed_provenance(NonNull::from(self).addr())
     }
 
-    /// Says that it is not to be readied any more: its body has ended. On the home's thread.
-    pub fn set_ended(&self) {
+    /// Says that it is not to be readied any more: its body has ended.
+    ///
+    /// # Safety
+    ///
+    /// This is the home's thread, as for [`keep_recorded`](Self::keep_recorded).
+    pub unsafe fn set_ended(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::ENDED, Ordering::Relaxed);
     }

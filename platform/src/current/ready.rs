@@ -18,15 +18,26 @@ pub fn ready_levels() -> u32 {
 }
 
 /// Lets the processes of this thread, which is no executor's, believe that at these levels others are ready: for tests.
+///
+/// # Safety
+///
+/// Until this is called with 0, no process is in this thread's run queue but at levels that are
+/// given, and [`next_ready`] is called only if one is at the highest of them.
 #[doc(hidden)]
-pub fn pretend_ready_levels(bits: u32) {
+pub unsafe fn pretend_ready_levels(bits: u32) {
     with_queue(|queue| queue.pretend(bits));
 }
 
 /// Takes the process whose turn it is out of this thread's run queue, and gives its owner. It was readied by [`Process::ready_at`] or a wakeup, and is live as
 /// long as its owner keeps it.
+///
+/// # Safety
+///
+/// The caller gives the process a turn ([`give_turn`](super::give_turn),
+/// [`with_process`](super::with_process)) or ends it before anybody readies it again: until then it
+/// counts as one that is in the queue.
 #[inline(always)]
-pub fn next_ready() -> Option<NonNull<()>> {
+pub unsafe fn next_ready() -> Option<NonNull<()>> {
     Some(with_queue(RunQueue::pop)?.cast())
 }
 
@@ -106,8 +117,13 @@ pub fn spend_operation() -> bool {
 
 /// Lets others run after an operation of `process`, which has a [plain turn](super::plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
 /// this one: then it is ready again already, and the caller returns `Pending`.
+///
+/// # Safety
+///
+/// `process` is the current one of this thread, and an executor's:
+/// [`plain_turn`](super::plain_turn) has given it in this turn.
 #[inline(always)]
-pub fn gives_way(process: &Process) -> bool {
+pub unsafe fn gives_way(process: &Process) -> bool {
     let gives_way = THREAD.with(|thread| {
         if process.is_outranked(thread.queue.bits()) {
             return Some(Place::First);
@@ -122,7 +138,8 @@ pub fn gives_way(process: &Process) -> bool {
     let Some(place) = gives_way else {
         return false;
     };
-    // SAFETY: it is the current process, of an executor, so this is its home's thread and it lives.
+    // SAFETY: by the contract it is the current process, of an executor: so this is its home's
+    // thread, and it lives until its executor has popped it.
     unsafe { process.ready_here(0, place) };
     true
 }

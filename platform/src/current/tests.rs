@@ -20,10 +20,17 @@ impl Wake for Unused {
 /// At which level the process was readied, which is in no queue afterwards.
 fn readied() -> u8 {
     let level = 31 - ready_levels().leading_zeros();
-    assert!(next_ready().is_some(), "it is not ready");
-    // It was given no turn, so it counts as ready still.
+    // SAFETY: it counts as one that has its turn again before anybody readies it.
+    assert!(unsafe { next_ready() }.is_some(), "it is not ready");
     process(|process| process.expect("one is current").begin_turn());
     level as u8
+}
+
+/// Lets others seem ready at these levels, beside those that are queued there.
+fn pretend(levels: u32) {
+    // SAFETY: the tests take only what they have queued at the highest of the levels, and end with
+    // 0.
+    unsafe { pretend_ready_levels(levels) };
 }
 
 /// Where references can lead.
@@ -72,11 +79,11 @@ fn levels_of_nested_branches_add_up_and_end_at_the_lowest() {
 #[test]
 fn a_branch_is_outranked_by_what_its_process_is_not() {
     within(5, |_| {
-        pretend_ready_levels(1 << 4);
+        pretend(1 << 4);
         assert!(!is_outranked());
         with_branch_below(false, 1, 0, || assert!(!is_outranked()));
         with_branch_below(false, 2, 0, || assert!(is_outranked()));
-        pretend_ready_levels(0);
+        pretend(0);
     });
 }
 
@@ -108,10 +115,14 @@ fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
         ready_again(cx, Place::Last);
         assert_eq!(ready_levels(), 1 << 5);
         assert_eq!(readied(), 5);
-        assert_eq!(next_ready(), None);
-        process(|process| process.expect("one is current").set_ended());
+        // SAFETY: nobody comes.
+        assert_eq!(unsafe { next_ready() }, None);
+        // SAFETY: this is its home's thread.
+        process(|process| unsafe { process.expect("one is current").set_ended() });
         ready_again(cx, Place::Last);
-        assert_eq!(next_ready(), None, "who has ended is not readied");
+        // SAFETY: nobody comes.
+        let next = unsafe { next_ready() };
+        assert_eq!(next, None, "who has ended is not readied");
     });
 }
 
@@ -159,20 +170,20 @@ fn a_process_within_a_branch_is_whole() {
 #[test]
 fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
     within(5, |cx| {
-        pretend_ready_levels(1 << 4);
+        pretend(1 << 4);
         assert!(!give_way(cx), "not outranked");
         with_branch_below(false, 2, 0, || {
             assert!(give_way(cx));
             assert!(!give_way(&Context::from_waker(Waker::noop())));
         });
         assert_eq!(ready_levels(), 1 << 4 | 1 << 3);
-        pretend_ready_levels(1 << 3);
+        pretend(1 << 3);
         assert_eq!(readied(), 3);
-        pretend_ready_levels(1 << 6);
+        pretend(1 << 6);
         // At the process' own level a waker readies it behind what is more urgent, too.
         assert!(give_way(&Context::from_waker(Waker::noop())));
         assert_eq!(ready_levels(), 1 << 6, "such a waker queues nobody here");
-        pretend_ready_levels(0);
+        pretend(0);
     });
 }
 

@@ -78,11 +78,17 @@ pub fn outside<R>(f: impl FnOnce() -> R) -> R {
 }
 
 /// The process whose turn a panic has ended, and whether it is ready again; from here on it is not the current one any more.
-pub fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
+///
+/// # Safety
+///
+/// If there is a current process, its turn was given by [`give_turn`], whose `poll` has unwound:
+/// nobody on this thread's stack relies on it as the current one.
+pub unsafe fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
     THREAD.with(|thread| {
         thread.branch.set(Branch::WHOLE);
         let process = thread.process.take()?;
-        // SAFETY: the contract of `give_turn`.
+        // SAFETY: by the contract its turn was given by `give_turn`, whose caller keeps the process
+        // until it is taken here.
         Some((process, unsafe { process.as_ref() }.end_turn()))
     })
 }

@@ -134,8 +134,14 @@ impl Wakeup {
     }
 
     /// How to wake the current process, in a [plain turn](super::plain_turn).
+    ///
+    /// # Safety
+    ///
+    /// `process` is the current one of this thread, and an executor's: `plain_turn` has given it in
+    /// this turn. So references to it are counted, and without atomics on this thread, which is its
+    /// home.
     #[inline(always)]
-    pub fn of_plain_turn(process: &Process) -> Wakeup {
+    pub unsafe fn of_plain_turn(process: &Process) -> Wakeup {
         process.references.add();
         Wakeup(Inner::Process(Reference(NonNull::from(process))))
     }

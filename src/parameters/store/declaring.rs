@@ -4,7 +4,7 @@ use super::{Declared, Entry, Group, State, Store, note_outside};
 use crate::parameters::cells::{Cells, Reader};
 use crate::parameters::error::DeclareError;
 use luna_platform::current::ProcessId;
-use luna_platform::three_slots::ThreeSlots;
+use luna_platform::latest_slots::LatestSlots;
 use std::cell::RefCell;
 use std::sync::{Arc, OnceLock};
 
@@ -111,7 +111,7 @@ impl Store {
                 let reader = Arc::new(Reader {
                     process,
                     name: process_name,
-                    slots: ThreeSlots::new(),
+                    slots: LatestSlots::new(),
                     cells: OnceLock::new(),
                 });
                 let taken = state.sets;

@@ -59,7 +59,8 @@ impl<T> Alternative<'_, T> {
         }
         // SAFETY: the sender was listed by the home that the lock favours: this thread.
         unsafe { ready.wake() };
-        let gives_way = current::gives_way(process);
+        // SAFETY: it is the process whose plain turn this is, as above.
+        let gives_way = unsafe { current::gives_way(process) };
         Some(self.hand_on(index, Ok(value), gives_way))
     }
 

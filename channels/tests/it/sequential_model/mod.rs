@@ -35,7 +35,8 @@ fn poll_as<T>(
     branch_failed: bool,
     poll: impl FnOnce() -> T,
 ) -> T {
-    current::pretend_ready_levels(if outranked { u32::MAX } else { 0 });
+    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    unsafe { current::pretend_ready_levels(if outranked { u32::MAX } else { 0 }) };
     let branch = || current::with_branch(branch_failed, poll);
     let result = match priority {
         None => branch(),
@@ -46,7 +47,8 @@ fn poll_as<T>(
             unsafe { current::with_process(&process, branch) }
         }
     };
-    current::pretend_ready_levels(0);
+    // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
+    unsafe { current::pretend_ready_levels(0) };
     result
 }
 
