@@ -215,13 +215,15 @@ impl Plan {
     ) -> Result<ProcessHandle> {
         let id = plan.id();
         let _clock = running.common.clock.enter();
-        let _log = running.common.log.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             let _scope = running.common.scope.clone().enter_to_prepare();
             let declared = plan.spec.name();
             self.parameters
-                .declaring(id, declared, || prepare(&mut **resident))
+                .declaring(id, declared, || {
+                    let _log = running.common.log.enter();
+                    prepare(&mut **resident)
+                })
                 .map_err(|error| error.in_process(name))?;
             members = self.members();
         }
