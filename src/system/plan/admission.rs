@@ -73,6 +73,7 @@ impl Plan {
                 members.started.give_name_back(name);
             }
             drop(members);
+            self.note_refusal();
             let process = plan.name().to_string();
             return Err(SetupError::NotRunning { process }.into());
         }
@@ -169,6 +170,7 @@ impl Plan {
                 members.started.look_for_ends(&running.common.emergency);
             }
             if !members.started.take_name(name) {
+                self.note_refusal();
                 return Err(duplicate("process", name));
             }
         }
