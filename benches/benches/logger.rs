@@ -45,7 +45,9 @@ fn recorded<T>(
             .room_for_messages(128 * SAMPLES as usize);
         let recorder = Recorder::start(&hub, room).expect("the folder can be written to");
         hub.enter_thread();
+        let registering = hub.enter();
         let target = make();
+        drop(registering);
         let start = Instant::now();
         for n in 0..samples {
             record(&target, black_box(n));

@@ -87,7 +87,9 @@ fn produce(recording: Option<Logging>) -> Run {
         let is_urgent =
             apply_to_current(&attributes).is_ok_and(|obtained| obtained.policy == Policy::fifo(80));
         inside.enter_thread();
+        let registering = inside.enter();
         let signal = Signal::<f64>::register("signal").expect("the name is free");
+        drop(registering);
         let begin = Instant::now();
         let mut next = begin;
         let (mut produced, mut worst, mut long) = (0, Duration::ZERO, 0);

@@ -3,7 +3,7 @@
 use crate::args;
 use crate::failure::Failure;
 use crate::scope_parameters::OfSystem;
-use luna_scope::{Scope, Settings};
+use luna_scope::{ReplayError, Scope, Settings};
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::net::SocketAddr;
@@ -29,6 +29,9 @@ pub(crate) fn run(arguments: &args::Scope) -> Result<ExitCode, Failure> {
     let settings = arguments.host.iter().fold(settings, Settings::host);
     let scope = open(settings)?;
     let played = scope.replay(input, arguments.speed);
+    if let Err(error @ ReplayError::Open(_)) = &played {
+        return Err(failed(error.to_string()));
+    }
     if let Err(error) = &played {
         eprintln!("luna: {}", failed(error.to_string()));
     }

@@ -9,8 +9,10 @@ use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt;
 use std::ptr;
+#[cfg(feature = "events")]
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// The most bytes of a signal's name, unit and description.
 const MOST_NAME: usize = 255;
@@ -179,6 +181,8 @@ thread_local! {
     static HUB: RefCell<Option<Arc<Hub>>> = const { RefCell::new(None) };
     /// Whether this thread ever entered one: the first access to `HUB`, which is dropped with the thread, may allocate.
     static HAS_ENTERED: Cell<bool> = const { Cell::new(false) };
+    /// Whether signals may be registered on this thread: between `Hub::enter` and the end of its guard.
+    static MAY_REGISTER: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Messages that were lost on the path by threads that have entered no hub: the one that began to record last takes them over.
@@ -205,7 +209,7 @@ impl Hub {
         })
     }
 
-    /// Makes it the calling thread's until the guard is dropped; then the one before is it again.
+    /// Makes it the calling thread's until the guard is dropped; then the one before is it again. Until then the thread may also register signals. A system does this around each `pre_run`.
     ///
     /// ```
     /// use luna_logger::{Hub, Signal};
@@ -219,11 +223,12 @@ impl Hub {
         HAS_ENTERED.set(true);
         Entered {
             before: HUB.with(|hub| hub.borrow_mut().replace(self.clone())),
+            could_register: MAY_REGISTER.replace(true),
         }
     }
 
     /// Makes it the calling thread's for good and, if something is recorded, makes the thread's rings: to be called on each thread that runs processes,
-    /// before they run. Not for the real-time path: it allocates, once.
+    /// before they run. The thread records, and registers nothing: that is for [`enter`](Self::enter). Not for the real-time path: it allocates, once.
     pub fn enter_thread(self: &Arc<Self>) {
         HAS_ENTERED.set(true);
         let is_new = HUB.with(|hub| {
@@ -362,12 +367,9 @@ impl Hub {
         HUB.try_with(|hub| hub.borrow().clone()).ok().flatten()
     }
 
-    /// One that is no system's and never records: for signals of threads that work for none.
-    pub(crate) fn of_nobody() -> Arc<Hub> {
-        static NOBODYS: OnceLock<Arc<Hub>> = OnceLock::new();
-        NOBODYS
-            .get_or_init(|| Hub::new("", TimeBase::OfThread))
-            .clone()
+    /// The hub in which the calling thread may register signals now.
+    pub(crate) fn for_registration() -> Option<Arc<Hub>> {
+        Self::of_thread().filter(|_| MAY_REGISTER.get())
     }
 
     /// The hub that a message of this thread goes to: never to be asked on the path by a thread without rings.
@@ -530,11 +532,13 @@ impl fmt::Debug for Hub {
 #[derive(Debug)]
 pub struct Entered {
     before: Option<Arc<Hub>>,
+    could_register: bool,
 }
 
 impl Drop for Entered {
     fn drop(&mut self) {
         let before = self.before.take();
+        MAY_REGISTER.set(self.could_register);
         // Nothing is to be restored on a thread that ends.
         let _ = HUB.try_with(|hub| *hub.borrow_mut() = before);
     }
@@ -544,6 +548,11 @@ impl Drop for Entered {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RegisterError {
+    /// It was not registered in `pre_run` of a process.
+    NotInPreRun {
+        /// The signal's name.
+        signal: String,
+    },
     /// Another signal has the name.
     Duplicate {
         /// The name.
@@ -570,6 +579,10 @@ pub enum RegisterError {
 impl fmt::Display for RegisterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            RegisterError::NotInPreRun { signal } => write!(
+                f,
+                "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+            ),
             RegisterError::Duplicate { signal } => write!(
                 f,
                 "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""

@@ -13,8 +13,8 @@ use std::sync::Arc;
 /// Registered in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the real-time path. Clones are the same signal, for processes on
 /// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
 ///
-/// On a thread that works for no system (`main`, `luna::run`, a plain thread) it is a signal that nobody records, for good: [`record`](Self::record) does nothing there or anywhere
-/// else, and names may come twice. So the same code runs in a system and without one.
+/// Everywhere else registering is refused: in `main` no system would record the signal, and in a body it would allocate on the real-time path. Parameters have the same rule. A
+/// system calls `pre_run` between [`Hub::enter`] and the end of its guard; a program without a system does the same by hand.
 ///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
@@ -44,7 +44,7 @@ impl<T: Sample> Signal<T> {
     ///
     /// # Errors
     ///
-    /// The name is taken, empty or of more than 255 bytes, or there are 65 536 signals.
+    /// The call is outside of `pre_run`; the name is taken, empty or of more than 255 bytes; or there are 65 536 signals.
     pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
         SignalBuilder::new(name, "").register()
     }
@@ -119,7 +119,7 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system that the calling thread works for; where that is none, the signal records nothing.
+    /// Registers the signal with the system whose `pre_run` runs on the calling thread.
     ///
     /// # Errors
     ///
@@ -133,18 +133,14 @@ impl<T: Sample> SignalBuilder<T> {
             elements: T::ELEMENTS as u8,
             losses: Arc::default(),
         };
-        let (hub, (number, losses)) = match Hub::of_thread() {
-            Some(hub) => {
-                let entry = hub.declare(declared)?;
-                (hub, entry)
-            }
-            // What is wrong with it is wrong anywhere.
-            None => {
-                declared.check()?;
-                declared.losses.join();
-                (Hub::of_nobody(), (0, declared.losses))
-            }
+        let Some(hub) = Hub::for_registration() else {
+            // What is wrong with its texts is wrong everywhere, and is reported first.
+            declared.check()?;
+            return Err(RegisterError::NotInPreRun {
+                signal: declared.name.to_string(),
+            });
         };
+        let (number, losses) = hub.declare(declared)?;
         Ok(Signal {
             head: Head::new(Head::SAMPLE, 2 + T::ELEMENTS, number),
             hub,

@@ -44,13 +44,15 @@ impl FromStr for Speed {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// It cannot be read, or not further; what came before is there to be looked at.
+    /// It is no recording, or cannot be read at all; there is nothing to look at.
+    Open(ReadError),
+    /// It cannot be read further; what came before is there to be looked at.
     Read(ReadError),
 }
 
 impl fmt::Display for ReplayError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self::Read(error) = self;
+        let (Self::Open(error) | Self::Read(error)) = self;
         error.fmt(f)
     }
 }
@@ -59,7 +61,7 @@ impl std::error::Error for ReplayError {}
 
 /// Plays a recording; returns early when the scope is closed.
 pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<(), ReplayError> {
-    let mut reader = Reader::new(input).map_err(ReplayError::Read)?;
+    let mut reader = Reader::new(input).map_err(ReplayError::Open)?;
     let recording = shared.store().begin();
     let mut pace = Pace {
         speed: speed.0,

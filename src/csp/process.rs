@@ -77,7 +77,7 @@ pub trait Process {
     /// Cleans up: runs when the body has ended in whatever way (returned, failed, panicked, cancelled), off the real-time path, on
     /// the thread that runs the system. Then the process is dropped.
     ///
-    /// A panic in here, or in the drop, is told at once and ends nobody else; the other processes go on and are cleaned up, and it is no emergency, since the body is gone. When all have
+    /// A panic in here, or in the drop, ends nobody else; the other processes go on and are cleaned up, and it is no emergency, since the body is gone. When all have
     /// ended it is the [`run`](crate::System::run)'s error, with the process' name, unless there is a graver one.
     fn post_run(&mut self) {}
 }

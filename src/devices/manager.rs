@@ -137,6 +137,17 @@ impl DeviceManager {
         sharing: Sharing,
         open: impl FnOnce() -> Result<D, DeviceError>,
     ) -> Result<Device<D>, DeviceError> {
+        self.open_or_share(name, kind, sharing, open)
+            .inspect_err(|_| self.plan.note_refusal())
+    }
+
+    fn open_or_share<D: Send + Sync + 'static>(
+        &self,
+        name: &str,
+        kind: &'static str,
+        sharing: Sharing,
+        open: impl FnOnce() -> Result<D, DeviceError>,
+    ) -> Result<Device<D>, DeviceError> {
         let busy = || DeviceError::Busy {
             device: name.to_owned(),
             by: Holder::ThisProgram,

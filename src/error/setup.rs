@@ -29,7 +29,6 @@ pub enum SetupError {
         level: u8,
     },
     /// A signal cannot be registered.
-    #[cfg(feature = "logger")]
     Signal(crate::logging::RegisterError),
     /// The recording that was asked for cannot begin.
     #[cfg(feature = "logger")]
@@ -215,7 +214,6 @@ impl fmt::Display for SetupError {
             SetupError::Attributes(error) => error.fmt(f),
             SetupError::Parameter(error) => error.fmt(f),
             SetupError::Parameters(error) => error.fmt(f),
-            #[cfg(feature = "logger")]
             SetupError::Signal(error) => error.fmt(f),
             #[cfg(feature = "logger")]
             SetupError::Logging(error) => error.fmt(f),

@@ -1,6 +1,7 @@
 //! Without the logger: the same names for processes, and nothing behind them.
 
 use crate::error::{Error, SetupError};
+use crate::parameters;
 use std::convert::Infallible;
 use std::fmt;
 use std::marker::PhantomData;
@@ -10,18 +11,21 @@ use std::time::Duration;
 pub struct Signal<T>(PhantomData<fn(T)>);
 
 impl<T: Sample> Signal<T> {
-    /// Never fails, since nothing is registered.
+    /// Registers nothing, where a build with the logger registers a signal.
     ///
     /// # Errors
     ///
-    /// None in this build.
-    pub fn register(_: &str) -> Result<Signal<T>, RegisterError> {
-        Ok(Signal(PhantomData))
+    /// The call is outside of `pre_run`, as in a build with the logger.
+    pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
+        Self::with_unit(name, "").register()
     }
 
     /// A signal to be.
-    pub fn with_unit(_: &str, _: &str) -> SignalBuilder<T> {
-        SignalBuilder(PhantomData)
+    pub fn with_unit(name: &str, _: &str) -> SignalBuilder<T> {
+        SignalBuilder {
+            name: name.to_owned(),
+            carries: PhantomData,
+        }
     }
 
     /// Does nothing.
@@ -44,7 +48,10 @@ impl<T> fmt::Debug for Signal<T> {
 /// A signal to be.
 #[must_use = "a signal is made by `register`"]
 #[derive(Debug, Clone)]
-pub struct SignalBuilder<T>(PhantomData<fn(T)>);
+pub struct SignalBuilder<T> {
+    name: String,
+    carries: PhantomData<fn(T)>,
+}
 
 impl<T: Sample> SignalBuilder<T> {
     /// Does nothing.
@@ -52,23 +59,38 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Never fails, since nothing is registered.
+    /// Registers nothing, where a build with the logger registers a signal.
     ///
     /// # Errors
     ///
-    /// None in this build.
+    /// The call is outside of `pre_run`, as in a build with the logger.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
-        Ok(Signal(PhantomData))
+        if parameters::is_declaring() {
+            Ok(Signal(PhantomData))
+        } else {
+            Err(RegisterError::NotInPreRun { signal: self.name })
+        }
     }
 }
 
-/// Why a signal cannot be registered: in this build it always can.
+/// Why a signal cannot be registered.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum RegisterError {}
+#[non_exhaustive]
+pub enum RegisterError {
+    /// It was not registered in `pre_run` of a process.
+    NotInPreRun {
+        /// The signal's name.
+        signal: String,
+    },
+}
 
 impl fmt::Display for RegisterError {
-    fn fmt(&self, _: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {}
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let RegisterError::NotInPreRun { signal } = self;
+        write!(
+            f,
+            "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+        )
     }
 }
 
@@ -76,7 +98,7 @@ impl std::error::Error for RegisterError {}
 
 impl From<RegisterError> for Error {
     fn from(error: RegisterError) -> Error {
-        match error {}
+        Error::Setup(SetupError::Signal(error))
     }
 }
 

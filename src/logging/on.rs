@@ -46,7 +46,7 @@ impl Log {
         Self(Hub::new(system, base))
     }
 
-    /// What the calling thread registers belongs to the system until the guard is dropped.
+    /// The calling thread may register signals, which belong to the system, until the guard is dropped: around each `pre_run`.
     pub(crate) fn enter(&self) -> Entered {
         self.0.enter()
     }
@@ -56,7 +56,7 @@ impl Log {
         self.0.is_recording()
     }
 
-    /// What the calling thread registers and records belongs to the system from now on, and there is room for it.
+    /// What the calling thread records belongs to the system from now on, and there is room for it.
     #[inline]
     pub(crate) fn enter_thread(&self) {
         self.0.enter_thread();

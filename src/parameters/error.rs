@@ -7,7 +7,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum DeclareError {
-    /// It was not declared in `pre_run` of a process.
+    /// It was not registered in `pre_run` of a process.
     NotInPreRun {
         /// The parameter's name.
         parameter: String,
@@ -61,7 +61,7 @@ impl fmt::Display for DeclareError {
         match self {
             DeclareError::NotInPreRun { parameter } => write!(
                 f,
-                "parameter `{parameter}` was declared outside of any `pre_run`; declare it in `pre_run` of the process that reads it"
+                "parameter `{parameter}` was registered outside of `pre_run`; register it in `pre_run` of the process that reads it (`impl luna::Process`)"
             ),
             DeclareError::Duplicate { parameter, process } => write!(
                 f,

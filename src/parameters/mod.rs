@@ -65,6 +65,12 @@ pub(crate) use watch::FileWatch;
 
 use sources::Given;
 
+/// Whether a `pre_run` runs on this thread, where parameters and signals may be registered.
+#[cfg(not(feature = "logger"))]
+pub(crate) fn is_declaring() -> bool {
+    Store::is_declaring()
+}
+
 impl Store {
     /// Gives a value that comes over that of the file.
     pub(crate) fn give_value(&self, name: &str, value: Value) {

@@ -166,7 +166,7 @@ impl<T: Tunable> ParameterBuilder<T> {
     ///
     /// # Errors
     ///
-    /// A [`DeclareError`]: outside of any `pre_run`; a name that another has, or that cannot be written in a file; a text that is too long; a range or a default that makes no sense.
+    /// A [`DeclareError`]: the call is outside of `pre_run`; a name that another has, or that cannot be written in a file; a text that is too long; a range or a default that makes no sense.
     /// A value of the file that is out of range is no error of this: the start fails with all of those.
     pub fn register(self) -> Result<Parameter<T>, DeclareError> {
         let parameter = || self.name.to_string();

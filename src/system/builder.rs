@@ -125,16 +125,19 @@ impl ExecutorBuilder {
     /// assert!(matches!(twice, Err(Error::Setup(SetupError::DuplicateName { .. }))));
     /// ```
     pub fn build(self) -> Result<Executor> {
-        self.attributes.validate_shared()?;
-        check_core(&self.plan, &self.name, self.core)?;
-        let number = self.plan.add_executor(ExecutorPlan {
-            name: self.name,
-            attributes: self.attributes,
-        })?;
-        Ok(Executor {
-            plan: self.plan,
-            number,
-        })
+        let Self {
+            plan,
+            name,
+            core,
+            attributes,
+        } = self;
+        let number = attributes
+            .validate_shared()
+            .map_err(Into::into)
+            .and_then(|()| check_core(&plan, &name, core))
+            .and_then(|()| plan.add_executor(ExecutorPlan { name, attributes }))
+            .inspect_err(|_| plan.note_refusal())?;
+        Ok(Executor { plan, number })
     }
 }
 
@@ -393,7 +396,9 @@ impl ProcessBuilder {
         self,
         process: impl IntoProcess<M>,
     ) -> Result<(Arc<Plan>, ProcessPlan<impl Build>)> {
-        self.plan.check_plain(&self.name)?;
+        self.plan
+            .check_plain(&self.name)
+            .inspect_err(|_| self.plan.note_refusal())?;
         let shares_name = self.shares_name;
         let (system, place, spec, ledger) = self.checked()?;
         let plan = ProcessPlan {
@@ -424,8 +429,9 @@ impl ProcessBuilder {
         // All that can be refused is refused before the stand-in is taken: otherwise a second attempt would run the process itself, and nobody would be told.
         let (system, place, spec, ledger) = self.checked()?;
         let name = system.reserve(spec.name())?;
+        let declared = system.stand_ins().declare::<E>(spec.name());
         // Without the lock: what is made here is the user's.
-        match system.stand_ins().declare::<E>(spec.name())? {
+        match declared.inspect_err(|_| system.note_refusal())? {
             Some(stand_in) => {
                 // From here on it is used up, so the name stays taken, also if what is the user's panics.
                 name.keep();
@@ -456,15 +462,17 @@ impl ProcessBuilder {
     #[inline]
     #[expect(clippy::type_complexity, reason = "the parts of a plan")]
     fn checked(self) -> Result<(Arc<Plan>, Place, ProcessSpec, Option<Arc<Ledger>>)> {
-        let place = self.place?;
+        let place = self.place.inspect_err(|_| self.plan.note_refusal())?;
         if self.level >= LEVELS {
+            self.plan.note_refusal();
             return Err(SetupError::Level {
                 process: self.name.to_string(),
                 level: self.level,
             }
             .into());
         }
-        let ledger = self.budgets.ledger(&self.name)?;
+        let budgets = self.budgets.ledger(&self.name);
+        let ledger = budgets.inspect_err(|_| self.plan.note_refusal())?;
         let mut spec = ProcessSpec::new(self.name)
             .level(self.level)
             .timed(self.timed);

@@ -1,6 +1,6 @@
 //! The deadlock of a system: who waits for whom, and what can be said of it.
 //!
-//! A [`Deadlock`] is told on standard error, stands in the [`Report`](crate::Report), and ends a strict system.
+//! A [`Deadlock`] is reported on standard error and stands in the [`Report`](crate::Report). It ends a strict system, whose `run` returns it.
 
 // That all threads sleep with nothing of their own to wake them is for `quiet` to know. Here it is decided whether somebody outside could wake
 // one all the same, and the circle is found in who waits for whom.

@@ -128,8 +128,6 @@ fn launch_described(
         None
     };
     let log = Log::new(plan.name(), is_virtual);
-    // What is registered on this thread until the release belongs to the system.
-    let _log = log.enter();
     let recording = log.start(std::mem::take(&mut settings.logging))?;
     let recorded = settings.tapes.recorded_parameters();
     settings.tapes.parameters = plan.parameters().begin(&log, &clock, recorded.as_deref())?;
@@ -357,8 +355,12 @@ fn pre_run_all(plan: &Plan, running: &Running, processes: &mut [ProcessPlan]) ->
             continue;
         };
         let (id, name) = (process.spec.id(), process.spec.name());
-        let parameters = plan.parameters();
-        if let Err(error) = parameters.declaring(id, name, || prepare(&mut **resident)) {
+        let (parameters, log) = (plan.parameters(), &running.common.log);
+        let prepared = parameters.declaring(id, name, || {
+            let _log = log.enter();
+            prepare(&mut **resident)
+        });
+        if let Err(error) = prepared {
             let error = error.in_process(process.name());
             for earlier in processes[..index].iter_mut().rev() {
                 clean_up(earlier.prepared.resident.take());

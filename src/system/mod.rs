@@ -8,6 +8,7 @@ pub mod deadlock;
 mod launch;
 mod neighbours;
 mod parameters;
+mod pending_errors;
 mod plan;
 mod quiet;
 mod register;
@@ -133,7 +134,9 @@ impl System {
         let none = || SetupError::NoTimerManager {
             system: self.plan.name().to_owned(),
         };
-        Ok(TimerManager::new(manager.ok_or_else(none)?))
+        let manager = manager.ok_or_else(none);
+        let manager = manager.inspect_err(|_| self.plan.note_refusal())?;
+        Ok(TimerManager::new(manager))
     }
 
     /// Pins the timer manager's thread to `core`; to none if not stated. One whose loops are all on one core is best on the same: then one core is woken for a tick, and not two
@@ -358,7 +361,8 @@ impl System {
         process: &str,
         body: impl FnOnce(E) -> P + Send + 'static,
     ) -> Result<&mut Self> {
-        self.plan.stand_ins().add(process, body)?;
+        let added = self.plan.stand_ins().add(process, body);
+        added.inspect_err(|_| self.plan.note_refusal())?;
         Ok(self)
     }
 
@@ -523,15 +527,19 @@ impl System {
     /// # Errors
     ///
     /// A [`SetupError`](crate::SetupError) if the system cannot be started, is inside a process, or has been run before; the first error of a `pre_run`,
-    /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: a process that
-    /// fails is told on standard error at once, and the others go on. Else a panic in a [`post_run`](crate::Process::post_run), also behind a signal. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
+    /// with its process' name; then the report is had from [`report`](Self::report). A panic or else the first error of a process, in the order of spawning, when all have ended: when a process
+    /// fails the others go on. What is returned is not printed here too, unless the system goes on for a second without the process: then standard error says so while it runs. The errors
+    /// of the other processes that have failed are printed at the end. Else a panic in a [`post_run`](crate::Process::post_run), also behind a signal. [`Error::Deadlock`](crate::Error::Deadlock) if the system is
     /// [`strict`](Self::strict) and every process waits for another.
     pub fn run(&self) -> Result<Report> {
-        supervise::run(&self.plan)
+        supervise::run(&self.plan).inspect_err(|_| self.plan.note_refusal())
     }
 }
 
 /// A system that was never run is over: what was described is dropped, also if a body or a function holds an [`Executor`] of it. Whoever else has one can spawn nothing more.
+///
+/// If processes were spawned, a line on standard error says that none of them has run. There is none while the thread panics, and none after a call of the set-up, or `run`, has returned
+/// an error: the program ends because of that.
 impl Drop for System {
     fn drop(&mut self) {
         self.plan.abandon();

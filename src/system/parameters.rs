@@ -46,7 +46,8 @@ impl System {
     ///
     /// [`SetError::Syntax`](crate::parameters::SetError::Syntax).
     pub fn set_parameter_text(&mut self, assignment: &str) -> Result<&mut Self> {
-        self.plan.parameters().take_assignment(assignment)?;
+        let taken = self.plan.parameters().take_assignment(assignment);
+        taken.inspect_err(|_| self.plan.note_refusal())?;
         Ok(self)
     }
 
@@ -69,7 +70,8 @@ impl System {
         &mut self,
         arguments: impl IntoIterator<Item = String>,
     ) -> Result<Vec<String>> {
-        Ok(self.plan.parameters().take_arguments(arguments)?)
+        let others = self.plan.parameters().take_arguments(arguments);
+        Ok(others.inspect_err(|_| self.plan.note_refusal())?)
     }
 
     /// Reads the file of parameters again whenever it has changed: the thread that runs the system looks at its time, length and number four times a second, and reads it when two looks

@@ -3,6 +3,7 @@
 use super::crowd::Crowd;
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
+use super::pending_errors::PendingErrors;
 use super::plan::{Phase, Plan, Running};
 use super::quiet::Lookout;
 use super::register::{Funeral, Register};
@@ -81,7 +82,8 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
 
     let mut stolen = Stolen::begin();
-    let deadlock = watch(&mut crowd, &launched, &mut stolen);
+    let pending = PendingErrors::default();
+    let deadlock = watch(&mut crowd, &launched, &mut stolen, &pending);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
     let Launched {
@@ -99,7 +101,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         let burial = Burial {
             plan,
             running: &running,
-            tells: true,
+            errors: Some(&pending),
         };
         burial.bury();
         plan.members().started.first_error().cloned()
@@ -109,7 +111,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let end = Burial {
         plan,
         running: &running,
-        tells: false,
+        errors: None,
     };
     let threads = crowd.end(|deadline, done| wait_until(&end, deadline, done));
     end.bury();
@@ -245,6 +247,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     members.report = Some(report.clone());
     drop(members);
     crowd.is_over = true;
+    pending.settle(error.as_ref());
     match error {
         Some(error) => Err(error),
         None => Ok(report),
@@ -307,7 +310,12 @@ fn tell_stolen(running: &Running, window: &Window) {
 
 /// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
 /// the OS threads to the crowd, and the deadlock that was found, if one was.
-fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Option<Deadlock> {
+fn watch(
+    crowd: &mut Crowd<'_>,
+    launched: &Launched,
+    stolen: &mut Stolen,
+    pending: &PendingErrors,
+) -> Option<Deadlock> {
     let plan = crowd.plan;
     let running = &launched.running;
     let Common {
@@ -319,7 +327,7 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
     let burial = Burial {
         plan,
         running,
-        tells: true,
+        errors: Some(pending),
     };
     let mut lookout = Lookout::new();
     let mut warnings = Warnings::default();
@@ -348,7 +356,7 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
                 let overrun = members.started.overrun();
                 drop(members);
                 if let Some(error) = overrun {
-                    tell!("luna: emergency: {error}");
+                    pending.add(&error);
                 }
                 return lookout.into_found();
             }
@@ -369,14 +377,17 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
             let (found, until) = lookout.look(plan, running);
             look_again = until;
             if let Some(deadlock) = found {
-                tell!("luna: {deadlock}");
                 if running.mode == Mode::Strict {
                     // The machine may stand in the middle of a movement.
                     emergency.trigger(Cause::Deadlock);
+                    pending.add(&Error::Deadlock(Box::new(deadlock.clone())));
+                } else {
+                    tell!("luna: {deadlock}");
                 }
             }
         }
         let mut until = look_again.min(warn_again).min(next_sample);
+        until = until.min(pending.report_due());
         if let Some(file) = &mut file {
             if let Err(error) = file.look(plan.parameters()) {
                 tell!("luna: {error}");
@@ -414,8 +425,8 @@ impl Witness for Known<'_> {
 struct Burial<'a> {
     plan: &'a Plan,
     running: &'a Running,
-    /// Whether errors are told.
-    tells: bool,
+    /// Where errors go; nowhere while processes are being ended, since what they return then says nothing.
+    errors: Option<&'a PendingErrors>,
 }
 
 impl Burial<'_> {
@@ -449,10 +460,8 @@ impl Burial<'_> {
                 break;
             };
             let _ = catch_unwind(AssertUnwindSafe(|| drop(forgotten)));
-            if let Some(error) = error
-                && self.tells
-            {
-                tell!("luna: {error}");
+            if let (Some(error), Some(errors)) = (error, self.errors) {
+                errors.add(&error);
             }
             let panicked = if was_sentenced {
                 // What it holds outside of its body goes as the body went.
@@ -464,8 +473,8 @@ impl Burial<'_> {
                 && let Some((order, process)) = of
             {
                 let error = error.in_process(process.name());
-                if self.tells {
-                    tell!("luna: {error}");
+                if let Some(errors) = self.errors {
+                    errors.add(&error);
                 }
                 self.plan.members().started.note_cleanup(order, &error);
             }

@@ -59,6 +59,7 @@ mod signals_while_blocked;
 mod spawn_at_start_and_end;
 mod spawn_while_running;
 mod stand_ins;
+mod standard_error;
 mod strict;
 mod supervisor_panics;
 mod unwind;

@@ -222,3 +222,107 @@ fn a_system_without_processes_ends_at_once() {
         (luna::End::Completed, 0, 1)
     );
 }
+
+/// What registering says: of a signal, and of a parameter.
+fn register(name: &str) -> [Option<String>; 2] {
+    let signal = Signal::<f64>::register(name).err();
+    let parameter = Parameter::with_default(name, 1.0).register().err();
+    [
+        signal.map(|error| error.to_string()),
+        parameter.map(|error| error.to_string()),
+    ]
+}
+
+fn refused(name: &str) -> [Option<String>; 2] {
+    [("signal", "records"), ("parameter", "reads")].map(|(what, does)| {
+        Some(format!(
+            "{what} `{name}` was registered outside of `pre_run`; register it in `pre_run` of the process that {does} it (`impl luna::Process`)"
+        ))
+    })
+}
+
+/// Registers in each of its phases.
+struct Registrar {
+    name: &'static str,
+    seen: Arc<Mutex<Vec<[Option<String>; 2]>>>,
+}
+
+impl Registrar {
+    fn note(&self) {
+        self.seen.lock().unwrap().push(register(self.name));
+    }
+}
+
+impl Process for Registrar {
+    fn pre_run(&mut self) -> luna::Result<()> {
+        self.note();
+        Ok(())
+    }
+
+    async fn run(&mut self) -> luna::Result<()> {
+        self.note();
+        luna::yield_now().await;
+        self.note();
+        Ok(())
+    }
+
+    fn post_run(&mut self) {
+        self.note();
+    }
+}
+
+#[test]
+fn signals_and_parameters_are_registered_in_pre_run_alone() {
+    let _watch = watchdog();
+    assert_eq!(register("in main"), refused("in main"));
+    luna::run(async {
+        assert_eq!(register("in run"), refused("in run"));
+        Ok(())
+    })
+    .unwrap();
+    for place in PLACES {
+        for is_virtual in [false, true] {
+            let mut system = System::new("registering");
+            if is_virtual {
+                system.virtual_clock();
+            }
+            assert_eq!(register("described"), refused("described"));
+            let seen = ["first", "late"].map(|name| {
+                let seen = Arc::default();
+                let registrar = Registrar {
+                    name,
+                    seen: Arc::clone(&seen),
+                };
+                (registrar, seen)
+            });
+            let [(first, of_first), (late, of_late)] = seen;
+            place
+                .process(&mut system, "one", "first")
+                .spawn(first)
+                .unwrap();
+            let spawner = system.executor("two").build().unwrap();
+            let own = spawner.clone();
+            spawner
+                .process("spawner")
+                .spawn(move || {
+                    assert_eq!(register("in a closure"), refused("in a closure"));
+                    async move {
+                        own.process("late").spawn(late)?;
+                        assert_eq!(register("in a block"), refused("in a block"));
+                        own.process("made here").spawn(|| {
+                            assert_eq!(register("made here"), refused("made here"));
+                            async { Ok(()) }
+                        })?;
+                        Ok(())
+                    }
+                })
+                .unwrap();
+            drop(spawner);
+            system.run().unwrap();
+            for (name, seen) in [("first", of_first), ("late", of_late)] {
+                let expected = [[None, None], refused(name), refused(name), refused(name)];
+                assert_eq!(*seen.lock().unwrap(), expected, "{place:?}, {is_virtual}");
+            }
+        }
+    }
+}

@@ -212,7 +212,7 @@ fn part() {
         async fn run(&mut self) -> luna::Result<()> {
             Err(Error::other("small failure"))
         }
-        // After its error was told.
+        // After its error was noted.
         fn post_run(&mut self) {
             self.0.take();
         }
@@ -233,6 +233,12 @@ fn part() {
             println!("went on");
             Ok(())
         })
+        .unwrap();
+    // This error is not returned, so it is reported.
+    system
+        .thread("third")
+        .process("fails too")
+        .spawn(async { Err(Error::other("another failure")) })
         .unwrap();
     let error = system.run().unwrap_err();
     println!("{error}");

@@ -7,7 +7,7 @@ use std::{fmt::Write as _, fs, io, path::Path, time::SystemTime};
 use serde::{Deserialize, Serialize};
 
 use crate::harness::{LUNA, Row, scenarios};
-use svg::{Bar, Line, short};
+use svg::{Dot, Line, short};
 
 /// What stands above the figures: where they come from.
 #[derive(Debug, Serialize, Deserialize)]
@@ -65,7 +65,7 @@ pub fn write(docs: &Path, origin: &Origin, benches: &[Found]) -> io::Result<()> 
         for scenario in scenarios(rows) {
             let name = &scenario[0].name;
             let _ = write!(page, "\n### {}\n\n{}", capital(name), table(scenario));
-            // Two bars say no more than the table.
+            // Two dots say no more than the table.
             if scenario.len() > 2 {
                 let file = format!("{bench}-{}.svg", slug(name));
                 fs::write(plots.join(&file), plot(scenario))?;
@@ -189,15 +189,15 @@ fn plot(scenario: &[Row]) -> String {
     if scenario[0].size.is_none() {
         let mut rows: Vec<&Row> = scenario.iter().collect();
         rows.sort_by(|one, other| one.median.total_cmp(&other.median));
-        let bars: Vec<Bar> = rows
+        let dots: Vec<Dot> = rows
             .iter()
-            .map(|row| Bar {
+            .map(|row| Dot {
                 label: row.peer.clone(),
                 figure: row.median,
                 ours: is_ours(row),
             })
             .collect();
-        return svg::bars(&title, unit, &bars);
+        return svg::dots(&title, unit, &dots);
     }
     let lines: Vec<Line> = peers(scenario)
         .into_iter()

@@ -1,10 +1,12 @@
-//! Plots as SVG: bars on a scale of powers of ten, and lines of cost over size. They follow the reader's choice of light or dark.
+//! Plots as SVG: dots on a scale of powers of ten, and lines of cost over size. They follow the reader's choice of light or dark.
+//!
+//! Dots and no bars: a logarithmic scale has no zero, so the length of a bar would depend on where the scale begins.
 
 use std::fmt::Write as _;
 
-/// A bar: what it stands for, how long, and whether it is one of ours.
+/// A dot: what it stands for, its figure, and whether it is one of ours.
 #[derive(Debug)]
-pub(super) struct Bar {
+pub(super) struct Dot {
     pub(super) label: String,
     pub(super) figure: f64,
     pub(super) ours: bool,
@@ -73,12 +75,12 @@ fn begin(height: f64, title: &str) -> String {
     let mut style = format!(
         "text{{font:{FONT}px system-ui,sans-serif;fill:#1f2328}}\
          .back{{fill:#ffffff}}.grid{{stroke:#d0d7de}}.faint{{fill:#59636e}}\
-         .ours{{fill:{0};stroke:{0}}}.title{{font-weight:600}}",
+         .ours{{fill:{0};stroke:{0}}}.title{{font-weight:600}}.over{{stroke:#ffffff;stroke-width:4;paint-order:stroke}}",
         OURS.0
     );
     let mut dark = format!(
         "text{{fill:#e6edf3}}.back{{fill:#0d1117}}.grid{{stroke:#30363d}}.faint{{fill:#9198a1}}\
-         .ours{{fill:{0};stroke:{0}}}",
+         .ours{{fill:{0};stroke:{0}}}.over{{stroke:#0d1117}}",
         OURS.1
     );
     for (number, (on_light, on_dark)) in COLOURS.iter().enumerate() {
@@ -86,7 +88,7 @@ fn begin(height: f64, title: &str) -> String {
         let _ = write!(dark, ".c{number}{{fill:{on_dark};stroke:{on_dark}}}");
     }
     // A line has no inside, and a text no outline.
-    let last = "polyline{fill:none!important;stroke-width:1.6}.wide{stroke-width:3}text{stroke:none!important}";
+    let last = "polyline{fill:none!important;stroke-width:1.6}.wide{stroke-width:3}text:not(.over){stroke:none!important}";
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" role=\"img\">\n\
          <title>{0}</title>\n\
@@ -113,14 +115,15 @@ fn line(svg: &mut String, from: (f64, f64), to: (f64, f64)) {
     );
 }
 
-/// A bar each, from left to right, in the order given; the scale is logarithmic and begins at a power of ten.
-pub(super) fn bars(title: &str, unit: &str, bars: &[Bar]) -> String {
+/// A row with a dot each, in the order given; the scale is logarithmic, from one power of ten to another.
+pub(super) fn dots(title: &str, unit: &str, dots: &[Dot]) -> String {
     const LEFT: f64 = 330.0;
     const RIGHT: f64 = WIDTH - 90.0;
     const TOP: f64 = 42.0;
     const STEP: f64 = 24.0;
-    let bottom = TOP + STEP * bars.len() as f64;
-    let (low, high) = decades(bars.iter().map(|bar| bar.figure));
+    const RADIUS: f64 = 5.0;
+    let bottom = TOP + STEP * dots.len() as f64;
+    let (low, high) = decades(dots.iter().map(|dot| dot.figure));
     let place = |figure: f64| {
         let share = (figure.log10() - f64::from(low)) / f64::from(high - low);
         LEFT + (RIGHT - LEFT) * share.max(0.0)
@@ -136,27 +139,21 @@ pub(super) fn bars(title: &str, unit: &str, bars: &[Bar]) -> String {
     let middle = (LEFT + RIGHT) / 2.0;
     let scale = format!("{unit}, logarithmic; less is better");
     text(&mut svg, "faint", "middle", middle, bottom + 36.0, &scale);
-    for (index, bar) in bars.iter().enumerate() {
-        let y = TOP + STEP * index as f64;
-        let end = place(bar.figure).max(LEFT + 2.0);
-        let class = if bar.ours { "ours" } else { "c6" };
+    for (index, dot) in dots.iter().enumerate() {
+        let y = TOP + STEP * (index as f64 + 0.5);
+        let x = place(dot.figure);
+        let class = if dot.ours { "ours" } else { "c6" };
+        // Across the whole scale, so that it is no bar either.
+        line(&mut svg, (LEFT, y), (RIGHT, y));
         let _ = writeln!(
             svg,
-            "<rect class=\"{class}\" x=\"{LEFT}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{}\" rx=\"2\"/>",
-            y + 4.0,
-            end - LEFT,
-            STEP - 8.0
+            "<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{RADIUS}\"/>"
         );
-        let baseline = y + STEP / 2.0 + FONT / 3.0;
-        text(&mut svg, "", "end", LEFT - 8.0, baseline, &bar.label);
-        text(
-            &mut svg,
-            "",
-            "start",
-            end + 6.0,
-            baseline,
-            &short(bar.figure),
-        );
+        let baseline = y + FONT / 3.0;
+        text(&mut svg, "", "end", LEFT - 8.0, baseline, &dot.label);
+        let figure = short(dot.figure);
+        let beside = x + RADIUS + 4.0;
+        text(&mut svg, "over", "start", beside, baseline, &figure);
     }
     svg + "</svg>\n"
 }
@@ -264,25 +261,31 @@ mod tests {
     }
 
     #[test]
-    fn a_longer_bar_is_a_larger_figure() {
-        let bar = |label: &str, figure| Bar {
+    fn a_dot_stands_where_its_figure_is_on_the_scale() {
+        let dot = |label: &str, figure| Dot {
             label: label.to_owned(),
             figure,
             ours: false,
         };
-        let svg = bars("a <b>", "ns", &[bar("one", 10.0), bar("other", 1_000.0)]);
+        let all = [
+            dot("one", 10.0),
+            dot("middle", 100.0),
+            dot("other", 1_000.0),
+        ];
+        let svg = dots("a <b>", "ns", &all);
         assert!(svg.contains("a &lt;b&gt;"), "{svg}");
-        let bar = |line: &&str| line.starts_with("<rect class=\"c6\"");
-        let widths: Vec<f64> = svg
-            .lines()
-            .filter(bar)
-            .map(|line| {
-                let (_, rest) = line.split_once("width=\"").unwrap();
-                rest.split_once('"').unwrap().0.parse().unwrap()
-            })
-            .collect();
-        assert_eq!(widths.len(), 2);
-        // Two decades: the one is at their beginning, the other at their end.
-        assert!(widths[0] < 3.0 && widths[1] > 300.0, "{widths:?}");
+        let places = |begin: &str| -> Vec<f64> {
+            svg.lines()
+                .filter_map(|line| {
+                    let (place, _) = line.strip_prefix(begin)?.split_once('"')?;
+                    place.parse().ok()
+                })
+                .collect()
+        };
+        // Two decades, which begin, meet and end at ticks.
+        let ticks = places("<text class=\"faint\" text-anchor=\"middle\" x=\"");
+        assert_eq!(places("<circle class=\"c6\" cx=\""), ticks[..3]);
+        // The background is all that is filled beside them: nothing has a length.
+        assert_eq!(svg.matches("<rect").count(), 1, "{svg}");
     }
 }

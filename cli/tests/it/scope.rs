@@ -3,8 +3,10 @@
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
 const ANYWHERE: &str = "127.0.0.1:0";
@@ -225,7 +227,42 @@ fn once_ends_with_the_recording_and_says_whether_it_was_whole() {
 
     let (code, said) = once("/no/such/recording.luna");
     assert_eq!(code, Some(2), "{said}");
-    let (code, said) = once(env!("CARGO_BIN_EXE_luna"));
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("no recording of LUNA"), "{said}");
+}
+
+/// How a program ends by itself, and the last line that it says. One that does not end within a minute is ended.
+fn end_of(arguments: &[&str]) -> (Option<i32>, String) {
+    let mut child = luna(arguments)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let errors = BufReader::new(child.stderr.take().expect("a pipe"));
+    let (tell, told) = mpsc::channel();
+    std::thread::spawn(move || {
+        let lines: Vec<_> = errors.lines().map_while(Result::ok).collect();
+        tell.send(lines)
+    });
+    let lines = told.recv_timeout(Duration::from_secs(60));
+    let Ok(lines) = lines else {
+        end(child);
+        panic!("{arguments:?} does not end");
+    };
+    let code = child.wait().expect("it ends").code();
+    (code, lines.last().cloned().unwrap_or_default())
+}
+
+#[test]
+fn a_file_that_is_no_recording_ends_the_scope_with_the_exit_code_of_convert() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let empty = folder.join("empty.luna");
+    std::fs::write(&empty, "").expect("a file");
+    let file = |path: &Path| path.to_str().expect("a path").to_owned();
+    for path in [file(&empty), env!("CARGO_BIN_EXE_luna").to_owned()] {
+        let output = file(&folder.join("no-recording.csv"));
+        let scope = end_of(&["scope", &path, "--listen", ANYWHERE]);
+        let convert = end_of(&["convert", &path, "--to", "csv", "--output", &output]);
+        assert_eq!(scope, convert);
+        assert_eq!(scope.0, Some(2));
+        assert!(scope.1.contains("no recording of LUNA"), "{scope:?}");
+    }
 }

@@ -68,7 +68,9 @@ fn record(file: &Path, enough: u64) -> LoggingReport {
     let recording = Logging::to_file(file).every(Duration::from_millis(1));
     let recorder = Recorder::start(&hub, recording).unwrap();
     hub.enter_thread();
+    let registering = hub.enter();
     let numbers = Signal::<u64>::register("numbers").unwrap();
+    drop(registering);
     for n in 0..enough {
         numbers.record(n);
         if n % 1000 == 0 {
@@ -110,7 +112,9 @@ fn records_while_nobody_reads_standard_error() {
     let recording = Logging::to_file(file()).show_messages(Level::Info);
     let recorder = Recorder::start(&hub, recording).unwrap();
     hub.enter_thread();
+    let registering = hub.enter();
     let numbers = Signal::<u64>::register("numbers").unwrap();
+    drop(registering);
     for n in 0..5 {
         numbers.record(n);
         message(Level::Info, "test", format_args!("{n}"));
@@ -131,7 +135,9 @@ fn records_while_standard_error_is_full() {
         .show_messages(Level::Info);
     let recorder = Recorder::start(&hub, recording).unwrap();
     hub.enter_thread();
+    let registering = hub.enter();
     let numbers = Signal::<u64>::register("numbers").unwrap();
+    drop(registering);
     // More than any pipe holds.
     let text = "x".repeat(400);
     for n in 0..5000 {

@@ -90,18 +90,26 @@ fn while_nothing_records_there_is_nothing() {
 }
 
 #[test]
-fn a_signal_of_a_thread_without_a_system_is_recorded_by_nobody() {
-    let outside = Signal::<f64>::register("flow").unwrap();
-    let twice = Signal::<f64>::register("flow").unwrap();
+fn a_signal_is_registered_inside_of_a_hub_alone() {
+    let refused = || {
+        let error = Signal::<f64>::register("flow").unwrap_err();
+        let signal = "flow".to_owned();
+        assert_eq!(error, RegisterError::NotInPreRun { signal });
+    };
+    refused();
     let hub = Hub::new("pump", Default::default());
     let kept = Kept::default();
     let recorder = Recorder::start(&hub, Logging::to_sink(kept.sink())).unwrap();
-    let _inside = hub.enter();
-    // The name is free, and who was outside stays there.
-    let inside = Signal::<f64>::register("flow").unwrap();
-    outside.record(1.0);
-    twice.clone().record(2.0);
-    inside.record(3.0);
+    // Such a thread records, and registers nothing.
+    hub.enter_thread();
+    refused();
+    let inside = hub.enter();
+    let nested = hub.enter();
+    drop(nested);
+    let flow = Signal::<f64>::register("flow").unwrap();
+    drop(inside);
+    refused();
+    flow.record(3.0);
     let report = recorder.finish();
     assert_eq!(report.signals.len(), 1);
     assert_eq!((report.signals[0].recorded, report.signals[0].lost), (1, 0));

@@ -63,8 +63,10 @@ fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
     // From here on nothing is moved out of the rings.
     waiting.recv().unwrap();
     hub.enter_thread();
+    let registering = hub.enter();
     let one = Signal::<f64>::register("one").unwrap();
     let many = Signal::<[u16; 16]>::register("many").unwrap();
+    drop(registering);
     let before = COUNTED.get();
     for n in 0..10_000u16 {
         one.record(n.into());

@@ -51,6 +51,12 @@ impl Store {
         pre_run()
     }
 
+    /// Whether a `pre_run` runs on this thread.
+    #[cfg(not(feature = "logger"))]
+    pub(in crate::parameters) fn is_declaring() -> bool {
+        DECLARING.with_borrow(Option::is_some)
+    }
+
     /// Declares a parameter of the process whose `pre_run` runs on this thread.
     pub(in crate::parameters) fn declare(declared: Declared) -> Result<Arc<Cells>, DeclareError> {
         let parameter = || declared.name.to_string();

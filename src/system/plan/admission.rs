@@ -73,6 +73,7 @@ impl Plan {
                 members.started.give_name_back(name);
             }
             drop(members);
+            self.note_refusal();
             let process = plan.name().to_string();
             return Err(SetupError::NotRunning { process }.into());
         }
@@ -169,6 +170,7 @@ impl Plan {
                 members.started.look_for_ends(&running.common.emergency);
             }
             if !members.started.take_name(name) {
+                self.note_refusal();
                 return Err(duplicate("process", name));
             }
         }
@@ -215,13 +217,15 @@ impl Plan {
     ) -> Result<ProcessHandle> {
         let id = plan.id();
         let _clock = running.common.clock.enter();
-        let _log = running.common.log.enter();
         if let Some(resident) = &mut plan.prepared.resident {
             drop(members);
             let _scope = running.common.scope.clone().enter_to_prepare();
             let declared = plan.spec.name();
             self.parameters
-                .declaring(id, declared, || prepare(&mut **resident))
+                .declaring(id, declared, || {
+                    let _log = running.common.log.enter();
+                    prepare(&mut **resident)
+                })
                 .map_err(|error| error.in_process(name))?;
             members = self.members();
         }

@@ -20,6 +20,7 @@ use crate::parameters::Store;
 use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
+use crate::tell::tell;
 use crate::time::Manager;
 use luna_executors::ProcessHandle;
 use luna_platform::current::ProcessId;
@@ -42,6 +43,8 @@ pub(crate) struct Plan {
     tree: Arc<Tree>,
     emergency: Arc<Emergency>,
     parameters: Arc<Store>,
+    /// A call of the set-up, or of `run`, has returned an error.
+    was_refused: AtomicBool,
 }
 
 // Nothing of the user's runs under its locks, and what they guard is whole between two statements. So who catches a panic finds the system as it was, or as it ended: described, with or
@@ -135,6 +138,7 @@ impl Plan {
             tree: Tree::new(),
             emergency: Emergency::new(plan.clone()),
             parameters: Store::new(name),
+            was_refused: AtomicBool::new(false),
         })
     }
 
@@ -202,6 +206,15 @@ impl Plan {
             members.phase = Phase::Ended;
             std::mem::take(&mut members.waiting)
         };
+        // A program that has an error to report, or panics, ends because of that.
+        let has_reason = self.was_refused.load(Ordering::Relaxed) || std::thread::panicking();
+        if !waiting.is_empty() && !has_reason {
+            tell!(
+                "luna: system `{}` was dropped without `run`: none of its processes ({}) has run",
+                self.name,
+                waiting.len()
+            );
+        }
         for process in waiting {
             // One panic in a drop, which the hook tells, keeps no other from its own.
             let _ = catch_unwind(AssertUnwindSafe(|| drop(process)));
@@ -209,6 +222,12 @@ impl Plan {
         let settings = std::mem::take(&mut *self.settings());
         drop(settings);
         self.emergency.conclude();
+    }
+
+    /// A call of the set-up, or of `run`, returns an error.
+    #[cold]
+    pub(crate) fn note_refusal(&self) {
+        self.was_refused.store(true, Ordering::Relaxed);
     }
 
     /// Whether the system has been run.
