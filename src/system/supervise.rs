@@ -15,7 +15,7 @@ use crate::record::RecordError;
 use crate::report::{End, Report};
 use crate::safety::Cause;
 use crate::tell::tell;
-use crate::time::{ManagerThread, Witness};
+use crate::time::{ManagerThread, StolenTime, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
@@ -404,7 +404,7 @@ impl Witness for Known<'_> {
         self.started.name(process).map(str::to_owned)
     }
 
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<Duration> {
+    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
         self.stolen.between(core, from, until)
     }
 }
