@@ -315,11 +315,6 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
         living,
         ..
     } = &*running.common;
-    let burial = Burial {
-        plan,
-        running,
-        tells: true,
-    };
     let mut lookout = Lookout::new();
     let mut warnings = Warnings::default();
     let mut look_again = Instant::NEVER;
@@ -337,6 +332,13 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
             living.wait(seen, Instant::NEVER);
             continue;
         }
+        let burial = Burial {
+            plan,
+            running,
+            // The run returns the error that an emergency came of; what others return from then on
+            // says nothing.
+            tells: !emergency.has_begun(),
+        };
         let have_ended = burial.bury();
         {
             let mut members = plan.members();
@@ -349,7 +351,7 @@ fn watch(crowd: &mut Crowd<'_>, launched: &Launched, stolen: &mut Stolen) -> Opt
                 if let Some(error) = overrun {
                     tell!("luna: emergency: {error}");
                 }
-                return lookout.into_found();
+                return lookout.into_found(plan, running);
             }
         }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
