@@ -56,7 +56,7 @@ fn preemption(machine: &Machine) -> Result<Seen, Unread> {
                    your own: CONFIG_PREEMPT_RT=y)";
     let is_of_the_boot = from.contains("config") || from == "/proc/cmdline";
     let since = match is_of_the_boot {
-        true => " by what it booted with; whether root has changed it since cannot be read",
+        true => ", by what it booted with; whether root has changed it since cannot be read",
         false => "",
     };
     Ok(match model {
