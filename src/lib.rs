@@ -102,9 +102,10 @@ pub use safety::{
 pub use system::deadlock::{self, Deadlock};
 pub use system::{ClockKind, Executor, ExecutorBuilder, Observer, ProcessBuilder, System, Thread};
 pub use time::{
-    CallbackReport, Cycle, Distribution, Expiry, Firing, Instant, LateCycle, LoopReport, NextTick,
-    Overrun, Periodic, RanInstead, Tick, TickReport, Ticks, Timer, TimerCallback, TimerManager,
-    Timers, TimersReport, UsageSince, now, periodic, ticks,
+    CallbackReport, Cycle, Distribution, Expiry, Firing, Instant, LateCause, LateCauseKind,
+    LateCycle, LoopReport, NextTick, Overrun, Periodic, RanInstead, StolenTime, Tick, TickReport,
+    Ticks, Timer, TimerCallback, TimerManager, Timers, TimersReport, UsageSince, now, periodic,
+    ticks,
 };
 
 #[doc(hidden)]

@@ -91,6 +91,8 @@ pub enum Role {
 pub struct PlaceView {
     /// A number of its own.
     pub id: u64,
+    /// Where it lies in memory: each end, or other handle, has this address in it. 0 for STOP.
+    pub address: usize,
     /// The name that it was given.
     pub name: Option<String>,
     /// Where in the program it was made.
@@ -395,6 +397,7 @@ pub(crate) unsafe fn unregister(place: &Place) {
 /// let all = inspect::places();
 /// let place = all.iter().find(|place| place.name.as_deref() == Some("setpoint")).unwrap();
 /// assert!(place.waiting.is_empty() && place.made_at.line() > 0);
+/// assert_ne!(place.address, 0);
 /// ```
 pub fn places() -> Vec<PlaceView> {
     let places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -426,6 +429,7 @@ fn stopped() -> Option<PlaceView> {
     }
     (!waiting.is_empty()).then(|| PlaceView {
         id: 0,
+        address: 0,
         name: Some("STOP".to_owned()),
         made_at: Location::caller(),
         kind: PlaceKind::Stop,
@@ -461,6 +465,7 @@ unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
     };
     PlaceView {
         id: place.identity.id,
+        address: registered.addr().get(),
         name: place.identity.name.get().map(|name| String::clone(name)),
         made_at: place.identity.made_at,
         kind: place.identity.kind.with(stored.capacity),

@@ -143,11 +143,11 @@ pub(crate) struct Jitter {
 /// The options of `luna doctor`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "\
-Exit codes: 0 fit (nothing is bad; things may be better, or unknown), 1 unfit (something is bad), 2 bad arguments,
+Exit codes: 0 fit, or fit with findings (nothing is bad, but something could be better), 1 unfit (something is bad), 2 bad arguments,
 3 broken (a self-test failed or hung), 4 unknown (nothing is bad, but too little could be read to say that it is fit).
 
-JSON: schema, version, fitness (fit, unfit, broken, unknown), exit_code, core, this_machine, counts (good, could_be_better, bad,
-unknown), findings. A finding: name (stable), part (machine, measurement, self_test), verdict (good, could_be_better,
+JSON: schema, version, fitness (fit, fit_with_findings, unfit, broken, unknown), exit_code, core, this_machine,
+counts (good, could_be_better, bad, unknown), self_tests (passed, failed, not_run), findings. A finding: name (stable), part (machine, measurement, self_test), verdict (good, could_be_better,
 bad, unknown), read, from, why, advice (or null), and for a measurement ns (samples, min, p50, p99, max).")]
 pub(crate) struct Doctor {
     /// The core that is to run real-time executors [default: the last isolated one, else the last]

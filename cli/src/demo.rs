@@ -149,15 +149,17 @@ fn executors(system: &mut System, arguments: &args::Place) -> luna::Result<Execu
     })
 }
 
-/// What the processes of an axis left behind; zeroes where one of them never got to run.
+/// What the processes of an axis left behind. There is no tracking error where none was measured:
+/// the run may end before the calibration does.
 fn found(name: &'static str, findings: &Findings, state: MotorState) -> Axis {
-    let tracking = findings.tracking.get().copied().unwrap_or_default();
+    let tracking = findings.tracking.get();
+    let measured = tracking.filter(|tracking| tracking.samples() > 0);
     Axis {
         name,
-        tracking_error_deg: TrackingError {
+        tracking_error_deg: measured.map(|tracking| TrackingError {
             rms: tracking.rms().to_degrees(),
             max: tracking.max().to_degrees(),
-        },
+        }),
         final_state: FinalState {
             angle_deg: state.angle.to_degrees(),
             speed_deg_per_s: state.speed.to_degrees(),

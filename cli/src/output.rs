@@ -24,6 +24,34 @@ pub(crate) struct Measurement {
     pub(crate) frees: u64,
     /// Those that control or measure first.
     pub(crate) loops: Vec<Loop>,
+    /// What became of the log, if there was one.
+    pub(crate) logging: Option<Logged>,
+}
+
+/// What became of signals, messages and events.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Logged {
+    /// Where they went.
+    pub(crate) to: String,
+    /// How many bytes that are.
+    pub(crate) bytes: u64,
+    /// Samples of all signals.
+    pub(crate) samples: Kept,
+    /// As samples.
+    pub(crate) messages: Kept,
+    /// As samples.
+    pub(crate) events: Kept,
+    /// The first reason why something could not be written.
+    pub(crate) error: Option<String>,
+}
+
+/// How many were kept, and how many were not.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Kept {
+    /// In the recording.
+    pub(crate) recorded: u64,
+    /// Not in it: there was no room in the ring, or where the recording goes.
+    pub(crate) lost: u64,
 }
 
 /// What was asked for and not obtained.
@@ -58,6 +86,37 @@ pub(crate) struct Loop {
     pub(crate) cycle_time_ns: Spread,
     /// From a cycle's begin to its waiting for the next.
     pub(crate) run_time_ns: Quantiles,
+    /// A cycle is late that begins later than this.
+    pub(crate) late_after_ns: u64,
+    /// How many were.
+    pub(crate) late: u64,
+    /// The worst of these, the worst first.
+    pub(crate) late_cycles: Vec<Late>,
+}
+
+/// A cycle that began late.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Late {
+    /// The number of its slot.
+    pub(crate) slot: u64,
+    /// By how much.
+    pub(crate) lateness_ns: u64,
+    /// What explains half of that or more; empty where the cause is unknown.
+    pub(crate) causes: Vec<Cause>,
+}
+
+/// A cause of a late cycle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Cause {
+    /// `own_overrun`, `own_process`, `other_process`, `other_thread` or `hypervisor`.
+    pub(crate) kind: &'static str,
+    /// Of the two kinds that are processes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) process: Option<String>,
+    /// How much of the lateness it explains.
+    pub(crate) explains_ns: u64,
+    /// The same in per cent.
+    pub(crate) percent: u64,
 }
 
 /// Where the values of a histogram lie.
@@ -107,8 +166,8 @@ pub(crate) struct Demo {
 pub(crate) struct Axis {
     /// `pan` or `tilt`.
     pub(crate) name: &'static str,
-    /// Set-point against measured angle, over all cycles.
-    pub(crate) tracking_error_deg: TrackingError,
+    /// Set-point against measured angle, over all cycles; `None` if no cycle measured it.
+    pub(crate) tracking_error_deg: Option<TrackingError>,
     /// Where the mechanism was at the end.
     pub(crate) final_state: FinalState,
     /// How often the safety layer changed a duty.
@@ -173,8 +232,32 @@ mod tests {
                     stddev: 0.5,
                 },
                 run_time_ns: quantiles(),
+                late_after_ns: 100_000,
+                late: 2,
+                late_cycles: vec![Late {
+                    slot: 7,
+                    lateness_ns: 200_000,
+                    causes: vec![Cause {
+                        kind: "other_process",
+                        process: Some("hog".to_owned()),
+                        explains_ns: 180_000,
+                        percent: 90,
+                    }],
+                }],
             }],
+            logging: Some(Logged {
+                to: "run.luna".to_owned(),
+                bytes: 9,
+                samples: Kept {
+                    recorded: 3,
+                    lost: 1,
+                },
+                messages: Kept::default(),
+                events: Kept::default(),
+                error: None,
+            }),
         };
+        let none = json!({"recorded": 0, "lost": 0});
         let five = json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5});
         let seven =
             json!({"min": 1, "p50": 2, "p99": 3, "p99_9": 4, "max": 5, "mean": 1.5, "stddev": 0.5});
@@ -184,7 +267,13 @@ mod tests {
             "loops": [{
                 "name": "pan", "period_ns": 1_000_000, "slots_elapsed": 10, "slots_kept": 9, "slots_missed": 1,
                 "wake_latency_ns": five, "cycle_time_ns": seven, "run_time_ns": five,
+                "late_after_ns": 100_000, "late": 2, "late_cycles": [{"slot": 7, "lateness_ns": 200_000, "causes": [
+                    {"kind": "other_process", "process": "hog", "explains_ns": 180_000, "percent": 90},
+                ]}],
             }],
+            "logging": {
+                "to": "run.luna", "bytes": 9, "samples": {"recorded": 3, "lost": 1}, "messages": none, "events": none, "error": null,
+            },
         });
         assert_eq!(to_value(&measurement).unwrap(), expected);
 
@@ -192,16 +281,18 @@ mod tests {
             measurement,
             table_4: None,
             record: None,
-            axes: vec![Axis {
-                name: "pan",
-                tracking_error_deg: TrackingError { rms: 1.0, max: 2.0 },
-                final_state: FinalState {
-                    angle_deg: 3.0,
-                    speed_deg_per_s: 4.0,
-                    current_a: 5.0,
-                },
-                sanity: Interventions::default(),
-            }],
+            axes: [Some(TrackingError { rms: 1.0, max: 2.0 }), None]
+                .map(|tracking_error_deg| Axis {
+                    name: "pan",
+                    tracking_error_deg,
+                    final_state: FinalState {
+                        angle_deg: 3.0,
+                        speed_deg_per_s: 4.0,
+                        current_a: 5.0,
+                    },
+                    sanity: Interventions::default(),
+                })
+                .into(),
         })
         .unwrap();
         assert_eq!(demo["policy"], expected["policy"]);
@@ -209,6 +300,7 @@ mod tests {
             demo["axes"][0]["tracking_error_deg"],
             json!({"rms": 1.0, "max": 2.0})
         );
+        assert_eq!(demo["axes"][1]["tracking_error_deg"], Value::Null);
         assert!(matches!(demo["loops"], Value::Array(_)));
     }
 }

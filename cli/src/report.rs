@@ -1,8 +1,11 @@
 //! From the library's report to what the commands print. All that the program knows of the report's form is in this file.
 
 use crate::alloc::Counts;
-use crate::output::{Loop, Measurement, Missing, Quantiles, Spread};
-use luna::{Distribution, End, Exit, LoopReport, Report, Shortfall};
+use crate::output::{Cause, Kept, Late, Logged, Loop, Measurement, Missing, Quantiles, Spread};
+use luna::{
+    Distribution, End, Exit, LateCause, LateCauseKind, LateCycle, LoggingReport, LoopReport,
+    Report, Shortfall,
+};
 use std::time::Duration;
 
 /// What was measured by the executor `executor`, with `loops` first among its loops.
@@ -32,6 +35,7 @@ pub(crate) fn measurement(
             .chain(others)
             .map(|(name, report)| one_loop(name, report))
             .collect(),
+        logging: report.logging.as_ref().map(logged),
     }
 }
 
@@ -78,6 +82,61 @@ fn one_loop(name: &str, report: &LoopReport) -> Loop {
             stddev: report.cycle_time.stddev_nanos(),
         },
         run_time_ns: quantiles(&report.run_time),
+        late_after_ns: nanos(report.late_after),
+        late: report.late,
+        late_cycles: report.late_cycles.iter().map(late).collect(),
+    }
+}
+
+fn late(cycle: &LateCycle) -> Late {
+    Late {
+        slot: cycle.number,
+        lateness_ns: nanos(cycle.lateness),
+        causes: cycle.causes().into_iter().map(cause).collect(),
+    }
+}
+
+fn cause(cause: LateCause) -> Cause {
+    let (kind, process) = match cause.kind {
+        LateCauseKind::OwnOverrun => ("own_overrun", None),
+        LateCauseKind::OwnProcess(name) => ("own_process", Some(name)),
+        LateCauseKind::OtherProcess(name) => ("other_process", Some(name)),
+        LateCauseKind::OtherThread => ("other_thread", None),
+        LateCauseKind::Hypervisor => ("hypervisor", None),
+        // A kind that is newer than this program.
+        _ => ("other", None),
+    };
+    Cause {
+        kind,
+        process,
+        explains_ns: nanos(cause.explains),
+        percent: cause.percent,
+    }
+}
+
+fn logged(report: &LoggingReport) -> Logged {
+    let samples = report
+        .signals
+        .iter()
+        .fold(Kept::default(), |all, one| Kept {
+            recorded: all.recorded + one.recorded,
+            lost: all.lost + one.lost,
+        });
+    let messages = Kept {
+        recorded: report.messages.recorded,
+        lost: report.messages.lost,
+    };
+    let events = Kept {
+        recorded: report.events.recorded,
+        lost: report.events.lost,
+    };
+    Logged {
+        to: report.to.clone(),
+        bytes: report.bytes,
+        samples,
+        messages,
+        events,
+        error: report.error.clone(),
     }
 }
 
@@ -93,5 +152,5 @@ fn quantiles(times: &Distribution) -> Quantiles {
 
 /// 64 bits of nanoseconds are 584 years.
 fn nanos(time: Duration) -> u64 {
-    time.as_nanos() as u64
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }

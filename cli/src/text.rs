@@ -36,16 +36,15 @@ pub(crate) fn header(measurement: &Measurement) -> String {
     text
 }
 
-/// A line for each axis.
+/// A line for each axis, with `-` where nothing was measured.
 pub(crate) fn tracking(axes: &[Axis]) -> String {
     let mut text = format!("{:<16}{:>9}{:>9}\n", "tracking error", "rms", "max");
     for axis in axes {
-        let error = axis.tracking_error_deg;
-        let _ = writeln!(
-            text,
-            "{:<16}{:>8.2}°{:>8.2}°",
-            axis.name, error.rms, error.max
-        );
+        let [rms, max] = match axis.tracking_error_deg {
+            Some(error) => [error.rms, error.max].map(|error| format!("{error:.2}°")),
+            None => ["-", "-"].map(str::to_owned),
+        };
+        let _ = writeln!(text, "{:<16}{rms:>9}{max:>9}", axis.name);
     }
     text
 }
@@ -104,6 +103,7 @@ mod tests {
             reallocations: 2,
             frees: 3,
             loops: Vec::new(),
+            logging: None,
         }
     }
 
@@ -142,12 +142,12 @@ mod tests {
 
     #[test]
     fn tracking_errors_stand_in_columns() {
-        let axis = |name, rms| Axis {
+        let axis = |name, rms: Option<f64>| Axis {
             name,
-            tracking_error_deg: TrackingError {
+            tracking_error_deg: rms.map(|rms| TrackingError {
                 rms,
                 max: 2.0 * rms,
-            },
+            }),
             final_state: FinalState {
                 angle_deg: 0.0,
                 speed_deg_per_s: 0.0,
@@ -155,12 +155,17 @@ mod tests {
             },
             sanity: Interventions::default(),
         };
-        let text = tracking(&[axis("pan", 1.234), axis("tilt", 10.0)]);
+        let axes = [
+            axis("pan", Some(1.234)),
+            axis("tilt", Some(10.0)),
+            axis("zoom", None),
+        ];
         assert_eq!(
-            text,
+            tracking(&axes),
             "tracking error        rms      max\n\
              pan                 1.23°    2.47°\n\
-             tilt               10.00°   20.00°\n"
+             tilt               10.00°   20.00°\n\
+             zoom                    -        -\n"
         );
     }
 }

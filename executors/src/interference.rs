@@ -6,6 +6,7 @@
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
 use std::cell::Cell;
+use std::time::Duration;
 
 /// Shorter polls than this many nanoseconds make nobody late, and are not remembered.
 const NOTABLE: u64 = 10_000;
@@ -13,10 +14,10 @@ const NOTABLE: u64 = 10_000;
 /// How many polls are remembered: the last ones.
 const REMEMBERED: usize = 16;
 
-/// A process that held an executor: what [`interference`] gives.
+/// One turn of a process on an executor, as [`interference`] knows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Interference {
+pub struct Turn {
     /// The process that was polled; of several between two looks at the clock the last one.
     pub process: ProcessId,
     /// When the executor had looked at the clock before.
@@ -25,11 +26,21 @@ pub struct Interference {
     pub ended: Instant,
 }
 
-impl Interference {
+impl Turn {
     /// How much of the time between two instants it took, in nanoseconds.
     fn overlap(&self, from: Instant, until: Instant) -> u64 {
         self.ended.min(until).nanos_since(self.began.max(from))
     }
+}
+
+/// A process that held an executor: what [`interference`] gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Interference {
+    /// The process.
+    pub process: ProcessId,
+    /// How much of the time that was asked about its turns took, all together.
+    pub held: Duration,
 }
 
 /// What an executor's thread remembers.
@@ -38,7 +49,7 @@ struct Memory {
     looked: Cell<u64>,
     /// The process that was polled last since then, as a number; 0 if none was.
     polled: Cell<u32>,
-    polls: [Cell<Option<Interference>>; REMEMBERED],
+    polls: [Cell<Option<Turn>>; REMEMBERED],
     /// Where the next one goes.
     next: Cell<usize>,
 }
@@ -97,9 +108,9 @@ impl Memory {
     }
 
     /// The poll that went on from `before`, a look at the clock, until now.
-    fn poll_since(&self, before: u64, now: Instant) -> Option<Interference> {
+    fn poll_since(&self, before: u64, now: Instant) -> Option<Turn> {
         let process = ProcessId::from_number(self.polled.get())?;
-        (before != 0).then_some(Interference {
+        (before != 0).then_some(Turn {
             process,
             began: Instant::from_nanos(before),
             ended: now,
@@ -107,10 +118,10 @@ impl Memory {
     }
 }
 
-/// The process that held this executor longest between the two instants, with its whole turn, if any held it for 10 µs or more and `counts`.
-/// Called in a poll.
+/// The process that held this executor longest between the two instants, by all its turns that
+/// took 10 µs or more of that time and that `counts`. Called in a poll.
 ///
-/// Known are the last 16 such turns. A turn is what passed between two looks of the executor at the clock: one poll, as long as any deadline
+/// The last 16 such turns are known. A turn is what passed between two looks of the executor at the clock: one poll, as long as any deadline
 /// is armed here; when none is, several polls may count as one turn, of the last of them. `None` on a thread that is no executor's. Real-time path:
 /// yes; O(1), no system call.
 ///
@@ -141,15 +152,25 @@ impl Memory {
 pub fn interference(
     from: Instant,
     until: Instant,
-    counts: impl Fn(&Interference) -> bool,
+    counts: impl Fn(&Turn) -> bool,
 ) -> Option<Interference> {
     MEMORY.with(|memory| {
         // The process that asks has not been noted as polled yet, so this is the one before it.
         let last = memory.poll_since(memory.looked.get(), until);
-        let turns = memory.polls.iter().filter_map(Cell::get).chain(last);
-        turns
-            .filter(|turn| turn.overlap(from, until) >= NOTABLE && counts(turn))
-            .max_by_key(|turn| turn.overlap(from, until))
+        let turns = || {
+            let turns = memory.polls.iter().filter_map(Cell::get).chain(last);
+            turns.filter(|turn| turn.overlap(from, until) >= NOTABLE && counts(turn))
+        };
+        let held = |process: ProcessId| -> u64 {
+            let of_process = turns().filter(|turn| turn.process == process);
+            of_process.map(|turn| turn.overlap(from, until)).sum()
+        };
+        let all = turns().map(|turn| (turn.process, held(turn.process)));
+        let longest = all.max_by_key(|(_, held)| *held);
+        longest.map(|(process, held)| Interference {
+            process,
+            held: Duration::from_nanos(held),
+        })
     })
 }
 
@@ -202,6 +223,24 @@ mod tests {
         assert_eq!(culprit(2149, 2160), None, "too short to matter");
         let other = interference(at(2010), at(2160), |turn| turn.process != long);
         assert_eq!(other.map(|turn| turn.process), Some(short));
+    }
+
+    #[test]
+    fn the_turns_of_a_process_are_added_up() {
+        rest();
+        let (often, once) = (ProcessId::new(), ProcessId::new());
+        turn(often, 1000, 1060);
+        turn(once, 1060, 1160);
+        turn(often, 1160, 1230);
+        let found = interference(at(1010), at(1240), |_| true);
+        let held = Duration::from_micros(120);
+        assert_eq!(
+            found,
+            Some(Interference {
+                process: often,
+                held
+            })
+        );
     }
 
     #[test]

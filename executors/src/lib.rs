@@ -79,7 +79,7 @@ pub use {
     blocking::{Blocking, MOST_BUDDIES, NoBuddy, blocking, prepare_blocking},
     calls::UnderWay,
     executor::{Announced, Executor, ExecutorHandle, Refused, has_given_up},
-    interference::{Interference, interference, look_at_clock},
+    interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
         Exit, Join, LastWords, Living, Name, Overseer, ProcessHandle, ProcessSpec, ProcessState,

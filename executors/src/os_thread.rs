@@ -22,7 +22,7 @@ use std::fmt;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
-use std::ptr::NonNull;
+use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::task::{Context, Poll};
@@ -161,7 +161,9 @@ fn run<F: Future>(
     let _home = current::enter_home(home, timers.clone(), true);
     // Alone on its thread it needs no way around its waker.
     let waker = park::waker(parker);
-    let process = current::Lone::new(id, home, thread_priority, level, waker.clone());
+    let body = ptr::from_ref(&*future).addr();
+    let body = body..body + size_of::<F>();
+    let process = current::Lone::new(id, home, thread_priority, level, waker.clone(), body);
     // SAFETY: it is forgotten before the process goes.
     let _seen = record.map(|record| unsafe {
         record.set_process(NonNull::from(&*process));

@@ -9,10 +9,40 @@
 use crate::backend::memory as backend;
 use crate::shortfall::Shortfall;
 use std::fmt;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// How many locks are held in this process. The kernel knows one lock, which the first takes and the last gives back.
 static HELD: Mutex<usize> = Mutex::new(0);
+
+/// At most so many bytes are copied at once: bodies of processes have some hundreds.
+const MOST_COPIED: usize = 1 << 20;
+
+/// The words that lie in a range of this program's addresses, copied by the kernel; of at most a
+/// mebibyte. Empty where the kernel refuses, where there is no such memory, and on the portable
+/// backend. For reports that look for addresses in what a process holds. Not for the real-time path.
+///
+/// The kernel reads bytes, whatever they are for: that some of them were never written, are written
+/// at the same time or have gone is no access of the program's own. So what it finds is a hint.
+///
+/// ```
+/// use luna_platform::memory::copy_words;
+///
+/// let words = [3_usize, 5, 8];
+/// let range = words.as_ptr_range();
+/// let copied = copy_words(range.start.addr()..range.end.addr());
+/// assert!(copied.is_empty() || copied == words);
+/// assert!(copy_words(8..64).is_empty());
+/// ```
+pub fn copy_words(range: Range<usize>) -> Vec<usize> {
+    const WORD: usize = size_of::<usize>();
+    let start = range.start.next_multiple_of(WORD);
+    let length = range.end.saturating_sub(start).min(MOST_COPIED);
+    let mut bytes = vec![0; length];
+    let copied = backend::copy(start, &mut bytes);
+    let (words, _) = bytes[..copied].as_chunks::<WORD>();
+    words.iter().copied().map(usize::from_ne_bytes).collect()
+}
 
 /// Locks the memory of the whole process, now and to come, until the last lock is dropped.
 ///

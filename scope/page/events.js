@@ -81,6 +81,24 @@ export class Events {
     return states;
   }
 
+  // For how long each process ran on a thread between two instants, by number.
+  ranBetween(from, until, thread) {
+    const ran = new Map(), first = this.find(from), end = this.find(until);
+    const states = this.statesAt(first);
+    let running, since = from;
+    for (const [number, state] of states) if (state.state === 2 && state.thread === thread) running = number;
+    const stop = (time) => { if (running !== undefined) ran.set(running, (ran.get(running) ?? 0) + time - since); };
+    for (let at = first; at < end; at++) {
+      const slot = at & this.mask, state = stateOf(this.code[slot], this.a[slot]), number = this.subject[slot];
+      if (this.thread[slot] !== thread || !(state === 2 || (state && number === running))) continue;
+      stop(this.time[slot]);
+      running = state === 2 ? number : undefined;
+      since = this.time[slot];
+    }
+    stop(until);
+    return ran;
+  }
+
   apply(states, slot) {
     const state = stateOf(this.code[slot], this.a[slot]);
     if (state === 0) return;

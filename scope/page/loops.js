@@ -4,7 +4,21 @@ import { $, make, put, spanParts, span, instant, count } from "./text.js";
 import { colours, fit } from "./draw.js";
 
 const PARTS = 16, FINE = 32; // of the scope's histograms: a sixteenth of an octave
-export const CAUSES = ["not known", "the loop itself", "another process of its executor", "the kernel, for another thread"];
+const CAUSES = ["unknown", "the loop itself", "another process of its executor", "another thread on its core"];
+
+// The cause of a late cycle with its share, from the second number of its event; one without a share is not named.
+export function lateCause(argument) {
+  const cause = argument % 256, percent = Math.floor(argument / 256) % 256;
+  return percent ? { cause, percent } : { cause: 0, percent: 0 };
+}
+
+// In words. `who` is the process that ran instead, `stolen` the share of a hypervisor.
+export function causeText({ cause, percent }, who, stolen) {
+  const causes = [];
+  if (cause) causes.push(`${who ?? CAUSES[cause] ?? `cause ${cause}`} (${percent} %)`);
+  if (stolen) causes.push(`a hypervisor (at least ${stolen} %)`);
+  return causes.join("; ") || CAUSES[0];
+}
 
 // The bounds of a part of a histogram, in nanoseconds.
 export function bounds(at) {
@@ -105,10 +119,9 @@ export class Loops {
     const lines = late.slice(-100).reverse().map((one) => {
       const time = this.seconds(one.time);
       const bad = one.cause === 1 || one.cause === 2;
-      const stolen = one.stolen ? `; the hypervisor took ${span(one.stolen[1] / 1e9)} of core ${one.stolen[0]} around then` : "";
       return make("tr", {},
         make("td", { class: "number" }, instant(time, 1e-4)), make("td", {}, this.name(one.loop)), make("td", { class: "n" }, span(one.lateness / 1e9)),
-        make("td", { class: "text" }, make("span", { class: `tag ${bad ? "bad" : one.cause ? "warn" : ""}` }, (CAUSES[one.cause] ?? `cause ${one.cause}`) + stolen)),
+        make("td", { class: "text" }, make("span", { class: `tag ${bad ? "bad" : one.cause || one.stolen_percent ? "warn" : ""}` }, causeText(one, undefined, one.stolen_percent))),
         make("td", { class: "n" }, make("button", { onclick: () => this.show({ ...one, seconds: time }) }, "Show")));
     });
     this.body.replaceChildren(...lines);

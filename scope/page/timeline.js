@@ -4,7 +4,7 @@ import { $, make, put, span, instant, step } from "./text.js";
 import { colours, fit } from "./draw.js";
 import { gestures } from "./gestures.js";
 import { CODE, STATES, stateOf } from "./events.js";
-import { CAUSES } from "./loops.js";
+import { causeText, lateCause } from "./loops.js";
 
 const AXIS = 28, LOWEST = 22, HIGHEST = 32, RIGHT = 12;
 const SHORTEST = 2e-6, LONGEST = 20;
@@ -403,11 +403,10 @@ export class Timeline {
     for (const slot of late) this.late(context, palette, events, slot, y, labels);
   }
 
-  // Who ran on a thread at an instant.
-  ranAt(time, thread) {
-    for (const [number, state] of this.model.events.statesAt(this.model.events.find(time))) {
-      if (state.state === 2 && state.thread === thread) return this.model.processes.get(number)?.name;
-    }
+  // The process that ran on a thread for at least half of the time between two instants.
+  ranFor(from, until, thread) {
+    const ran = this.model.events.ranBetween(from, until, thread);
+    for (const [number, time] of ran) if (time >= (until - from) / 2) return this.model.processes.get(number)?.name;
     return undefined;
   }
 
@@ -427,8 +426,8 @@ export class Timeline {
     context.lineTo(right, top + LANE / 2 + 6);
     context.lineTo(right - 6, top + LANE / 2);
     context.fill();
-    const cause = events.b[slot], instead = cause === 2 ? this.ranAt(began - lateness, events.thread[slot]) : undefined;
-    const text = `${span(lateness)} late: ${CAUSES[cause] ?? `cause ${cause}`}${instead ? `, ${instead}` : ""}`;
+    const known = lateCause(events.b[slot]), instead = known.cause === 2 ? this.ranFor(began - lateness, began, events.thread[slot]) : undefined;
+    const text = `${span(lateness)} late: ${causeText(known, instead)}`;
     const wide = context.measureText(text).width;
     const x = Math.min(right + 12, this.canvas.clientWidth - RIGHT - wide - 12);
     const taken = labels.get(lane) ?? [];

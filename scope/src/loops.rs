@@ -10,8 +10,8 @@ const SLOT: u16 = 10;
 const LATE: u16 = 11;
 /// A hypervisor has run something else on a core, in the time before.
 const STOLEN: u16 = 17;
-/// The cause of a late cycle is not known.
-const UNKNOWN: u64 = 0;
+/// The least part of the lateness, in per cent, that a cause explains that is named.
+const NAMED_FROM: u64 = 50;
 
 /// More loops than that are not counted.
 const MOST_LOOPS: usize = 1024;
@@ -32,9 +32,51 @@ struct Late {
     of: u32,
     time: u64,
     lateness: u64,
+    /// The cause that explains most, and how many per cent of the lateness; 0 if none explains
+    /// half.
     cause: u64,
-    /// The core from which most was stolen around it, and how many nanoseconds, if the cause is not known. It need not be the loop's core.
-    stolen: Option<(u32, u64)>,
+    percent: u64,
+    /// The core that it began on.
+    core: Option<u32>,
+    /// How many nanoseconds of the lateness a hypervisor had that core, at least.
+    stolen: u64,
+}
+
+impl Late {
+    /// From the event, whose second argument has the cause in bits 0 to 7, its share in bits 8 to
+    /// 15, and the core plus one in bits 16 to 47.
+    fn of(event: &Event) -> Late {
+        let [lateness, argument] = event.arguments;
+        let percent = argument >> 8 & 0xff;
+        Late {
+            of: event.subject,
+            time: event.time,
+            lateness,
+            // A recording that was made before there were shares names no cause.
+            cause: if percent == 0 { 0 } else { argument & 0xff },
+            percent,
+            core: ((argument >> 16) as u32).checked_sub(1),
+            stolen: 0,
+        }
+    }
+
+    /// Adds what was stolen from its core in a window that ended with `event`, as far as it cannot
+    /// have been stolen in the rest of the window.
+    fn add_stolen(&mut self, event: &Event) {
+        let [stolen, within] = event.arguments;
+        let slot = self.time.saturating_sub(self.lateness);
+        let from = event.time.saturating_sub(within);
+        let overlap = event.time.min(self.time).saturating_sub(from.max(slot));
+        if self.core == Some(event.subject) && overlap > 0 {
+            self.stolen += stolen.saturating_sub(within.saturating_sub(overlap));
+        }
+    }
+
+    /// How many per cent of the lateness a hypervisor explains, if it is at least half.
+    fn stolen_percent(&self) -> Option<u64> {
+        let percent = (self.stolen.min(self.lateness) * 100).checked_div(self.lateness)?;
+        (percent >= NAMED_FROM).then_some(percent)
+    }
 }
 
 impl Loops {
@@ -55,25 +97,11 @@ impl Loops {
                     self.late.pop_front();
                 }
                 self.late_in_all += 1;
-                self.late.push_back(Late {
-                    of: event.subject,
-                    time: event.time,
-                    lateness: event.arguments[0],
-                    cause: event.arguments[1],
-                    stolen: None,
-                });
+                self.late.push_back(Late::of(event));
             }
             STOLEN => {
-                let [stolen, within] = event.arguments;
-                let from = event.time.saturating_sub(within);
-                let is_around = |late: &&mut Late| {
-                    let slot = late.time.saturating_sub(late.lateness);
-                    late.cause == UNKNOWN && slot < event.time && from < late.time
-                };
-                for late in self.late.iter_mut().rev().filter(is_around) {
-                    if late.stolen.is_none_or(|(_, before)| before < stolen) {
-                        late.stolen = Some((event.subject, stolen));
-                    }
+                for late in &mut self.late {
+                    late.add_stolen(event);
                 }
             }
             _ => return,
@@ -103,7 +131,8 @@ impl Loops {
                 "time": late.time.to_string(),
                 "lateness": late.lateness,
                 "cause": late.cause,
-                "stolen": late.stolen,
+                "percent": late.percent,
+                "stolen_percent": late.stolen_percent(),
             })
         });
         json!({
@@ -119,10 +148,15 @@ impl Loops {
 mod tests {
     use super::*;
 
-    #[test]
-    fn what_was_stolen_around_a_late_cycle_is_told_of_it() {
+    const UNKNOWN: u64 = 0;
+
+    fn on_core(core: u64, cause: u64, percent: u64) -> u64 {
+        cause | percent << 8 | (core + 1) << 16
+    }
+
+    fn json_of(events: &[(u64, u16, u32, [u64; 2])]) -> Value {
         let mut loops = Loops::default();
-        let mut take = |time, code, subject, arguments| {
+        for &(time, code, subject, arguments) in events {
             loops.take(&Event {
                 thread: 0,
                 time,
@@ -130,19 +164,46 @@ mod tests {
                 subject,
                 arguments,
             });
-        };
-        take(1_000, LATE, 7, [50, UNKNOWN]);
-        take(2_000, LATE, 7, [50, UNKNOWN]);
-        take(2_100, LATE, 7, [50, 2]);
-        take(2_500, STOLEN, 1, [10, 1_000]);
-        take(2_500, STOLEN, 3, [20, 1_000]);
-        take(2_500, STOLEN, 0, [15, 1_000]);
-        take(2_600, LATE, 7, [50, UNKNOWN]);
-        let json = loops.json();
-        let stolen = |late: usize| &json["late"][late]["stolen"];
+        }
+        loops.json()["late"].clone()
+    }
+
+    #[test]
+    fn a_hypervisor_is_named_if_it_had_half_of_the_lateness_for_certain() {
+        let late = json_of(&[
+            (1_000, LATE, 7, [50, on_core(3, UNKNOWN, 0)]),
+            (2_000, LATE, 7, [400, on_core(3, UNKNOWN, 0)]),
+            (2_400, LATE, 7, [50, on_core(3, UNKNOWN, 0)]),
+            (2_450, LATE, 7, [500, on_core(1, UNKNOWN, 0)]),
+            (2_500, STOLEN, 1, [700, 1_000]),
+            // All but 100 of the window: at least 300 of the 400, and nothing certain of the 50.
+            (2_500, STOLEN, 3, [900, 1_000]),
+            (2_600, LATE, 7, [50, on_core(3, UNKNOWN, 0)]),
+        ]);
+        let stolen = |late_cycle: usize| &late[late_cycle]["stolen_percent"];
         assert!(stolen(0).is_null(), "before");
-        assert_eq!(*stolen(1), json!([3, 20]));
-        assert!(stolen(2).is_null(), "its cause is known");
-        assert!(stolen(3).is_null(), "after");
+        assert_eq!(*stolen(1), 75);
+        assert!(
+            stolen(2).is_null(),
+            "the window is longer than the lateness"
+        );
+        assert!(stolen(3).is_null(), "200 of 500 are not half");
+        assert!(stolen(4).is_null(), "after");
+    }
+
+    #[test]
+    fn a_cause_has_its_share_or_is_none() {
+        let late = json_of(&[
+            (1_000, LATE, 7, [50, on_core(0, 2, 98)]),
+            (2_000, LATE, 7, [50, 2]),
+        ]);
+        assert_eq!(
+            (&late[0]["cause"], &late[0]["percent"]),
+            (&json!(2), &json!(98))
+        );
+        assert_eq!(
+            (&late[1]["cause"], &late[1]["percent"]),
+            (&json!(0), &json!(0))
+        );
     }
 }

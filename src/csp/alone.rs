@@ -22,7 +22,7 @@ pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
         // It was patient with those who are not known, and only says something.
         meeting.strangers = false;
     }
-    let Some(found) = find("", &[body], &meetings, |_| false) else {
+    let Some(found) = find("", &[body], &meetings, |_| false, |_, _| false) else {
         return false;
     };
     let mut text =

@@ -18,6 +18,8 @@ pub(crate) struct Waiting {
 #[derive(Debug, Clone)]
 pub(crate) struct Meeting {
     pub(crate) kind: PlaceKind,
+    /// What its ends have in them.
+    pub(crate) address: usize,
     pub(crate) name: Option<String>,
     pub(crate) made_at: &'static Location<'static>,
     pub(crate) buffered: usize,
@@ -51,6 +53,7 @@ impl From<PlaceView> for Meeting {
         });
         Self {
             kind: view.kind,
+            address: view.address,
             name: view.name,
             made_at: view.made_at,
             buffered: view.buffered,

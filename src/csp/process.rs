@@ -12,6 +12,7 @@ use luna_executors::{
 };
 use luna_platform::clock::Clock;
 use luna_platform::events;
+use luna_platform::memory::copy_words;
 use luna_platform::panics;
 use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
@@ -209,6 +210,8 @@ impl<B> fmt::Debug for Prepared<B> {
 pub(crate) trait Phases: Send {
     fn pre_run(&mut self) -> Result<()>;
     fn post_run(&mut self);
+    /// As [`words_of_body`](luna_executors::ProcessHandle::words_of_body), of what the body borrows.
+    fn words(&self) -> Vec<usize>;
 }
 
 /// Runs `pre_run`. Its panic is an error as any other.
@@ -263,6 +266,12 @@ impl<P: Process + Send> Phases for Resident<P> {
     fn post_run(&mut self) {
         // SAFETY: called after the body has ended, or when there was none.
         unsafe { &mut *self.place }.post_run();
+    }
+
+    fn words(&self) -> Vec<usize> {
+        // The body may be accessing it: only the address is used, and the kernel copies.
+        let start = self.place.addr();
+        copy_words(start..start + size_of::<P>())
     }
 }
 

@@ -5,10 +5,11 @@
 // That all threads sleep with nothing of their own to wake them is for `quiet` to know. Here it is decided whether somebody outside could wake
 // one all the same, and the circle is found in who waits for whom.
 
+mod words;
+
 use crate::csp::network::{Meeting, Role};
 use luna_platform::current::{ProcessId, User};
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::Arc;
 
 /// A deadlock: every process of a system waits, and nothing that the system knows of can wake one of them.
@@ -20,6 +21,9 @@ use std::sync::Arc;
 /// Two things cannot be seen, and are to be marked `external()`: an end (or a party of a barrier) that a thread outside of the system holds and has not used yet; and a
 /// channel that a process waits for together with something that is none of LUNA's, as in a race of both. A [barrier](crate::Barrier) that a thread of its own
 /// ([`luna::run`](crate::run)) has come to is known to have such a party; one with parties in two systems is to be marked.
+///
+/// Which process an end belongs to is known once that has used it. Of an end that nobody has used yet the report names the processes in whose
+/// bodies the channel's address is found ([`Partner::Holders`]): they appear to hold it. An end that lies in a `Vec` or a `Box` is not found so.
 ///
 /// Its `Display` is a line for each wait, and the circle.
 ///
@@ -55,8 +59,8 @@ pub struct Deadlock {
     /// What the processes wait for: in the order of their spawning, and all that one waits for, if it is an alternative or a parallel
     /// construct, one after the other.
     pub waits: Vec<Wait>,
-    /// Processes of which each waits for the next, and the last for the first. Empty where no such circle is known, as when nobody has
-    /// used the other end of a channel yet.
+    /// Processes of which each waits for the next, and the last for the first. Empty where no such
+    /// circle is known.
     pub cycle: Vec<String>,
 }
 
@@ -104,8 +108,11 @@ pub enum Partner {
     Process(String),
     /// For the process of this name, which has ended.
     Ended(String),
-    /// Nobody has used the other end yet.
+    /// Nobody has used the other end yet, and it is not known which process holds it.
     Nobody,
+    /// Nobody has used the other end yet, but the processes of these names appear to hold it, or
+    /// one of them: the channel's address lies in their bodies. They wait too.
+    Holders(Vec<String>),
     /// For all who take part in the barrier and have not come.
     Others,
 }
@@ -121,12 +128,14 @@ pub(crate) struct Sleeping {
 }
 
 /// What all who wait in `processes` wait for at `meetings`. `None` if somebody outside might wake one. `is_forgotten` says of a process that is not among
-/// them whether it was one of the system's. O(processes + meetings + who waits there).
+/// them whether it was one of the system's, and `refers` whether the address of a channel lies in a process' body. O(processes + meetings + who waits
+/// there), and for each end that nobody has used O(processes).
 pub(crate) fn find(
     system: &str,
     processes: &[Sleeping],
     meetings: &[Meeting],
     is_forgotten: impl Fn(ProcessId) -> bool,
+    refers: impl Fn(ProcessId, usize) -> bool,
 ) -> Option<Deadlock> {
     let places = processes
         .iter()
@@ -136,6 +145,7 @@ pub(crate) fn find(
         processes,
         places: places.collect(),
         is_forgotten,
+        refers,
     };
     // At which meetings each waits, and for whose end.
     let mut waiting = vec![Vec::new(); processes.len()];
@@ -205,19 +215,37 @@ pub(crate) fn find(
 }
 
 /// The processes of a system, and how they are found.
-struct Known<'a, F> {
+struct Known<'a, F, R> {
     processes: &'a [Sleeping],
     places: HashMap<ProcessId, usize>,
     is_forgotten: F,
+    refers: R,
 }
 
-/// What one waits to do at `meeting`, for whom, and the place of that process if it lives. `None` if it waits for somebody outside of the
+impl<F, R: Fn(ProcessId, usize) -> bool> Known<'_, F, R> {
+    /// The places of the processes that appear to hold the other end than the one at which `role`
+    /// waits. Both kinds of end have the channel's address in them, so those that wait with the same
+    /// end do not count.
+    fn holders(&self, meeting: &Meeting, role: Role) -> Vec<usize> {
+        let has_this_end = |id: ProcessId| {
+            let mut waiting = meeting.waiting.iter();
+            waiting.any(|one| one.role == role && one.user == User::Process(id))
+        };
+        let live = self.processes.iter().zip(0..);
+        live.filter(|(one, _)| !one.has_ended && !has_this_end(one.id))
+            .filter(|(one, _)| (self.refers)(one.id, meeting.address))
+            .map(|(_, place)| place)
+            .collect()
+    }
+}
+
+/// What one waits to do at `meeting`, for whom, and the places of those processes that live. `None` if it waits for somebody outside of the
 /// system, or in a way that is not known here.
 fn wait_of(
-    known: &Known<'_, impl Fn(ProcessId) -> bool>,
+    known: &Known<'_, impl Fn(ProcessId) -> bool, impl Fn(ProcessId, usize) -> bool>,
     meeting: &Meeting,
     role: Role,
-) -> Option<(Operation, Partner, Option<usize>)> {
+) -> Option<(Operation, Partner, Vec<usize>)> {
     if meeting.external || (role == Role::Party && meeting.strangers) {
         return None;
     }
@@ -228,25 +256,39 @@ fn wait_of(
         Role::Locker => (Operation::Lock, meeting.receiver),
         Role::Notified => (Operation::Notified, meeting.receiver),
         Role::Acquirer => (Operation::Acquire, meeting.receiver),
-        Role::Party => return Some((Operation::Sync, Partner::Others, None)),
-        Role::Stopped => return Some((Operation::Stop, Partner::Nobody, None)),
+        Role::Party => return Some((Operation::Sync, Partner::Others, Vec::new())),
+        Role::Stopped => return Some((Operation::Stop, Partner::Nobody, Vec::new())),
         _ => return None,
     };
     let id = match other_end {
-        None => return Some((operation, Partner::Nobody, None)),
+        None => {
+            let is_channel = matches!(operation, Operation::Send | Operation::Receive);
+            let holders = match is_channel {
+                true => known.holders(meeting, role),
+                false => Vec::new(),
+            };
+            let names = holders
+                .iter()
+                .map(|&place| known.processes[place].name.to_string());
+            let partner = match holders.is_empty() {
+                true => Partner::Nobody,
+                false => Partner::Holders(names.collect()),
+            };
+            return Some((operation, partner, holders));
+        }
         Some(User::Outside) => return None,
         Some(User::Process(id)) => id,
     };
     let Some(&place) = known.places.get(&id) else {
         // Its name is gone, but not that it was here.
         let name = (known.is_forgotten)(id).then(|| format!("process {id}"))?;
-        return Some((operation, Partner::Ended(name), None));
+        return Some((operation, Partner::Ended(name), Vec::new()));
     };
     let name = known.processes[place].name.to_string();
     Some(if known.processes[place].has_ended {
-        (operation, Partner::Ended(name), None)
+        (operation, Partner::Ended(name), Vec::new())
     } else {
-        (operation, Partner::Process(name), Some(place))
+        (operation, Partner::Process(name), vec![place])
     })
 }
 
@@ -280,84 +322,6 @@ fn cycle(edges: &[Vec<usize>]) -> Vec<usize> {
         }
     }
     Vec::new()
-}
-
-impl fmt::Display for Wait {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Wait {
-            process,
-            operation,
-            at,
-            ..
-        } = self;
-        match operation {
-            Operation::Send => write!(f, "`{process}` waits to send to {at}")?,
-            Operation::Receive => write!(f, "`{process}` waits to receive from {at}")?,
-            Operation::Sync => write!(f, "`{process}` waits at {at}")?,
-            Operation::Lock => write!(f, "`{process}` waits to lock {at}")?,
-            Operation::Notified => write!(f, "`{process}` waits to be notified at {at}")?,
-            Operation::Acquire => write!(f, "`{process}` waits for permits of {at}")?,
-            Operation::Join => return write!(f, "`{process}` waits for the end of `{at}`"),
-            Operation::Stop => {
-                return write!(
-                    f,
-                    "`{process}` has stopped: its alternative has no open guard and no `skip`"
-                );
-            }
-        }
-        // What makes somebody the partner.
-        let (did, nobody) = match operation {
-            Operation::Lock => ("holds it", "which nobody holds"),
-            Operation::Notified => ("notified there last", "where nobody has notified yet"),
-            Operation::Acquire => ("acquired there last", "where nobody has acquired any yet"),
-            _ => (
-                "used its other end last",
-                "whose other end nobody has used yet",
-            ),
-        };
-        match &self.partner {
-            Partner::Process(name) if name == process && *operation == Operation::Lock => {
-                f.write_str(", which it holds itself")
-            }
-            Partner::Process(name) if name == process => match operation {
-                Operation::Notified | Operation::Acquire => write!(f, ", and {did} itself"),
-                _ => f.write_str(", whose other end it used last itself"),
-            },
-            Partner::Process(name) => write!(f, " for `{name}`, which {did}"),
-            Partner::Ended(name) => write!(f, " for `{name}`, which {did} and has ended"),
-            Partner::Nobody => write!(f, ", {nobody}"),
-            Partner::Others => f.write_str(" for those who have not come"),
-        }
-    }
-}
-
-impl fmt::Display for Deadlock {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "system `{}` is deadlocked: every process waits, and nothing that the system knows of can wake one",
-            self.system
-        )?;
-        for wait in &self.waits {
-            write!(f, "\n  {wait}")?;
-        }
-        if let Some(first) = self.cycle.first() {
-            write!(f, "\n  a circle: `{first}` waits for ")?;
-            for name in &self.cycle[1..] {
-                write!(f, "`{name}`, which waits for ")?;
-            }
-            write!(f, "`{first}`")?;
-        }
-        if self.waits.iter().any(|wait| {
-            matches!(wait.partner, Partner::Nobody | Partner::Others)
-                && wait.operation != Operation::Stop
-        }) {
-            f.write_str(
-                "\n  if a thread outside of the system is to use one of these, mark it with `external()`",
-            )?;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,9 @@ use super::plan::{Plan, Running};
 use crate::csp::network;
 use luna_executors::{ProcessState, Stillness};
 use luna_platform::clock::Instant;
+use luna_platform::current::ProcessId;
+use luna_platform::thread::Mode;
+use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
 /// The time between two looks that find nothing, at first and at most: a system whose threads wake each other rings for nothing.
@@ -18,7 +21,15 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 pub(super) struct Lookout {
     pause: Duration,
     not_before: Instant,
-    found: Option<Deadlock>,
+    found: Option<Found>,
+    /// The deadlock that was told last.
+    told: Option<Deadlock>,
+}
+
+/// A deadlock, and how often processes had been polled when it was found: once more, and it is one no more.
+struct Found {
+    deadlock: Deadlock,
+    polls: u64,
 }
 
 impl Lookout {
@@ -27,16 +38,19 @@ impl Lookout {
             pause: SHORTEST_PAUSE,
             not_before: Instant::now(),
             found: None,
+            told: None,
         }
     }
 
-    /// Looks, if it is time to, until a deadlock was found once. Gives the deadlock if it was found just now, and until when to sleep if
-    /// nobody rings before.
+    /// Looks, if it is time to. Gives a deadlock if it was found just now and is not the one that was told last, and until when to sleep if
+    /// nobody rings before. Where one was found it looks again only when the system has gone on, as when somebody outside has used a channel after all.
     pub(super) fn look(&mut self, plan: &Plan, running: &Running) -> (Option<&Deadlock>, Instant) {
         let is_replayed = running.common.tapes.is_replay();
-        if self.found.is_some() || is_replayed || running.common.emergency.has_begun() {
+        let still_stands = || self.found.as_ref().is_some_and(|found| found.stands(plan));
+        if is_replayed || running.common.emergency.has_begun() || still_stands() {
             return (None, Instant::NEVER);
         }
+        self.found = None;
         let now = Instant::now();
         if now < self.not_before {
             return (None, self.not_before);
@@ -48,34 +62,78 @@ impl Lookout {
             (self.pause * 2).min(LONGEST_PAUSE)
         };
         self.not_before = now + self.pause;
-        if let Some(stillness) = running.common.living.still() {
-            self.found = judge(plan, running, &stillness);
-        }
-        (self.found.as_ref(), Instant::NEVER)
+        let stillness = running.common.living.still();
+        let Some(found) = stillness.and_then(|stillness| judge(plan, running, &stillness)) else {
+            return (None, Instant::NEVER);
+        };
+        let is_new = self.told.as_ref() != Some(&found.deadlock);
+        self.told = Some(found.deadlock.clone());
+        self.found = Some(found);
+        (self.told.as_ref().filter(|_| is_new), Instant::NEVER)
     }
 
-    pub(super) fn into_found(self) -> Option<Deadlock> {
-        self.found
+    /// The deadlock at the system's end: none if it has gone on since. One that has ended the system
+    /// counts, whatever ran on the way to safety.
+    pub(super) fn into_found(self, plan: &Plan, running: &Running) -> Option<Deadlock> {
+        let has_ended_it = running.mode == Mode::Strict;
+        let found = self
+            .found
+            .filter(|found| has_ended_it || found.stands(plan));
+        found.map(|found| found.deadlock)
     }
 }
 
+impl Found {
+    fn stands(&self, plan: &Plan) -> bool {
+        polls(plan) == self.polls
+    }
+}
+
+/// How often the processes of the system were polled, those that have ended too. Who is cancelled is not polled any more.
+fn polls(plan: &Plan) -> u64 {
+    let started = &plan.members().started;
+    let each = started.in_order().into_iter();
+    let of_each: u64 = each.map(|(_, member)| member.handle.polls()).sum();
+    of_each + started.earlier().polls
+}
+
 /// What the processes wait for, all of whose threads slept at one instant; `None` if somebody can wake one, or just has.
-fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Deadlock> {
+fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found> {
     let living = &running.common.living;
     // Nobody inside can wake anybody from that instant on. What is read now was so then, unless somebody outside interferes.
     let processes = sleeping(plan);
     let is_forgotten = |id| plan.members().started.has_forgotten(id);
-    let found = processes
-        .and_then(|processes| find(plan.name(), &processes, &network::meetings(), is_forgotten));
-    if found.is_none() {
-        // Somebody may come from outside; what becomes of it is to be looked at again.
-        living.watch();
-    }
+    let found = processes.and_then(|processes| {
+        let meetings = network::meetings();
+        let find = |refers: &dyn Fn(ProcessId, usize) -> bool| {
+            find(plan.name(), &processes, &meetings, is_forgotten, refers)
+        };
+        // Bodies are looked at only if there is something to explain.
+        find(&|_, _| false)?;
+        let words = words_of_bodies(plan);
+        let deadlock = find(&|id, address| {
+            let words = words.get(&id);
+            words.is_some_and(|words| words.contains(&address))
+        })?;
+        let polls = polls(plan);
+        Some(Found { deadlock, polls })
+    });
+    // Somebody may come from outside; what becomes of it is to be looked at again.
+    living.watch();
     if living.is_yet(stillness) {
         return found;
     }
     living.announce();
     None
+}
+
+/// What lies in the bodies of the processes that live.
+fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
+    let members = plan.members();
+    let all = members.started.in_order().into_iter();
+    let live = all.filter(|(_, member)| !member.buried);
+    live.map(|(id, member)| (id, member.words().into_iter().collect()))
+        .collect()
 }
 
 /// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it; or has ended and is not buried, since what it held is yet to be dropped.

@@ -3,6 +3,7 @@
 //! The kernel tells it in a text that takes tens of microseconds to make, so it is not asked on the real-time path, also not about a cycle that is late
 //! already: the samples lie beside the loops, and the report lays both together by their times.
 
+use crate::time::StolenTime;
 use luna_platform::clock::Instant;
 use luna_platform::steal::StealMeter;
 use std::collections::VecDeque;
@@ -43,6 +44,13 @@ pub(super) struct Window {
 impl Window {
     pub(super) fn length(&self) -> Duration {
         self.until - self.from
+    }
+
+    /// What was stolen between the two instants at least: what cannot have been stolen in the rest
+    /// of the window.
+    fn stolen_at_least(&self, from: Instant, until: Instant) -> Duration {
+        let rest = self.length() - (self.until.min(until) - self.from.max(from));
+        self.stolen.saturating_sub(rest)
     }
 }
 
@@ -121,8 +129,9 @@ impl Stolen {
         self.sampled = now;
     }
 
-    /// What was stolen from `core` in the windows that touch the time between the two instants; `None` if that is not known.
-    pub(super) fn between(&self, core: usize, from: Instant, until: Instant) -> Option<Duration> {
+    /// What was stolen from `core` between the two instants, as far as the windows that touch that
+    /// time tell; `None` if that is not known.
+    pub(super) fn between(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
         let is_known = self.last.iter().any(|(known, _)| *known == core)
             && self.complete_since <= from
             && until <= self.sampled;
@@ -130,7 +139,12 @@ impl Stolen {
             .windows
             .iter()
             .filter(|window| window.core == core && window.from < until && from < window.until);
-        is_known.then(|| touched.map(|window| window.stolen).sum())
+        is_known.then(|| {
+            touched.fold(StolenTime::default(), |all, window| StolenTime {
+                at_least: all.at_least + window.stolen_at_least(from, until),
+                at_most: all.at_most + window.stolen,
+            })
+        })
     }
 }
 
@@ -144,6 +158,11 @@ mod tests {
 
     fn ms(millis: u64) -> Duration {
         Duration::from_millis(millis)
+    }
+
+    fn at_most(stolen: &Stolen, core: usize, from: u64, until: u64) -> Option<Duration> {
+        let both = stolen.between(core, at(from), at(until));
+        both.map(|both| both.at_most)
     }
 
     fn begun() -> Stolen {
@@ -161,10 +180,29 @@ mod tests {
         let mut stolen = begun();
         stolen.add(vec![(0, ms(1000)), (1, ms(70))], at(200), |_| ());
         stolen.add(vec![(0, ms(1010)), (1, ms(70))], at(300), |_| ());
-        assert_eq!(stolen.between(1, at(150), at(151)), Some(ms(20)));
-        assert_eq!(stolen.between(1, at(210), at(220)), Some(Duration::ZERO));
-        assert_eq!(stolen.between(0, at(190), at(210)), Some(ms(10)));
-        assert_eq!(stolen.between(0, at(110), at(120)), Some(Duration::ZERO));
+        assert_eq!(at_most(&stolen, 1, 150, 151), Some(ms(20)));
+        assert_eq!(at_most(&stolen, 1, 210, 220), Some(Duration::ZERO));
+        assert_eq!(at_most(&stolen, 0, 190, 210), Some(ms(10)));
+        assert_eq!(at_most(&stolen, 0, 110, 120), Some(Duration::ZERO));
+    }
+
+    #[test]
+    fn of_a_window_what_fits_nowhere_else_was_stolen_at_least() {
+        let mut stolen = begun();
+        stolen.add(vec![(0, ms(1070)), (1, ms(50))], at(200), |_| ());
+        stolen.add(vec![(0, ms(1080)), (1, ms(50))], at(300), |_| ());
+        let at_least = |from, until| {
+            let both = stolen.between(0, at(from), at(until));
+            both.map(|both| both.at_least)
+        };
+        assert_eq!(at_least(110, 120), Some(Duration::ZERO));
+        assert_eq!(
+            at_least(110, 150),
+            Some(ms(10)),
+            "60 of 70 may have been before or after"
+        );
+        assert_eq!(at_least(100, 300), Some(ms(80)));
+        assert_eq!(at_least(150, 299), Some(ms(20 + 9)));
     }
 
     #[cfg(all(target_os = "linux", not(luna_portable)))]
@@ -197,11 +235,15 @@ mod tests {
         let third = sample(&mut stolen);
         std::fs::remove_file(&path).unwrap();
         assert_eq!(told, [(0, 3 * tick), (1, 2 * tick)]);
+        let most = |core, from, until| {
+            let both = stolen.between(core, from, until);
+            both.map(|both| both.at_most)
+        };
         // Both are known of the times in which they were taken, and of no others.
-        assert_eq!(stolen.between(0, first, second), Some(3 * tick));
-        assert_eq!(stolen.between(1, first, second), Some(Duration::ZERO));
-        assert_eq!(stolen.between(0, second, third), Some(Duration::ZERO));
-        assert_eq!(stolen.between(1, second, third), Some(2 * tick));
+        assert_eq!(most(0, first, second), Some(3 * tick));
+        assert_eq!(most(1, first, second), Some(Duration::ZERO));
+        assert_eq!(most(0, second, third), Some(Duration::ZERO));
+        assert_eq!(most(1, second, third), Some(2 * tick));
     }
 
     #[test]
@@ -220,7 +262,7 @@ mod tests {
         assert_eq!(stolen.between(0, at(190), at(201)), None, "after");
         assert_eq!(stolen.between(1, at(110), at(120)), None, "switched off");
         assert_eq!(
-            stolen.between(2, at(110), at(120)),
+            at_most(&stolen, 2, 110, 120),
             Some(Duration::ZERO),
             "switched on: its past is not this window's"
         );
@@ -233,6 +275,6 @@ mod tests {
             stolen.add(vec![(0, ms(1000 + 10 * n))], at(100 + 100 * n), |_| ());
         }
         assert_eq!(stolen.between(0, at(110), at(120)), None);
-        assert_eq!(stolen.between(0, at(210), at(220)), Some(ms(10)));
+        assert_eq!(at_most(&stolen, 0, 210, 220), Some(ms(10)));
     }
 }

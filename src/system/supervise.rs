@@ -16,7 +16,7 @@ use crate::record::RecordError;
 use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
 use crate::tell::tell;
-use crate::time::{ManagerThread, Witness};
+use crate::time::{ManagerThread, StolenTime, Witness};
 use luna_executors::{Executor, ProcessState, Standstill};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::current::ProcessId;
@@ -324,11 +324,6 @@ fn watch(
         living,
         ..
     } = &*running.common;
-    let burial = Burial {
-        plan,
-        running,
-        errors: Some(pending),
-    };
     let mut lookout = Lookout::new();
     let mut warnings = Warnings::default();
     let mut look_again = Instant::NEVER;
@@ -346,6 +341,13 @@ fn watch(
             living.wait(seen, Instant::NEVER);
             continue;
         }
+        let burial = Burial {
+            plan,
+            running,
+            // The run returns the error that an emergency came of; what others return from then on
+            // says nothing.
+            errors: (!emergency.has_begun()).then_some(pending),
+        };
         let have_ended = burial.bury();
         {
             let mut members = plan.members();
@@ -358,7 +360,7 @@ fn watch(
                 if let Some(error) = overrun {
                     pending.add(&error);
                 }
-                return lookout.into_found();
+                return lookout.into_found(plan, running);
             }
         }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
@@ -416,7 +418,7 @@ impl Witness for Known<'_> {
         self.started.name(process).map(str::to_owned)
     }
 
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<Duration> {
+    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime> {
         self.stolen.between(core, from, until)
     }
 }

@@ -11,8 +11,10 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct UsageSince {
-    /// From here: the reading before. Only where each cycle or poll is accounted for is it the begin of what went wrong; else it is the last time that
-    /// something did, or the start. Counters that stand still over a long time are as good an answer: nothing of it was the cause.
+    /// From here: the reading before. It is the begin of the cycle or poll before where each is
+    /// accounted for; else it is the last time that something went wrong, or the start. What was
+    /// counted in a long window need not have to do with what went wrong at its end; counters that
+    /// stood still show that none of it was the cause.
     pub since: Instant,
     /// Until here.
     pub until: Instant,
@@ -24,6 +26,14 @@ impl UsageSince {
     /// How long it was.
     pub fn elapsed(&self) -> Duration {
         self.until - self.since
+    }
+
+    /// How long the thread waited in the queue for a core from `begin` until the end of the
+    /// window, at least: all that does not fit before `begin`. `None` where the kernel does not
+    /// count it.
+    pub(crate) fn queued_since(&self, begin: Instant) -> Option<Duration> {
+        let before = begin.min(self.until) - self.since;
+        Some(self.counted.run_delay?.saturating_sub(before))
     }
 }
 
@@ -105,6 +115,25 @@ mod tests {
         ] {
             assert_eq!(short(Duration::from_nanos(nanos)), text);
         }
+    }
+
+    #[test]
+    fn of_a_long_window_only_what_fits_nowhere_else_counts() {
+        let usage = |run_delay| {
+            let mut counted = ThreadUsage::default();
+            counted.run_delay = run_delay;
+            UsageSince {
+                since: Instant::from_nanos(1_000),
+                until: Instant::from_nanos(2_000),
+                counted,
+            }
+        };
+        let nanos = |nanos| Some(Duration::from_nanos(nanos));
+        for (begin, queued, least) in [(1_900, 900, 0), (1_900, 950, 50), (500, 70, 70)] {
+            let begin = Instant::from_nanos(begin);
+            assert_eq!(usage(nanos(queued)).queued_since(begin), nanos(least));
+        }
+        assert_eq!(usage(None).queued_since(Instant::from_nanos(1_500)), None);
     }
 
     #[test]

@@ -1,14 +1,14 @@
-//! Late cycles, and why they were late as far as it can be known.
+//! Finds the causes of late cycles while a loop runs, and keeps the worst cycles for the report.
 
-use super::accounting::{Accounting, UsageSince, short};
-use luna_executors::Interference;
-use luna_platform::clock::{Instant, nanos};
+use super::accounting::{Accounting, UsageSince};
+use super::late_cycle::{LateCycle, RanInstead, StolenTime};
+use luna_executors::{Interference, Turn};
+use luna_platform::clock::{Clock, Instant, nanos};
 use luna_platform::current::{ProcessId, User};
 use luna_platform::events::{
     self,
     code::{self, late},
 };
-use std::fmt;
 use std::time::Duration;
 
 /// How many late cycles of a loop are kept: the worst ones.
@@ -17,92 +17,6 @@ pub(crate) const KEPT: usize = 8;
 /// Unless stated otherwise a cycle is late from this part of its period on, but not below the shortest lateness.
 const PART_OF_PERIOD: u64 = 10;
 const SHORTEST: u64 = 50_000;
-
-/// A cycle of a loop that began late, and what is known of the cause.
-///
-/// Several causes may come together, and none need be found: a cycle that is late though nobody ran instead, without a switch or fault, was held up
-/// below the program, by an interrupt, the core's sleep, or a hypervisor. Its `Display` is one line.
-///
-/// ```
-/// use luna::prelude::*;
-/// use std::time::Duration;
-///
-/// let mut system = System::new("machine");
-/// let main = system.executor("main").build()?;
-/// main.process("hog").priority(20).spawn(async {
-///     luna::after(Duration::from_millis(15)).await;
-///     let end = luna::now() + Duration::from_millis(200);
-///     while luna::now() < end {} // past the slot at 20 ms, and more
-///     Ok(())
-/// })?;
-/// main.process("servo").priority(30).spawn(async {
-///     let mut tick = luna::periodic("servo", Duration::from_millis(10))?;
-///     while tick.next().await.number < 3 {}
-///     Ok(())
-/// })?;
-/// let report = system.run()?;
-/// let worst = &report.loops["servo"].late_cycles[0];
-/// assert_eq!(worst.ran_instead.as_ref().unwrap().process, "hog");
-/// println!("{worst}");
-/// # Ok::<(), luna::Error>(())
-/// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct LateCycle {
-    /// The number of the slot that was served, on its grid.
-    pub number: u64,
-    /// When the cycle should have begun: the slot that the loop waited for.
-    pub slot: Instant,
-    /// From then until it did.
-    pub lateness: Duration,
-    /// How long the loop itself was still busy with the cycle before when the slot came; zero if it waited in time.
-    pub own_overrun: Duration,
-    /// How long the cycle before ran, if there was one.
-    pub previous_run: Option<Duration>,
-    /// The process of the same executor that held it longest while this one should have run; for a process on a thread of its own nobody.
-    pub ran_instead: Option<RanInstead>,
-    /// What the kernel counted of the thread: time in the queue for a core says that another thread ran instead, an involuntary switch that it took
-    /// the core away.
-    pub usage: Option<UsageSince>,
-    /// The core that the cycle began on.
-    pub core: Option<usize>,
-    /// What a hypervisor took from that core in the samples around, an upper bound: a sample is about a tenth of a second long. `None` where it is
-    /// not told, or no sample was taken.
-    pub stolen: Option<Duration>,
-}
-
-/// Who held an executor while another process should have run: part of [`LateCycle`].
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct RanInstead {
-    /// The process.
-    pub process: String,
-    /// How long its turn was, from begin to end.
-    pub took: Duration,
-}
-
-impl fmt::Display for LateCycle {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "slot {}: {} late", self.number, short(self.lateness))?;
-        if !self.own_overrun.is_zero() {
-            write!(
-                f,
-                "; the cycle before overran by {}",
-                short(self.own_overrun)
-            )?;
-        }
-        if let Some(RanInstead { process, took }) = &self.ran_instead {
-            write!(f, "; `{process}` ran instead, for {}", short(*took))?;
-        }
-        if let Some(stolen) = self.stolen.filter(|stolen| !stolen.is_zero()) {
-            write!(f, "; the hypervisor took up to {}", short(stolen))?;
-        }
-        if let Some(usage) = &self.usage {
-            write!(f, "; {usage}")?;
-        }
-        Ok(())
-    }
-}
 
 /// What is noted of a late cycle on the path.
 #[derive(Debug, Clone, Copy)]
@@ -113,6 +27,8 @@ struct Note {
     own_overrun: u64,
     previous_run: Option<u64>,
     interference: Option<Interference>,
+    /// `own` is the loop's process.
+    own: User,
     usage: Option<UsageSince>,
     core: Option<usize>,
 }
@@ -120,6 +36,37 @@ struct Note {
 impl Note {
     fn lateness(&self) -> u64 {
         self.began.nanos_since(self.slot)
+    }
+
+    /// The second argument of the event: the cause that explains most, if it explains enough to be
+    /// named, its share, and the core.
+    fn in_event(&self) -> u64 {
+        let other = self.interference.map_or((late::UNKNOWN, 0), |turns| {
+            let code = match self.own == User::Process(turns.process) {
+                true => late::LOOP_ITSELF,
+                false => late::OTHER_PROCESS,
+            };
+            (code, nanos(turns.held))
+        });
+        let queued = self
+            .usage
+            .as_ref()
+            .and_then(|usage| usage.queued_since(self.slot));
+        let causes = [
+            (late::LOOP_ITSELF, self.own_overrun),
+            other,
+            (late::OTHER_THREAD, queued.map_or(0, nanos)),
+        ];
+        // Of equals the first.
+        let longest = causes
+            .into_iter()
+            .rev()
+            .max_by_key(|(_, explained)| *explained);
+        let named = longest.and_then(|(cause, explained)| {
+            Some((cause, late::named_percent(explained, self.lateness())?))
+        });
+        let (cause, percent) = named.unwrap_or((late::UNKNOWN, 0));
+        late::argument(cause, percent, self.core)
     }
 }
 
@@ -136,8 +83,8 @@ pub(crate) struct LateCycles {
     /// When the loop asked for the cycle that is to begin, and how long the one before ran.
     asked: Instant,
     previous_run: Option<u64>,
-    /// Whether the kernel had taken the core away, as far as the last late cycle could tell.
-    had_switch: bool,
+    /// The second argument of the last late cycle's event.
+    in_event: u64,
 }
 
 /// What the report knows and the path did not.
@@ -145,7 +92,7 @@ pub(crate) trait Witness {
     /// A process' name.
     fn name_of(&self, process: ProcessId) -> Option<String>;
     /// What was stolen from a core.
-    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<Duration>;
+    fn stolen(&self, core: usize, from: Instant, until: Instant) -> Option<StolenTime>;
 }
 
 impl LateCycles {
@@ -195,54 +142,45 @@ impl LateCycles {
         is_late
     }
 
-    /// Tells that the cycle which has just begun is late, with what is known of the cause by now.
+    /// Records the event of the late cycle that has just begun, with its cause.
     #[cold]
     pub(crate) fn tell(&self, number: u32, slot: Instant, began: Instant) {
-        let waited_from = slot.max(self.asked);
-        let other = luna_executors::interference(waited_from, began, |turn| {
-            luna_platform::current::user() != User::Process(turn.process)
+        events::tell(code::LATE, number, || {
+            [began.nanos_since(slot), self.in_event]
         });
-        let cause = if self.asked > slot {
-            late::LOOP_ITSELF
-        } else if other.is_some() {
-            late::OTHER_PROCESS
-        } else if self.had_switch {
-            late::OTHER_THREAD
-        } else {
-            late::UNKNOWN
-        };
-        events::tell(code::LATE, number, || [began.nanos_since(slot), cause]);
     }
 
     #[cold]
     fn note(&mut self, number: u64, slot: Instant, began: Instant) {
         self.count += 1;
-        // Also of one that is not kept: the next is to be counted from here.
+        let own = luna_platform::current::user();
+        // The rest of the turn in which the loop asked too late is part of its own overrun.
+        let is_rest = |turn: &Turn| {
+            self.asked > slot && turn.began < self.asked && own == User::Process(turn.process)
+        };
+        let waited_from = slot.max(self.asked);
+        let interference = luna_executors::interference(waited_from, began, |turn| !is_rest(turn));
+        // Also of a cycle that is not kept: the next reading counts from here.
         let usage = self.accounting.turn(began);
-        self.had_switch = usage.is_some_and(|usage| usage.counted.involuntary_switches > 0);
-        let lateness = began.nanos_since(slot);
+        // What the kernel counts says nothing of a time that is virtual, and differs between runs.
+        let is_real = !Clock::is_virtual_here();
+        let note = Note {
+            number,
+            slot,
+            began,
+            own_overrun: self.asked.nanos_since(slot),
+            previous_run: self.previous_run,
+            interference,
+            own,
+            usage: usage.filter(|_| is_real),
+            core: luna_platform::thread::current_core().filter(|_| is_real),
+        };
+        self.in_event = note.in_event();
         let of = |note: &Option<Note>| note.as_ref().map_or(0, Note::lateness);
         // The least of those that are kept makes room: an empty place first.
         let least = self.worst.iter_mut().min_by_key(|note| of(note));
-        if let Some(place) = least.filter(|place| of(place) < lateness) {
-            let waited_from = slot.max(self.asked);
-            let own = luna_platform::current::user();
-            // The rest of the turn in which the loop asked too late is nobody else's.
-            let is_rest = |turn: &Interference| {
-                self.asked > slot && turn.began < self.asked && own == User::Process(turn.process)
-            };
-            *place = Some(Note {
-                number,
-                slot,
-                began,
-                own_overrun: self.asked.nanos_since(slot),
-                previous_run: self.previous_run,
-                interference: luna_executors::interference(waited_from, began, |turn| {
-                    !is_rest(turn)
-                }),
-                usage,
-                core: luna_platform::thread::current_core(),
-            });
+        if let Some(place) = least.filter(|place| of(place) < note.lateness()) {
+            *place = Some(note);
         }
     }
 
@@ -267,7 +205,8 @@ impl LateCycles {
                     process: witness
                         .name_of(turn.process)
                         .unwrap_or_else(|| format!("process {}", turn.process)),
-                    took: turn.ended - turn.began,
+                    is_own: note.own == User::Process(turn.process),
+                    took: turn.held,
                 }),
                 usage: note.usage,
                 core: note.core,
@@ -289,8 +228,11 @@ mod tests {
         fn name_of(&self, _: ProcessId) -> Option<String> {
             None
         }
-        fn stolen(&self, _: usize, from: Instant, until: Instant) -> Option<Duration> {
-            Some((until - from) / 2)
+        fn stolen(&self, _: usize, from: Instant, until: Instant) -> Option<StolenTime> {
+            Some(StolenTime {
+                at_least: (until - from) / 2,
+                at_most: until - from,
+            })
         }
     }
 
@@ -315,26 +257,43 @@ mod tests {
         assert!(reports.iter().all(|one| one.own_overrun.is_zero()));
         assert_eq!(reports[0].previous_run, Some(Duration::from_nanos(7)));
         if reports[0].core.is_some() {
-            assert_eq!(reports[0].stolen, Some(Duration::from_micros(500)));
+            let stolen = reports[0].stolen.unwrap();
+            assert_eq!(stolen.at_least, Duration::from_micros(500));
         }
     }
 
     #[test]
     fn a_loop_that_was_busy_itself_says_so() {
-        let mut late = LateCycles::default();
-        late.begin(Duration::from_millis(1), at(0));
-        late.asked(at(1300), None);
-        late.cycle_begins(1, at(1000), at(1310));
-        let one = &late.reports(&Nobody)[0];
+        let mut cycles = LateCycles::default();
+        cycles.begin(Duration::from_millis(1), at(0));
+        cycles.asked(at(1300), None);
+        cycles.cycle_begins(1, at(1000), at(1310));
+        let one = &cycles.reports(&Nobody)[0];
         assert_eq!(
             (one.own_overrun, one.lateness),
             (Duration::from_micros(300), Duration::from_micros(310))
         );
         let text = one.to_string();
         assert!(
-            text.starts_with("slot 1: 310.0 us late; the cycle before overran by 300.0 us"),
+            text.starts_with("slot 1: 310.0 us late; the cycle before overran by 300.0 us (96 %)"),
             "{text}"
         );
+        assert_eq!(
+            (late::cause(cycles.in_event), late::percent(cycles.in_event)),
+            (late::LOOP_ITSELF, 96)
+        );
+    }
+
+    #[test]
+    fn the_event_names_no_cause_that_explains_little() {
+        let mut cycles = LateCycles::default();
+        cycles.begin(Duration::from_millis(1), at(0));
+        cycles.asked(at(1040), None);
+        cycles.cycle_begins(1, at(1000), at(1900));
+        let told = cycles.in_event;
+        assert_eq!((late::cause(told), late::percent(told)), (late::UNKNOWN, 0));
+        let text = cycles.reports(&Nobody)[0].to_string();
+        assert!(!text.contains("overran"), "{text}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod clock;
 mod distribution;
 mod grid;
 mod late;
+mod late_cycle;
 pub(crate) mod manager;
 mod periodic;
 mod registry;
@@ -18,7 +19,7 @@ pub(crate) use accounting::{Accounting, short};
 pub use clock::now;
 pub use distribution::Distribution;
 pub(crate) use late::Witness;
-pub use late::{LateCycle, RanInstead};
+pub use late_cycle::{LateCause, LateCauseKind, LateCycle, RanInstead, StolenTime};
 pub use luna_platform::clock::Instant;
 pub use manager::{
     CallbackReport, Firing, TickReport, TimerCallback, TimerManager, Timers, TimersReport,

@@ -347,9 +347,10 @@ impl Periodic {
         self
     }
 
-    /// Reads at the begin of each cycle what the kernel counts of the thread, so that page faults and switches of a late cycle are those since the
-    /// cycle before. Three system calls a cycle, about two microseconds: for the search, not for the machine. Without it they go back to the late
-    /// cycle before, or the start.
+    /// Reads at the begin of each cycle what the kernel counts of the thread, so that the counts of
+    /// a late cycle are those since the cycle before, and show whether another thread had the core.
+    /// Three system calls a cycle, about two microseconds: for the search, not for the machine.
+    /// Without it they go back to the late cycle before, or the start, and seldom show a cause.
     ///
     /// ```
     /// # use std::time::Duration;

@@ -1,7 +1,8 @@
 //! What is counted of a periodic loop.
 
 use super::distribution::Distribution;
-use super::late::{LateCycle, LateCycles, Witness};
+use super::late::{LateCycles, Witness};
+use super::late_cycle::LateCycle;
 use super::registry::LoopName;
 use std::time::Duration;
 

@@ -292,7 +292,7 @@ fn outranked(f: impl FnOnce()) {
     let timers = Arc::new(luna_platform::timer_queue::TimerQueue::new());
     let _home = current::enter_home(home, timers, false);
     let id = current::ProcessId::new();
-    let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone());
+    let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone(), 0..0);
     // SAFETY: this thread is no executor, so nobody is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(1 << 5) };
     // SAFETY: this thread is the home, and the process lives.

@@ -124,15 +124,7 @@ impl Names {
             }
             code::ASLEEP | code::AWAKE => (self.of(Subject::Executor, subject), none(), none()),
             code::SLOT => (self.of(Subject::Loop, subject), number(a), number(b)),
-            code::LATE => {
-                let cause = match b {
-                    code::late::LOOP_ITSELF => "the loop itself",
-                    code::late::OTHER_PROCESS => "another process",
-                    code::late::OTHER_THREAD => "another thread",
-                    _ => "",
-                };
-                (self.of(Subject::Loop, subject), number(a), cause.to_owned())
-            }
+            code::LATE => (self.of(Subject::Loop, subject), number(a), late_cause(b)),
             code::EMERGENCY => {
                 let degree = match a {
                     0 => "normal",
@@ -172,5 +164,39 @@ impl Names {
             first,
             second,
         }
+    }
+}
+
+/// The cause of a late cycle with its share, from the second number of its event. A recording that
+/// was made before there were shares names none.
+fn late_cause(argument: u64) -> String {
+    use code::late;
+    let cause = match late::cause(argument) {
+        late::LOOP_ITSELF => "the loop itself",
+        late::OTHER_PROCESS => "another process",
+        late::OTHER_THREAD => "another thread",
+        _ => "unknown",
+    };
+    match late::percent(argument) {
+        0 => "unknown".to_owned(),
+        percent => format!("{cause} ({percent} %)"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cause_of_a_late_cycle_has_its_share() {
+        use code::late;
+        let words = |cause, percent| late_cause(late::argument(cause, percent, Some(1)));
+        assert_eq!(words(late::OTHER_PROCESS, 98), "another process (98 %)");
+        assert_eq!(words(late::UNKNOWN, 0), "unknown");
+        assert_eq!(
+            late_cause(late::OTHER_PROCESS),
+            "unknown",
+            "without a share"
+        );
     }
 }

@@ -5,7 +5,7 @@ use super::machine::Machine;
 use serde::Serialize;
 
 /// Rises when a key changes its meaning or goes.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 
 /// Without these nothing can be said.
 const ESSENTIAL: [&str; 2] = ["preemption", "real-time-policy"];
@@ -14,8 +14,11 @@ const ESSENTIAL: [&str; 2] = ["preemption", "real-time-policy"];
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Fitness {
-    /// Nothing is bad.
+    /// Nothing is bad, and nothing that was found could be better.
     Fit,
+    /// Nothing is bad, but something could be better: a virtual machine, a core that is not
+    /// isolated.
+    FitWithFindings,
     /// Something is bad.
     Unfit,
     /// A self-test failed or hung.
@@ -28,7 +31,7 @@ impl Fitness {
     /// Besides, 2 is for a command line that cannot be used.
     fn exit_code(self) -> u8 {
         match self {
-            Self::Fit => 0,
+            Self::Fit | Self::FitWithFindings => 0,
             Self::Unfit => 1,
             Self::Broken => 3,
             Self::Unknown => 4,
@@ -36,13 +39,21 @@ impl Fitness {
     }
 }
 
-/// How many findings have which verdict.
+/// How many findings of the machine and of the measurements have which verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub(crate) struct Counts {
     pub(crate) good: usize,
     pub(crate) could_be_better: usize,
     pub(crate) bad: usize,
     pub(crate) unknown: usize,
+}
+
+/// How many self-tests ended how. They are about the library, not about the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub(crate) struct SelfTests {
+    pub(crate) passed: usize,
+    pub(crate) failed: usize,
+    pub(crate) not_run: usize,
 }
 
 /// The whole diagnosis.
@@ -59,6 +70,7 @@ pub(crate) struct Diagnosis {
     /// Whether it was this machine, and not a copy of another's files.
     pub(crate) this_machine: bool,
     pub(crate) counts: Counts,
+    pub(crate) self_tests: SelfTests,
     /// In the order of [`Part`].
     pub(crate) findings: Vec<Finding>,
 }
@@ -67,26 +79,33 @@ impl Diagnosis {
     /// Sums up.
     pub(crate) fn of(findings: Vec<Finding>, machine: &Machine) -> Diagnosis {
         let mut counts = Counts::default();
-        let mut fitness = Fitness::Fit;
+        let mut self_tests = SelfTests::default();
         for finding in &findings {
-            match finding.verdict {
-                Verdict::Good => counts.good += 1,
-                Verdict::Unknown => counts.unknown += 1,
-                Verdict::CouldBeBetter => counts.could_be_better += 1,
-                Verdict::Bad => {
-                    counts.bad += 1;
-                    fitness = match (fitness, finding.part) {
-                        (_, Part::SelfTest) | (Fitness::Broken, _) => Fitness::Broken,
-                        _ => Fitness::Unfit,
-                    };
-                }
-            }
+            let count = match (finding.part, finding.verdict) {
+                (Part::SelfTest, Verdict::Bad) => &mut self_tests.failed,
+                (Part::SelfTest, Verdict::Unknown) => &mut self_tests.not_run,
+                (Part::SelfTest, _) => &mut self_tests.passed,
+                (_, Verdict::Good) => &mut counts.good,
+                (_, Verdict::Unknown) => &mut counts.unknown,
+                (_, Verdict::CouldBeBetter) => &mut counts.could_be_better,
+                (_, Verdict::Bad) => &mut counts.bad,
+            };
+            *count += 1;
         }
         let is_essential = |finding: &&Finding| ESSENTIAL.contains(&finding.name.as_str());
         let mut essential = findings.iter().filter(is_essential);
-        if fitness == Fitness::Fit && essential.any(|one| one.verdict == Verdict::Unknown) {
-            fitness = Fitness::Unknown;
-        }
+        let too_little_is_known = essential.any(|one| one.verdict == Verdict::Unknown);
+        let fitness = if self_tests.failed > 0 {
+            Fitness::Broken
+        } else if counts.bad > 0 {
+            Fitness::Unfit
+        } else if too_little_is_known {
+            Fitness::Unknown
+        } else if counts.could_be_better > 0 {
+            Fitness::FitWithFindings
+        } else {
+            Fitness::Fit
+        };
         Diagnosis {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
@@ -95,6 +114,7 @@ impl Diagnosis {
             core: machine.core,
             this_machine: machine.source.is_machine(),
             counts,
+            self_tests,
             findings,
         }
     }
@@ -118,10 +138,14 @@ mod tests {
         });
         let machine = Machine::new(Source::folder("/no/such/folder"), Some(0));
         let diagnosis = Diagnosis::of(findings.collect(), &machine);
-        let counts = diagnosis.counts;
+        let (counts, tests) = (diagnosis.counts, diagnosis.self_tests);
+        let all = diagnosis.findings.len();
+        let of_library = |finding: &&Finding| finding.part == Part::SelfTest;
+        let self_tests = diagnosis.findings.iter().filter(of_library).count();
+        assert_eq!(tests.passed + tests.failed + tests.not_run, self_tests);
         assert_eq!(
             counts.good + counts.could_be_better + counts.bad + counts.unknown,
-            diagnosis.findings.len()
+            all - self_tests
         );
         (diagnosis.fitness, diagnosis.exit_code)
     }
@@ -130,8 +154,9 @@ mod tests {
     fn the_worst_decides() {
         use Part::{Machine, Measurement, SelfTest};
         use Verdict::{Bad, CouldBeBetter, Good, Unknown};
+        assert_eq!(fitness(&[("a", Machine, Good)]), (Fitness::Fit, 0));
         let fit = [("a", Machine, Good), ("swap", Machine, CouldBeBetter)];
-        assert_eq!(fitness(&fit), (Fitness::Fit, 0));
+        assert_eq!(fitness(&fit), (Fitness::FitWithFindings, 0));
         let some_unknown = [("turbo", Machine, Unknown), ("x", SelfTest, Unknown)];
         assert_eq!(fitness(&some_unknown), (Fitness::Fit, 0));
         let unfit = [("a", Measurement, Bad), ("preemption", Machine, Unknown)];

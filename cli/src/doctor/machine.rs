@@ -1,10 +1,12 @@
 //! The machine that is looked at: its files, and the core that is to be real-time.
 
+use flate2::read::GzDecoder;
 use luna_platform::facts::parse::core_list;
 use luna_platform::facts::task::field;
 use luna_platform::facts::{
     ClockResolution, Source, Unread, UnreadReason, command_line, config, parse,
 };
+use std::io::Read;
 
 /// The files of a machine, and which of its cores is to run real-time executors.
 #[derive(Debug)]
@@ -85,8 +87,29 @@ impl Machine {
 
     /// The value of an option of the kernel's configuration, `n` where it is not there, and the file that says so.
     pub(crate) fn option(&self, name: &str) -> Result<(String, String), Unread> {
-        let (text, file) = config::text(&self.source)?;
+        let (text, file) = self.config()?;
         Ok((config::option(&text, name).unwrap_or("n").to_owned(), file))
+    }
+
+    /// The kernel's configuration, and the file that it is from: the running kernel's own account
+    /// of it, where there is one, else the file that its distribution has left.
+    pub(crate) fn config(&self) -> Result<(String, String), Unread> {
+        match self.unpacked_config() {
+            Ok(text) => Ok((text, config::PACKED.to_owned())),
+            Err(_) => config::text(&self.source),
+        }
+    }
+
+    fn unpacked_config(&self) -> Result<String, Unread> {
+        let packed = self.source.read_bytes(config::PACKED)?;
+        let mut text = String::new();
+        let unpacked = GzDecoder::new(&*packed)
+            .take(MOST_CONFIG)
+            .read_to_string(&mut text);
+        match unpacked {
+            Ok(size) if size > 0 => Ok(text),
+            _ => Err(Unread::new(config::PACKED, UnreadReason::Malformed)),
+        }
     }
 
     /// The kernel's version: its first two numbers.
@@ -119,6 +142,9 @@ impl Machine {
 }
 
 const COMMAND_LINE: &str = "/proc/cmdline";
+
+/// No kernel's configuration has more bytes: a real one has some 300 000.
+const MOST_CONFIG: u64 = 16 << 20;
 
 /// A list of cores that has at least one.
 fn some_cores(text: &str) -> Option<Vec<usize>> {

@@ -73,12 +73,21 @@ fn summary(diagnosis: &Diagnosis) -> String {
     let counts = diagnosis.counts;
     let verdict = match diagnosis.fitness {
         Fitness::Fit => "fit: nothing is bad",
+        Fitness::FitWithFindings => "fit with findings: nothing is bad, something could be better",
         Fitness::Unfit => "unfit: something is bad",
         Fitness::Unknown => "unknown: too little could be read",
         Fitness::Broken => "broken: a self-test did not pass",
     };
+    let tests = diagnosis.self_tests;
+    let self_tests = match tests.passed + tests.failed + tests.not_run {
+        0 => String::new(),
+        _ => format!(
+            " Self-tests: {} passed, {} failed, {} not run.",
+            tests.passed, tests.failed, tests.not_run
+        ),
+    };
     format!(
-        "{verdict}. {} good, {} could be better, {} bad, {} unknown. docs/realtime.md has more on each of them. Exit code {}.",
+        "{verdict}. {} good, {} could be better, {} bad, {} unknown. docs/realtime.md has more on each of them.{self_tests} Exit code {}.",
         counts.good, counts.could_be_better, counts.bad, counts.unknown, diagnosis.exit_code
     )
 }

@@ -1,5 +1,7 @@
 //! The findings on other machines' files, and on files that are broken in every way.
 
+mod fitness;
+
 use super::diagnosis::Diagnosis;
 use super::finding::{Check, Verdict};
 use super::machine::Machine;

@@ -100,6 +100,43 @@ fn demo_prints_json() {
     }
 }
 
+/// What is not measured is not 0, and what was recorded and lost and the late cycles are in the
+/// JSON.
+#[test]
+fn demo_that_ends_before_the_calibration_has_no_tracking_error() {
+    let path = file("log");
+    let demo = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_luna"));
+        command.args(["demo", "--virtual", "--seconds", "0.5"]);
+        let output = command.args(more).env("LUNA_LOG", &path).output();
+        output.expect("the program starts").stdout
+    };
+    let table = demo(&[]);
+    let table = text(&table);
+    for axis in ["pan", "tilt"] {
+        let line = format!("{axis:<16}        -        -");
+        assert!(table.lines().any(|one| one == line), "{table}");
+    }
+    let demo: Value = serde_json::from_slice(&demo(&["--json"])).expect("one JSON object");
+    for axis in [0, 1] {
+        let error = &demo["axes"][axis]["tracking_error_deg"];
+        assert!(error.is_null(), "{error}");
+    }
+    let logging = &demo["logging"];
+    assert!(
+        logging["samples"]["recorded"].as_u64() > Some(0),
+        "{logging}"
+    );
+    for of in ["samples", "messages", "events"] {
+        assert!(logging[of]["lost"].is_u64(), "{logging}");
+    }
+    for one in demo["loops"].as_array().expect("loops") {
+        assert_eq!(one["late"], 0, "{one}");
+        assert_eq!(one["late_cycles"], serde_json::json!([]));
+        assert!(one["late_after_ns"].as_u64() > Some(0), "{one}");
+    }
+}
+
 #[test]
 fn demo_prints_text() {
     let output = luna(&["--seconds", "0.2", "--rate", "500", "--policy", "other"]);

@@ -20,6 +20,7 @@ pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::{Notice, Record};
 
 use luna_platform::current::{self, ProcessId};
+use luna_platform::memory::copy_words;
 use luna_platform::tape::Taper;
 use std::any::Any;
 use std::fmt;
@@ -260,6 +261,14 @@ impl ProcessHandle {
     /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path: it allocates.
     pub fn joiners(&self) -> Vec<ProcessId> {
         join::joiners(&self.0)
+    }
+
+    /// The words that lie in its body, of which some are addresses of what it holds; empty where the
+    /// system does not let them be seen. The kernel copies them as they are, also while the body
+    /// runs or goes, so they are a hint for reports: what the body holds behind a box is not among
+    /// them, and what it has given away may still be. Not for the real-time path: it allocates.
+    pub fn words_of_body(&self) -> Vec<usize> {
+        self.0.body().map(copy_words).unwrap_or_default()
     }
 
     /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the

@@ -15,6 +15,7 @@ use luna_platform::tape::Taper;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
+use std::ops::Range;
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
@@ -440,6 +441,17 @@ impl Record {
         if self.cancelled.load(Ordering::Acquire) {
             // SAFETY: the contract.
             unsafe { process.as_ref() }.notify(Notice::CANCELLED);
+        }
+    }
+
+    /// The addresses at which the body lies, while the process is there.
+    pub(super) fn body(&self) -> Option<Range<usize>> {
+        let _shown = self.shown.lock();
+        // SAFETY: the lock is held as long as the process is used. A process that is shown has an
+        // owner, which lives as long as it is shown.
+        unsafe {
+            let process = self.seen.process()?;
+            Some((process.methods().body)(process.owner()))
         }
     }
 

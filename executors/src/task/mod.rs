@@ -29,6 +29,7 @@ use std::any::{Any, TypeId};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::future::Future;
 use std::mem::{ManuallyDrop, offset_of};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::ptr::{self, NonNull};
@@ -155,6 +156,7 @@ where
                 ready_elsewhere,
                 free,
                 poll: poll::<F>,
+                body: body_range::<F>,
                 seldom: Some(&BodyMethods {
                     poll_attentively: poll_attentively::<F>,
                     end_panicked: end_panicked::<F>,
@@ -214,6 +216,14 @@ pub(crate) fn take_in(shared: &Shared, level: u8) {
 unsafe fn body<'a, F: Future>(task: NonNull<Task>) -> Pin<&'a mut Body<F>> {
     // SAFETY: the contract; the body stays where it is until it is dropped.
     unsafe { Pin::new_unchecked(&mut *task.cast::<Whole<F>>().as_ref().body.get()) }
+}
+
+/// # Safety
+///
+/// `owner` is the head of a live `Whole<F>`.
+unsafe fn body_range<F: Future>(owner: NonNull<()>) -> Range<usize> {
+    let start = owner.addr().get() + offset_of!(Whole<F>, body);
+    start..start + size_of::<Body<F>>()
 }
 
 /// # Safety

@@ -161,7 +161,14 @@ mod tests {
         one.enter();
         let ours = super::super::timers().unwrap();
         let home = home().unwrap();
-        let process = Lone::new(ProcessId::new(), home, 7, LEVELS - 1, Waker::noop().clone());
+        let process = Lone::new(
+            ProcessId::new(),
+            home,
+            7,
+            LEVELS - 1,
+            Waker::noop().clone(),
+            0..0,
+        );
         // SAFETY: this thread is the home, and the process lives.
         let seen = unsafe { with_process(&process, super::super::priority) };
         assert_eq!((seen.thread, seen.level), (7, LEVELS - 1));

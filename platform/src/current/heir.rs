@@ -347,7 +347,14 @@ mod tests {
     fn within(level: u8, f: impl FnOnce()) {
         let home = Home::new();
         let _home = enter_home(home, crate::sync::Arc::new(TimerQueue::new()), true);
-        let process = Lone::new(ProcessId::new(), home, 0, level, Waker::noop().clone());
+        let process = Lone::new(
+            ProcessId::new(),
+            home,
+            0,
+            level,
+            Waker::noop().clone(),
+            0..0,
+        );
         // SAFETY: this thread is the home, and the process lives.
         unsafe { with_process(&process, f) };
     }

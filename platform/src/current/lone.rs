@@ -4,7 +4,7 @@ use super::process::{Home, Methods, Process, ProcessId};
 use crate::reclaim::{self, Retired};
 use std::fmt;
 use std::mem::offset_of;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::ptr::NonNull;
 use std::task::Waker;
 
@@ -22,6 +22,8 @@ struct Memory {
     /// First, so that a pointer to it leads back to this.
     process: Process,
     retired: Retired,
+    /// Where the body lies.
+    body: Range<usize>,
 }
 
 const _: () = assert!(align_of::<Memory>() == Process::ALIGN);
@@ -32,15 +34,24 @@ pub(super) static METHODS: Methods = Methods {
     free,
     // Its thread polls it.
     poll: |_, _| false,
+    body,
     seldom: None,
 };
 
 impl Lone {
-    /// As [`Process::new`], with its waker.
-    pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8, waker: Waker) -> Self {
+    /// As [`Process::new`], with its waker, and the addresses at which its body lies.
+    pub fn new(
+        id: ProcessId,
+        home: Home,
+        thread_priority: u8,
+        level: u8,
+        waker: Waker,
+        body: Range<usize>,
+    ) -> Self {
         let memory = NonNull::from(Box::leak(Box::new(Memory {
             process: Process::new(id, home, thread_priority, level),
             retired: Retired::new(free_retired),
+            body,
         })));
         // SAFETY: nobody else knows the process yet. It stays where it is until `free` was called, and is ended once, by the drop.
         unsafe {
@@ -70,6 +81,14 @@ impl fmt::Debug for Lone {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         (**self).fmt(f)
     }
+}
+
+/// # Safety
+///
+/// `owner` is memory that is live.
+unsafe fn body(owner: NonNull<()>) -> Range<usize> {
+    // SAFETY: the contract; it does not change.
+    unsafe { owner.cast::<Memory>().as_ref() }.body.clone()
 }
 
 /// # Safety

@@ -10,6 +10,7 @@ use std::any::Any;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
+use std::ops::Range;
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::task::{Context, Waker};
@@ -114,6 +115,9 @@ pub struct Methods {
     /// Polls the body of a process that was taken from the run queue, in its turn; `true` if that has ended it. Here, and not in each process, since all of a kind share it: a
     /// turn reads one line of memory less.
     pub poll: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
+    /// At which addresses the body lies, and its captures with it. The owner is live; its body may
+    /// have ended.
+    pub body: unsafe fn(NonNull<()>) -> Range<usize>,
     /// What else an executor does with processes of this kind: it knows of which type that is.
     pub seldom: Option<&'static (dyn Any + Send + Sync)>,
 }

@@ -7,6 +7,7 @@ static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| unreachable!("all is on one thread"),
     free: |_| {},
     poll: |_, _| unreachable!("nobody is polled"),
+    body: |_| 0..0,
     seldom: None,
 };
 

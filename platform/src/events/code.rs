@@ -81,14 +81,61 @@ pub mod sub_ended {
     pub const DROPPED: u64 = 1;
 }
 
-/// In [`LATE`]: why, as far as it is known at that moment.
+/// In [`LATE`]: the second argument, which is why, as far as it is known when the cycle begins.
+///
+/// Bits 0 to 7 are the cause that explains most, bits 8 to 15 how many per cent of the lateness it
+/// explains, bits 16 to 47 the core on which the cycle began, plus one; 0 where it is not known. A
+/// cause that explains less than half is not named.
+///
+/// ```
+/// use luna_platform::events::code::late;
+///
+/// let argument = late::argument(late::OTHER_PROCESS, 98, Some(3));
+/// assert_eq!(late::cause(argument), late::OTHER_PROCESS);
+/// assert_eq!(late::percent(argument), 98);
+/// assert_eq!(late::core(argument), Some(3));
+/// assert_eq!(late::named_percent(999, 2000), None);
+/// assert_eq!(late::named_percent(1000, 2000), Some(50));
+/// ```
 pub mod late {
-    /// Nobody of the program held it up that is known: an interrupt, the core's sleep, a hypervisor.
+    /// No known cause explains half of it. It may be an interrupt, the core's sleep, a hypervisor.
     pub const UNKNOWN: u64 = 0;
-    /// The cycle before had not ended.
+    /// The loop's own process was busy, most often with the cycle before.
     pub const LOOP_ITSELF: u64 = 1;
     /// Another process of its executor ran instead.
     pub const OTHER_PROCESS: u64 = 2;
     /// The kernel gave the core to another thread meanwhile.
     pub const OTHER_THREAD: u64 = 3;
+
+    /// The least part of the lateness, in per cent, that a cause explains that is named.
+    pub const NAMED_FROM: u64 = 50;
+
+    /// Both in nanoseconds: how many per cent of `lateness` are explained, if it is enough for the
+    /// cause to be named.
+    pub fn named_percent(explained: u64, lateness: u64) -> Option<u64> {
+        let explained = u128::from(explained.min(lateness));
+        let percent = (explained * 100).checked_div(lateness.into())? as u64;
+        (percent >= NAMED_FROM).then_some(percent)
+    }
+
+    /// The argument that says all three.
+    pub fn argument(cause: u64, percent: u64, core: Option<usize>) -> u64 {
+        let core = core.and_then(|core| u32::try_from(core + 1).ok());
+        cause & 0xff | (percent & 0xff) << 8 | u64::from(core.unwrap_or(0)) << 16
+    }
+
+    /// The cause.
+    pub fn cause(argument: u64) -> u64 {
+        argument & 0xff
+    }
+
+    /// How many per cent of the lateness it explains; 0 where it is not known.
+    pub fn percent(argument: u64) -> u64 {
+        argument >> 8 & 0xff
+    }
+
+    /// The core on which the cycle began, if it is known.
+    pub fn core(argument: u64) -> Option<usize> {
+        usize::try_from((argument >> 16 & 0xffff_ffff).checked_sub(1)?).ok()
+    }
 }

@@ -2,6 +2,9 @@
 
 use super::{Source, Unread, UnreadReason};
 
+/// The configuration of the running kernel, packed by gzip, where it has one (`CONFIG_IKCONFIG_PROC`).
+pub const PACKED: &str = "/proc/config.gz";
+
 /// The value of an option: `CONFIG_HZ=250` gives `250`, `# CONFIG_RT_GROUP_SCHED is not set` gives `n`, one that is not there nothing.
 ///
 /// ```
@@ -26,7 +29,8 @@ pub fn option<'a>(config: &'a str, name: &str) -> Option<&'a str> {
 ///
 /// # Errors
 ///
-/// That of the last place looked at. `/proc/config.gz` is packed and is not read.
+/// That of the last place looked at. [`PACKED`] is not read: its bytes are a caller's to unpack, as
+/// `luna doctor` does.
 pub fn text(source: &Source) -> Result<(String, String), Unread> {
     let release = source.word("/proc/sys/kernel/osrelease")?;
     // A file of that name lies in one folder.

@@ -118,22 +118,54 @@ impl PreemptionModel {
     ///
     /// The file that should have told.
     pub fn read(source: &Source) -> Result<PreemptionModel, Unread> {
-        if source.word("/sys/kernel/realtime").as_deref() == Ok("1") {
-            return Ok(PreemptionModel::RealTime);
+        Self::read_with_file(source).map(|(model, _)| model)
+    }
+
+    /// As [`read`](Self::read), with the file that says so. Of a kernel that chooses when it boots,
+    /// `/proc/cmdline` says the choice at that time; root may have changed it since.
+    ///
+    /// # Errors
+    ///
+    /// The file that should have told.
+    pub fn read_with_file(source: &Source) -> Result<(PreemptionModel, &'static str), Unread> {
+        let real_time = "/sys/kernel/realtime";
+        if source.word(real_time).as_deref() == Ok("1") {
+            return Ok((PreemptionModel::RealTime, real_time));
         }
-        let built = parse::preemption_of_version(&source.word("/proc/sys/kernel/version")?);
+        let version = "/proc/sys/kernel/version";
+        let built = parse::preemption_of_version(&source.word(version)?);
         if built != PreemptionModel::Dynamic {
-            return Ok(built);
+            return Ok((built, version));
         }
-        // Only root sees the one in effect, and only where debugfs is mounted. The command line is nearly as good, where it says one.
-        let in_effect = source
-            .parse(
-                "/sys/kernel/debug/sched/preempt",
-                parse::preemption_in_effect,
-            )
-            .ok();
-        let asked = || parse::preemption_asked(&source.read("/proc/cmdline").ok()?);
-        Ok(in_effect.or_else(asked).unwrap_or(PreemptionModel::Dynamic))
+        // Only root sees the one in effect, and only where debugfs is mounted.
+        let (debug, boot) = ("/sys/kernel/debug/sched/preempt", "/proc/cmdline");
+        let in_effect = source.parse(debug, parse::preemption_in_effect);
+        let in_effect = in_effect.ok().map(|model| (model, debug));
+        let asked = || Some((parse::preemption_asked(&source.read(boot).ok()?)?, boot));
+        Ok(in_effect.or_else(asked).unwrap_or((built, version)))
+    }
+
+    /// The one that a kernel with this configuration boots with, unless its command line asks for
+    /// another.
+    ///
+    /// ```
+    /// use luna_platform::facts::PreemptionModel;
+    ///
+    /// let config = "CONFIG_PREEMPT_NONE=y\n# CONFIG_PREEMPT is not set\nCONFIG_PREEMPT_DYNAMIC=y\n";
+    /// assert_eq!(PreemptionModel::built_in(config), Some(PreemptionModel::None));
+    /// assert_eq!(PreemptionModel::built_in("CONFIG_HZ=100\n"), None);
+    /// ```
+    pub fn built_in(config: &str) -> Option<PreemptionModel> {
+        let options = [
+            ("CONFIG_PREEMPT_RT", PreemptionModel::RealTime),
+            ("CONFIG_PREEMPT_NONE", PreemptionModel::None),
+            ("CONFIG_PREEMPT_VOLUNTARY", PreemptionModel::Voluntary),
+            ("CONFIG_PREEMPT_LAZY", PreemptionModel::Lazy),
+            ("CONFIG_PREEMPT", PreemptionModel::Full),
+        ];
+        let mut options = options.into_iter();
+        let set = options.find(|(name, _)| config::option(config, name) == Some("y"));
+        set.map(|(_, model)| model)
     }
 }
 

@@ -59,6 +59,16 @@ impl Source {
     ///
     /// [`Unread`] says which file, and why.
     pub fn read(&self, file: &str) -> Result<String, Unread> {
+        let bytes = self.read_bytes(file)?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+
+    /// The bytes of `file`, as [`read`](Self::read) its text.
+    ///
+    /// # Errors
+    ///
+    /// [`Unread`] says which file, and why.
+    pub fn read_bytes(&self, file: &str) -> Result<Vec<u8>, Unread> {
         let read = || {
             let opened = File::open(self.path(file)?)?;
             // A copy may hold a pipe by mistake, which would never end.
@@ -67,7 +77,7 @@ impl Source {
             }
             let mut bytes = Vec::new();
             opened.take(MOST_BYTES).read_to_end(&mut bytes)?;
-            Ok(String::from_utf8_lossy(&bytes).into_owned())
+            Ok(bytes)
         };
         read().map_err(|reason| Unread::new(file, reason))
     }

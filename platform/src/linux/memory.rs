@@ -5,6 +5,9 @@ use crate::shortfall::MemoryRefusal;
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+use nix::sys::uio::{RemoteIoVec, process_vm_readv};
+use nix::unistd::Pid;
+use std::io::IoSliceMut;
 
 /// Locks all pages, those to come too.
 pub(crate) fn lock() -> Result<(), MemoryRefusal> {
@@ -23,6 +26,15 @@ pub(crate) fn lock() -> Result<(), MemoryRefusal> {
             message: error.to_string(),
         },
     })
+}
+
+/// Copies what lies from `address` on; gives how many bytes there were.
+pub(crate) fn copy(address: usize, into: &mut [u8]) -> usize {
+    let from = RemoteIoVec {
+        base: address,
+        len: into.len(),
+    };
+    process_vm_readv(Pid::this(), &mut [IoSliceMut::new(into)], &[from]).unwrap_or(0)
 }
 
 /// Unlocks all pages.

@@ -207,11 +207,14 @@ impl Machine {
                 "both axes have found their end stops",
             );
         }
+        // When the process that held the loops up was done.
+        let mut late_from = slot;
         if is_late {
             // It was under way when the slot came.
             trace.time = slot - 120_000;
             trace.event(8, CONTROL, 0, 0);
             trace.turn(13, 760_000 + (self.cycle % 7) * 31_000, (3, 3));
+            late_from = trace.time;
             trace.time += 4_000;
         } else {
             trace.time += self.about(9_000);
@@ -222,7 +225,9 @@ impl Machine {
             let lateness = trace.time - slot;
             trace.event(10, axis + 1, self.cycle, lateness);
             if is_late {
-                trace.event(11, axis + 1, lateness, 2);
+                // Which the other process explains in part; the cycle began on core 1.
+                let explained = (late_from - slot) * 100 / lateness;
+                trace.event(11, axis + 1, lateness, 2 | explained << 8 | 2 << 16);
             }
             self.chain(&mut trace, axis);
         }

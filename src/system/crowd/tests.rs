@@ -17,6 +17,10 @@ impl Phases for Owner {
     }
 
     fn post_run(&mut self) {}
+
+    fn words(&self) -> Vec<usize> {
+        Vec::new()
+    }
 }
 
 impl Drop for Owner {

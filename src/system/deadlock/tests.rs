@@ -24,6 +24,7 @@ fn processes(ids: &[ProcessId]) -> Vec<Sleeping> {
 fn channel(name: &str, sender: Option<User>, receiver: Option<User>) -> Meeting {
     Meeting {
         kind: PlaceKind::Rendezvous,
+        address: 0,
         name: Some(name.to_owned()),
         made_at: Location::caller(),
         buffered: 0,
@@ -57,14 +58,15 @@ fn two_that_receive_from_each_other_first() {
         channel("to a", used_by(b), used_by(a)).waits(a, false),
         channel("to b", used_by(a), used_by(b)).waits(b, false),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     assert_eq!(
         found.to_string(),
         "system `s` is deadlocked: every process waits, and nothing that the system knows of can wake one\n  \
          `a` waits to receive from channel `to a` for `b`, which used its other end last\n  \
          `b` waits to receive from channel `to b` for `a`, which used its other end last\n  \
-         a circle: `a` waits for `b`, which waits for `a`"
+         a circle: `a` waits to receive from channel `to a` for `b`, which waits to receive from channel `to b` for `a`\n  \
+         each of them receives first: let one send first"
     );
 }
 
@@ -75,10 +77,65 @@ fn a_sender_waits_for_who_received_last() {
         channel("x", used_by(a), used_by(b)).waits(a, true),
         channel("y", used_by(b), used_by(a)).waits(b, true),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.waits[0].operation, Operation::Send);
     assert_eq!(found.waits[0].partner, Partner::Process("b".to_owned()));
     assert_eq!(found.cycle, ["a", "b"]);
+}
+
+/// Nobody has used the other ends, which the bodies have in them.
+#[test]
+fn two_that_send_to_each_other_first() {
+    let [a, b] = ids();
+    let at = |address, meeting: Meeting| Meeting { address, ..meeting };
+    let meetings = [
+        at(1, channel("to b", used_by(a), None).waits(a, true)),
+        at(2, channel("to a", used_by(b), None).waits(b, true)),
+    ];
+    // Both have both channels: one to send, and the other to receive.
+    let find = |refers: fn(ProcessId, usize) -> bool| {
+        find("s", &processes(&[a, b]), &meetings, |_| false, refers).unwrap()
+    };
+    let found = find(|_, address| address == 1 || address == 2);
+    assert_eq!(
+        found.waits[0].partner,
+        Partner::Holders(vec!["b".to_owned()])
+    );
+    assert_eq!(found.cycle, ["a", "b"]);
+    assert_eq!(
+        found.to_string(),
+        "system `s` is deadlocked: every process waits, and nothing that the system knows of can wake one\n  \
+         `a` waits to send to channel `to b`, whose other end nobody has used yet; `b` appears to hold it\n  \
+         `b` waits to send to channel `to a`, whose other end nobody has used yet; `a` appears to hold it\n  \
+         a circle: `a` waits to send to channel `to b` for `b`, which waits to send to channel `to a` for `a`\n  \
+         each of them sends first: let one receive first, or give one of the channels a buffer"
+    );
+    let unknown = find(|_, _| false);
+    assert_eq!(
+        (&unknown.waits[0].partner, unknown.cycle.len()),
+        (&Partner::Nobody, 0)
+    );
+    assert!(unknown.to_string().contains("external()"), "{unknown}");
+}
+
+#[test]
+fn several_may_hold_an_end_but_not_who_has_ended() {
+    let [a, b, c, d] = ids();
+    let mut all = processes(&[a, b, c, d]);
+    all[3].has_ended = true;
+    let meetings = [
+        channel("x", used_by(a), None).waits(a, true),
+        channel("y", used_by(a), None).waits(b, false),
+        channel("z", used_by(a), None).waits(c, false),
+    ];
+    let found = find("s", &all, &meetings, |_| false, |_, _| true).unwrap();
+    let both = vec!["b".to_owned(), "c".to_owned()];
+    assert_eq!(found.waits[0].partner, Partner::Holders(both));
+    let text = found.to_string();
+    assert!(
+        text.contains("; one of `b`, `c` appears to hold it"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -89,7 +146,14 @@ fn who_waits_beside_the_circle_is_not_in_it() {
         channel("2", used_by(c), None).waits(b, false),
         channel("3", used_by(b), None).waits(c, false),
     ];
-    let found = find("s", &processes(&[a, b, c]), &meetings, |_| false).unwrap();
+    let found = find(
+        "s",
+        &processes(&[a, b, c]),
+        &meetings,
+        |_| false,
+        |_, _| false,
+    )
+    .unwrap();
     assert_eq!(found.cycle, ["b", "c"]);
     assert_eq!(found.waits.len(), 3);
 }
@@ -102,7 +166,7 @@ fn the_circle_may_go_by_any_guard_of_an_alternative() {
         channel("back", used_by(b), None).waits(a, false),
         channel("forth", used_by(a), None).waits(b, false),
     ];
-    let found = find("s", &processes(&[a, b]), &meetings, |_| false).unwrap();
+    let found = find("s", &processes(&[a, b]), &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     let text = found.to_string();
     assert!(
@@ -118,7 +182,7 @@ fn the_circle_may_go_by_any_guard_of_an_alternative() {
 fn one_that_waits_for_itself_is_a_circle() {
     let [a] = ids();
     let meetings = [channel("own", used_by(a), None).waits(a, false)];
-    let found = find("s", &processes(&[a]), &meetings, |_| false).unwrap();
+    let found = find("s", &processes(&[a]), &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a"]);
     assert!(
         found
@@ -134,7 +198,7 @@ fn without_a_known_partner_there_is_no_circle() {
     let mut all = processes(&[a, b]);
     all[1].has_ended = true;
     let meetings = [channel("x", used_by(b), None).waits(a, false)];
-    let found = find("s", &all, &meetings, |_| false).unwrap();
+    let found = find("s", &all, &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.waits[0].partner, Partner::Ended("b".to_owned()));
     assert_eq!(found.cycle, [""; 0]);
     assert_eq!(found.waits.len(), 1, "the ended one waits for nothing");
@@ -145,8 +209,8 @@ fn a_system_whose_processes_have_all_ended_is_not_deadlocked() {
     let [a] = ids();
     let mut all = processes(&[a]);
     all[0].has_ended = true;
-    assert_eq!(find("s", &all, &[], |_| false), None);
-    assert_eq!(find("s", &[], &[], |_| false), None);
+    assert_eq!(find("s", &all, &[], |_| false, |_, _| false), None);
+    assert_eq!(find("s", &[], &[], |_| false, |_, _| false), None);
 }
 
 #[test]
@@ -155,7 +219,7 @@ fn joining_is_waiting() {
     let mut all = processes(&[a, b]);
     all[1].joiners = vec![a];
     let meetings = [channel("x", used_by(a), None).waits(b, false)];
-    let found = find("s", &all, &meetings, |_| false).unwrap();
+    let found = find("s", &all, &meetings, |_| false, |_, _| false).unwrap();
     assert_eq!(found.cycle, ["a", "b"]);
     assert!(
         found.to_string().contains("`a` waits for the end of `b`"),
@@ -172,10 +236,16 @@ fn at_a_barrier_one_waits_for_those_who_have_not_come() {
     let mut with_strangers = barrier.clone();
     with_strangers.strangers = true;
     assert_eq!(
-        find("s", &processes(&[a]), &[with_strangers], |_| false),
+        find(
+            "s",
+            &processes(&[a]),
+            &[with_strangers],
+            |_| false,
+            |_, _| false
+        ),
         None
     );
-    let found = find("s", &processes(&[a]), &[barrier], |_| false).unwrap();
+    let found = find("s", &processes(&[a]), &[barrier], |_| false, |_, _| false).unwrap();
     assert!(
         found
             .to_string()
@@ -189,8 +259,16 @@ fn whatever_may_be_woken_from_outside_is_no_deadlock() {
     let [a, b, stranger] = ids();
     let all = processes(&[a, b]);
     let other = channel("x", used_by(a), None).waits(b, false);
-    let is_deadlock =
-        |meeting: Meeting| find("s", &all, &[meeting, other.clone()], |_| false).is_some();
+    let is_deadlock = |meeting: Meeting| {
+        find(
+            "s",
+            &all,
+            &[meeting, other.clone()],
+            |_| false,
+            |_, _| false,
+        )
+        .is_some()
+    };
     assert!(is_deadlock(channel("y", used_by(b), None).waits(a, false)));
     // A plain thread was the last to use the other end.
     assert!(!is_deadlock(
@@ -215,7 +293,7 @@ fn whatever_may_be_woken_from_outside_is_no_deadlock() {
 fn an_outside_user_of_its_own_end_does_not_help() {
     let [a] = ids();
     let meetings = [channel("x", used_by(a), Some(User::Outside)).waits(a, false)];
-    assert!(find("s", &processes(&[a]), &meetings, |_| false).is_some());
+    assert!(find("s", &processes(&[a]), &meetings, |_| false, |_, _| false).is_some());
 }
 
 #[test]

@@ -79,6 +79,16 @@ impl Member {
         self.seldom.as_mut()?.resident.take()
     }
 
+    /// The words that lie in what the process holds itself, of which some are addresses.
+    pub(crate) fn words(&self) -> Vec<usize> {
+        let mut words = self.handle.words_of_body();
+        let seldom = self.seldom.as_ref();
+        if let Some(resident) = seldom.and_then(|seldom| seldom.resident.as_ref()) {
+            words.extend(resident.words());
+        }
+        words
+    }
+
     /// Whether it shares its thread.
     pub(crate) fn is_on_executor(&self) -> bool {
         self.executor != NO_EXECUTOR

@@ -19,7 +19,13 @@ fn two_that_receive_from_each_other_first() {
                 (first.process.as_str(), first.operation, first.at.as_str()),
                 ("left", Operation::Receive, "channel `to left`")
             );
-            assert_eq!(first.partner, Partner::Nobody);
+            if COMPLETE {
+                let holders = Partner::Holders(vec!["right".to_owned()]);
+                assert_eq!(first.partner, holders);
+                assert_eq!(found.cycle, ["left", "right"]);
+            } else {
+                assert_eq!(first.partner, Partner::Nobody);
+            }
             assert!(
                 found.waits[1].at.contains("tests/it/deadlock/mod.rs:"),
                 "{found}"
@@ -33,6 +39,88 @@ fn two_that_receive_from_each_other_first() {
             );
         }
     }
+}
+
+/// The ends of a process that sends first, in a type of its own: its body borrows them.
+struct SendsFirst(Sender<u32>, Receiver<u32>);
+
+impl Process for SendsFirst {
+    async fn run(&mut self) -> luna::Result<()> {
+        self.0.send(1).await?;
+        self.1.recv().await?;
+        Ok(())
+    }
+}
+
+/// Nobody has used the receiving ends: the report finds them in what the processes hold.
+#[test]
+fn two_that_send_to_each_other_first() {
+    let _watchdog = watchdog();
+    if !COMPLETE {
+        common::skip("the portable layer does not see into bodies");
+        return;
+    }
+    for one in PLACES {
+        for two in PLACES {
+            for is_type in [false, true] {
+                let (a, from_a) = luna::channel::<u32>();
+                let (b, from_b) = luna::channel::<u32>();
+                let (a, b) = (a.named("a"), b.named("b"));
+                let mut system = strict("senders");
+                let spawn = |process: ProcessBuilder, to: Sender<u32>, from: Receiver<u32>| {
+                    let spawned = match is_type {
+                        true => process.spawn(SendsFirst(to, from)),
+                        false => process.spawn(async move {
+                            to.send(1).await?;
+                            from.recv().await?;
+                            Ok(())
+                        }),
+                    };
+                    spawned.unwrap();
+                };
+                spawn(one.process(&mut system, "1", "one"), a, from_b);
+                spawn(two.process(&mut system, "2", "two"), b, from_a);
+                let found = deadlock_of(&system);
+                let holder = |name: &str| Partner::Holders(vec![name.to_owned()]);
+                assert_eq!(found.waits[0].partner, holder("two"), "{found}");
+                assert_eq!(found.waits[1].partner, holder("one"), "{found}");
+                assert_eq!(found.cycle, ["one", "two"]);
+                let text = found.to_string();
+                assert!(
+                    text.contains("`one` waits to send to channel `a` for `two`, which waits to send to channel `b` for `one`"),
+                    "{text}"
+                );
+                assert!(!text.contains("outside"), "{text}");
+            }
+        }
+    }
+}
+
+/// What lies behind a box is not seen: then nothing is claimed.
+#[test]
+fn of_an_end_that_is_not_seen_nothing_is_claimed() {
+    let _watchdog = watchdog();
+    let mut system = strict("boxed");
+    let main = system.executor("main").build().unwrap();
+    let (send, receive) = luna::channel::<u32>();
+    let (_keep, never) = luna::channel::<()>();
+    let boxed = vec![receive];
+    main.process("sender")
+        .spawn(async move {
+            send.send(1).await?;
+            Ok(())
+        })
+        .unwrap();
+    main.process("holder")
+        .spawn(async move {
+            never.recv().await?;
+            drop(boxed);
+            Ok(())
+        })
+        .unwrap();
+    let found = deadlock_of(&system);
+    assert_eq!(found.waits[0].partner, Partner::Nobody, "{found}");
+    assert!(found.to_string().contains("external()"), "{found}");
 }
 
 /// Three philosophers who each lay their left fork on the table, which is a channel, take it up, meet, and then take the right one.

@@ -6,7 +6,7 @@ mod later;
 mod none;
 mod told;
 
-use common::{PLACES, Place, Program, watchdog};
+use common::{COMPLETE, PLACES, Place, Program, watchdog};
 use luna::deadlock::{Operation, Partner};
 use luna::prelude::*;
 use luna::{Deadlock, End, Error, ProcessBuilder};
@@ -58,6 +58,12 @@ fn part() {
     match common::part().as_deref() {
         Some("system") => told::run_stuck(false),
         Some("alone") => told::run_stuck(true),
+        #[cfg(unix)]
+        Some("ends") => told::run_revived(told::Then::Ends),
+        #[cfg(unix)]
+        Some("goes on") => told::run_revived(told::Then::GoesOn),
+        #[cfg(unix)]
+        Some("stuck again") => told::run_revived(told::Then::IsStuckAgain),
         _ => {}
     }
 }

@@ -49,7 +49,12 @@ fn it_is_said_once_and_the_system_waits_on() {
     }
     let mut program = Program::start("system");
     program.wait_for("ready");
-    let said = errors_until(&mut program, "external()");
+    let last = if COMPLETE {
+        "let one send first"
+    } else {
+        "external()"
+    };
+    let said = errors_until(&mut program, last);
     // Time for more, were there more to come.
     std::thread::sleep(LONG);
     program.signal(15);
@@ -81,4 +86,90 @@ fn a_body_without_a_system_says_so_too() {
     program.signal(9);
     let all = said + &program.end().errors;
     assert_eq!(all.matches("luna::run waits").count(), 1, "{all}");
+}
+
+/// What a system does when a thread outside of it has ended its deadlock.
+#[cfg(unix)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Then {
+    Ends,
+    GoesOn,
+    IsStuckAgain,
+}
+
+/// A system that is stuck until its standard input is closed, by a channel that nobody has marked.
+#[cfg(unix)]
+pub(super) fn run_revived(then: Then) {
+    let (revive, revived) = luna::channel::<()>();
+    let (_keep, never) = luna::channel::<()>();
+    std::thread::spawn(move || {
+        std::io::copy(&mut std::io::stdin(), &mut std::io::sink()).unwrap();
+        revive.blocking_send(()).unwrap();
+    });
+    let mut system = System::new("revived");
+    let main = system.executor("main").build().unwrap();
+    main.process("process")
+        .spawn(async move {
+            revived.recv().await?;
+            println!("goes on");
+            match then {
+                Then::Ends => {}
+                Then::GoesOn => {
+                    let mut tick = luna::periodic("loop", Duration::from_millis(1))?;
+                    loop {
+                        tick.next().await;
+                    }
+                }
+                Then::IsStuckAgain => never.recv().await?,
+            }
+            Ok(())
+        })
+        .unwrap();
+    println!("ready");
+    let report = system.run().unwrap();
+    println!("found: {}", report.deadlock.is_some());
+}
+
+/// What is said of such a system, and of its deadlock at the end.
+#[cfg(unix)]
+fn revived(then: &str) -> (String, String) {
+    let mut program = Program::start(then);
+    program.wait_for("ready");
+    let mut said = errors_until(&mut program, "external()");
+    program.close_input();
+    program.wait_for("goes on");
+    if then == "stuck again" {
+        said += &errors_until(&mut program, "external()");
+    }
+    if then != "ends" {
+        program.signal(15);
+    }
+    let ended = program.end();
+    (said + &ended.errors, ended.output)
+}
+
+#[cfg(unix)]
+#[test]
+fn a_system_that_has_gone_on_is_not_called_deadlocked_at_its_end() {
+    let _watchdog = watchdog();
+    if common::has_no_signals() {
+        return;
+    }
+    for then in ["ends", "goes on"] {
+        let (said, output) = revived(then);
+        assert_eq!(said.matches("is deadlocked").count(), 1, "{said}");
+        assert!(output.contains("found: false"), "{then}: {output}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_second_deadlock_is_told_too() {
+    let _watchdog = watchdog();
+    if common::has_no_signals() {
+        return;
+    }
+    let (said, output) = revived("stuck again");
+    assert_eq!(said.matches("is deadlocked").count(), 2, "{said}");
+    assert!(output.contains("found: true"), "{output}");
 }

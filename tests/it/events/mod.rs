@@ -521,6 +521,8 @@ fn a_slot_says_how_late_it_is_itself() -> luna::Result<()> {
     // What it came after is the slot that it waited for.
     let lates: Vec<_> = told.of(code::LATE).map(|event| event.arguments).collect();
     let asked_for = late + period.as_nanos() as u64;
-    assert_eq!(lates, [[asked_for, code::late::LOOP_ITSELF]]);
+    // The core is not known where time is virtual.
+    let itself = code::late::argument(code::late::LOOP_ITSELF, 100, None);
+    assert_eq!(lates, [[asked_for, itself]]);
     Ok(())
 }

@@ -51,26 +51,54 @@ fn version(machine: &Machine) -> Result<Seen, Unread> {
 }
 
 fn preemption(machine: &Machine) -> Result<Seen, Unread> {
-    let from = "/proc/sys/kernel/version";
-    let model = PreemptionModel::read(&machine.source)?;
+    let (model, from) = effective_preemption(machine)?;
     let install = "install a PREEMPT_RT kernel (Debian: `apt install linux-image-rt-amd64`; Ubuntu: `pro enable realtime-kernel`; \
                    your own: CONFIG_PREEMPT_RT=y)";
+    let is_of_the_boot = from.contains("config") || from == "/proc/cmdline";
+    let since = match is_of_the_boot {
+        true => ", by what it booted with; whether root has changed it since cannot be read",
+        false => "",
+    };
     Ok(match model {
         PreemptionModel::RealTime => Seen::good("PREEMPT_RT", from),
-        PreemptionModel::Full => Seen::better("full, not PREEMPT_RT", from, install),
-        PreemptionModel::Lazy | PreemptionModel::Dynamic => Seen::better(
-            format!("{model}, not PREEMPT_RT"),
+        PreemptionModel::Dynamic => Seen::unknown(
+            "chosen at the boot, not PREEMPT_RT; no file that this user may read says which",
+            from,
+            format!(
+                "run `sudo cat /sys/kernel/debug/sched/preempt`; or {install}, or boot with preempt=full"
+            ),
+        ),
+        PreemptionModel::Full => {
+            Seen::better(format!("full, not PREEMPT_RT{since}"), from, install)
+        }
+        PreemptionModel::Lazy => Seen::better(
+            format!("{model}, not PREEMPT_RT{since}"),
             from,
             format!("{install}; until then boot with preempt=full"),
         ),
         _ => Seen::bad(
-            model.to_string(),
+            format!("{model}{since}"),
             from,
             format!(
                 "{install}; until then boot with preempt=full, where the kernel has CONFIG_PREEMPT_DYNAMIC"
             ),
         ),
     })
+}
+
+/// The model in effect and the file that says so. Where the kernel hides which one it has chosen,
+/// that is the one that it was built to boot with.
+fn effective_preemption(machine: &Machine) -> Result<(PreemptionModel, String), Unread> {
+    let (model, file) = PreemptionModel::read_with_file(&machine.source)?;
+    // Without its command line nobody knows whether it asked for another one.
+    if model == PreemptionModel::Dynamic
+        && machine.command_line().is_ok()
+        && let Ok((config, file)) = machine.config()
+        && let Some(model) = PreemptionModel::built_in(&config)
+    {
+        return Ok((model, file));
+    }
+    Ok((model, file.to_owned()))
 }
 
 fn resolution(machine: &Machine) -> Result<Seen, Unread> {

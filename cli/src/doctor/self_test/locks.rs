@@ -1,8 +1,8 @@
 //! Locks: mutex, condition variable, semaphore.
 
 use super::{Outcome, Test, ensure, on_one_executor, same};
-use luna::System;
 use luna::sync::{Condition, LockError, Mutex, Semaphore};
+use luna::{Barrier, System};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -61,20 +61,33 @@ fn mutex() -> Outcome {
 fn mutex_of_the_dead() -> Outcome {
     let told = Arc::new(AtomicBool::new(false));
     let tell = told.clone();
-    let ended = on_one_executor(|executor| {
-        let (state, held) = (Mutex::new(()), luna::buffered(luna::Buffer::fifo(1)));
-        let (own, (say, said)) = (state.clone(), held);
-        let dies = executor.process("dies").spawn(async move {
-            let _guard = own.lock().await?;
-            say.send(()).await?;
-            std::future::pending().await
+    on_one_executor(|executor| {
+        let state = Mutex::new(());
+        let own = state.clone();
+        let (say, said) = luna::channel();
+        let (fail, is_to_fail) = luna::channel();
+        // The branch that holds the mutex is ended where it waits, since the other one fails. A
+        // process that was cancelled would be an error of the system, which is told on standard
+        // error.
+        let never = Barrier::new(2);
+        executor.process("parent").spawn(async move {
+            let dies = luna::par!(
+                async {
+                    let _guard = own.lock().await?;
+                    say.send(()).await?;
+                    never.sync().await;
+                    Ok(())
+                },
+                async {
+                    is_to_fail.recv().await?;
+                    Err::<(), _>(luna::Error::other("as the test wants"))
+                },
+            );
+            ensure(dies.await.is_err(), "a branch fails")
         })?;
-        let handles = executor.clone();
         executor.process("heir").spawn(async move {
             said.recv().await?;
-            if let Some(handle) = handles.process_handle(dies) {
-                handle.cancel();
-            }
+            fail.send(()).await?;
             match state.lock().await {
                 Err(LockError::OwnerDied(died)) => drop(died.recover()),
                 _ => ensure(false, "its death is told")?,
@@ -84,12 +97,8 @@ fn mutex_of_the_dead() -> Outcome {
             Ok(())
         })?;
         Ok(())
-    });
-    // That one was cancelled is an error of the system, and here on purpose; the heir's own would come in its place.
-    if !told.load(Ordering::Relaxed) {
-        ended?;
-        ensure(false, "its heir comes to its end")?;
-    }
+    })?;
+    ensure(told.load(Ordering::Relaxed), "its heir comes to its end")?;
     Ok("1 death".to_owned())
 }
 

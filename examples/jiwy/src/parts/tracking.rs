@@ -16,6 +16,11 @@ impl Tracking {
         self.max = self.max.max(error.abs());
     }
 
+    /// How many errors there were.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
     /// The root of the mean square, in the unit of what was added; 0 without any.
     pub fn rms(&self) -> f64 {
         (self.squares / self.samples.max(1) as f64).sqrt()
@@ -46,5 +51,6 @@ mod tests {
             tracking.add(error);
         }
         assert_eq!((tracking.rms(), tracking.max()), (2.5, 4.0));
+        assert_eq!(tracking.samples(), 4);
     }
 }
