@@ -14,7 +14,6 @@ use luna_platform::tape::Taper;
 use luna_platform::wait_list::WaitList;
 use std::any::Any;
 use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU8, AtomicU64, Ordering};
@@ -541,11 +540,9 @@ impl Record {
             };
             drop(shown);
             drop(waker.take());
-            if let Some(ready) = ready
-                && let Err(payload) = catch_unwind(AssertUnwindSafe(|| ready.wake()))
-            {
-                // A foreign waker's panic is its own matter: the others are told all the same. Dropping what it said could panic in turn.
-                std::mem::forget(payload);
+            if let Some(ready) = ready {
+                // The others are told all the same.
+                ready.wake_contained();
             }
             if is_last {
                 return self.tell(in_a_hurry, living);

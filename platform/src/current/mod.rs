@@ -41,7 +41,7 @@ pub use turn::{
     give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
     unrecorded_turn, user, with_process,
 };
-pub use wakeup::{PlainReady, Ready, Wakeup};
+pub use wakeup::{PlainReady, Ready, Renewal, Wakeup};
 
 use crate::path;
 use crate::spare::Spare;
