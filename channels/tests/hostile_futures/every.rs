@@ -8,7 +8,7 @@ use crate::world::{KINDS, Operation, PLAIN_KINDS, World};
 use luna_executors::{Executor, ExecutorHandle, Exit, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::atomic::Ordering;
-use std::task::{Context, Waker};
+use std::task::{Context, Poll, Waker};
 
 /// What ends an operation that waits.
 #[derive(Clone, Copy)]
@@ -31,9 +31,9 @@ fn poll(operation: &mut Option<Operation>, waker: &Waker) {
         return;
     };
     let polled = endure(|| under_way.poll(&mut Context::from_waker(waker)));
-    if let Some(Some(result)) = polled {
-        let over = operation.take();
+    if let Some(Poll::Ready(result)) = polled {
         endure(|| drop(result));
+        let over = operation.take();
         endure(|| drop(over));
     }
 }
@@ -56,7 +56,7 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
             }
         };
         let held = operation.poll(&mut Context::from_waker(Waker::noop()));
-        before.push((operation, held));
+        before.push((held, operation));
     }
     if kind == 18 {
         before.remove(0);
@@ -95,7 +95,7 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
         poll(&mut operation, Waker::noop());
         endure(|| drop(operation));
     }
-    for (operation, held) in before {
+    for (held, operation) in before {
         endure(|| drop(held));
         endure(|| drop(operation));
     }

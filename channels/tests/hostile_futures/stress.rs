@@ -168,12 +168,11 @@ impl Driver {
             }
         };
         match polled {
-            Some(None) => {}
-            Some(Some(kept)) => {
-                let over = self.slots[slot].take();
-                endure(|| drop(over));
+            Some(Poll::Pending) => {}
+            Some(Poll::Ready(result)) => {
+                let kept = self.slots[slot].take().map(|over| Kept(result, over));
                 if self.kept.len() < 8 {
-                    self.kept.push(kept);
+                    self.kept.extend(kept);
                 } else {
                     endure(|| drop(kept));
                 }

@@ -22,12 +22,13 @@ impl<T: Send> Keep for T {}
 /// A future with what it borrows. The fields are dropped in this order.
 pub(crate) struct Operation {
     future: Pin<Box<dyn Future<Output = Box<dyn Keep>> + Send>>,
+    #[expect(dead_code, reason = "kept until the future is dropped")]
     ends: Box<dyn Keep>,
 }
 
 /// The result of an operation with what it borrows.
 #[expect(dead_code, reason = "kept for their drops, in this order")]
-pub(crate) struct Kept(Box<dyn Keep>, Box<dyn Keep>);
+pub(crate) struct Kept(pub(crate) Box<dyn Keep>, pub(crate) Operation);
 
 /// Boxes what a future comes to. No async block: that could not be polled after a panic.
 struct Boxed<F>(F);
@@ -57,11 +58,9 @@ impl Operation {
         })
     }
 
-    pub(crate) fn poll(&mut self, cx: &mut Context<'_>) -> Option<Kept> {
-        match self.future.as_mut().poll(cx) {
-            Poll::Pending => None,
-            Poll::Ready(output) => Some(Kept(output, mem::replace(&mut self.ends, Box::new(())))),
-        }
+    /// Polls. What it comes to is to be dropped before the operation.
+    pub(crate) fn poll(&mut self, cx: &mut Context<'_>) -> Poll<Box<dyn Keep>> {
+        self.future.as_mut().poll(cx)
     }
 }
 
