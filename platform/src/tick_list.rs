@@ -124,9 +124,7 @@ impl TickList {
                 if due.who.len() == due.who.capacity() {
                     return false;
                 }
-                let ready = waiting
-                    .take_off(node)
-                    .map_or(Ready::NOBODY, Wakeup::take);
+                let ready = waiting.take_off(node).map_or(Ready::NOBODY, Wakeup::take);
                 due.who
                     .push((node.as_ref().priority(), due.who.len(), ready));
                 node.cast::<Node>().as_ref().leave(Left::Fired);

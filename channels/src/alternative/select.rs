@@ -1,8 +1,8 @@
 //! The future of an alternative.
 
 use super::choose::{Choice, Locks, choose, note_choice};
-use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::guard::RawGuard;
+use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::finally::Finally;
 use crate::selection::Selection;
@@ -379,15 +379,7 @@ impl Polled<'_> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
         let mut wakeup = skip.is_none().then(|| Wakeup::of(cx));
         // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
-        let choice = unsafe {
-            choose(
-                &mut self.open,
-                self.selection,
-                self.fair,
-                &mut wakeup,
-                cx,
-            )
-        };
+        let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
         match (choice, skip) {
             (Choice::Made(number, ready), _) => {
                 // Before a waker, which may be anybody's, can panic.

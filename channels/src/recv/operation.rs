@@ -98,6 +98,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         &mut self.noted.get_mut().note
     }
 
+    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    fn take_back(&self) -> (Outcome, Option<Wakeup>) {
+        debug_assert!(self.is_listed());
+        // SAFETY: the node was listed on the receivers' side: no other is waited with.
+        unsafe { self.receiver.channel().withdraw(self.node(), false) }
+    }
+
     /// What has become of a receive that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
@@ -170,9 +178,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
             Phase::Settled(outcome) => this.settled(outcome).map_err(RecvTimeoutError::from),
             Phase::Listed | Phase::Taped => {
-                // SAFETY: the node was listed on the receivers' side.
-                let (outcome, _former) =
-                    unsafe { this.receiver.channel().withdraw(this.node(), false) };
+                let (outcome, _former) = this.take_back();
                 match outcome {
                     Outcome::Waiting => {
                         this.phase = Phase::Over;
@@ -192,9 +198,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let _former;
         if outcome == Outcome::Waiting {
             if current::branch_failed() {
-                // SAFETY: the node was listed on the receivers' side.
-                (outcome, _former) =
-                    unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                (outcome, _former) = self.take_back();
                 if outcome == Outcome::Waiting {
                     current::stay_in_branch();
                     outcome = Outcome::Poisoned;
@@ -538,9 +542,7 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
                 }
                 let mut outcome = self.outcome();
                 if outcome == Outcome::Waiting {
-                    // SAFETY: the node was listed on the receivers' side.
-                    (outcome, _former) =
-                        unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                    (outcome, _former) = self.take_back();
                 }
                 outcome == Outcome::Done
             }

@@ -111,6 +111,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.offered.get_mut()
     }
 
+    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    fn take_back(&self) -> (Outcome, Option<Wakeup>) {
+        debug_assert!(self.is_listed());
+        // SAFETY: the node was listed on the senders' side: no other is waited with.
+        unsafe { self.sender.channel().withdraw(self.node(), true) }
+    }
+
     /// What has become of a send that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
@@ -182,8 +190,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         if matches!(this.phase, Phase::Listed | Phase::Taped) {
-            // SAFETY: the node was listed on the senders' side.
-            let (outcome, _former) = unsafe { this.sender.channel().withdraw(this.node(), true) };
+            let (outcome, _former) = this.take_back();
             if outcome == Outcome::Waiting {
                 this.phase = Phase::Settled(Outcome::Poisoned);
             }
@@ -201,9 +208,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             Phase::GaveWay | Phase::Over | Phase::Overwrote => Ok(()),
             Phase::Settled(outcome) => this.settled(outcome).map_err(SendTimeoutError::from),
             Phase::Listed | Phase::Taped => {
-                // SAFETY: the node was listed on the senders' side.
-                let (outcome, _former) =
-                    unsafe { this.sender.channel().withdraw(this.node(), true) };
+                let (outcome, _former) = this.take_back();
                 match outcome {
                     Outcome::Waiting => Err(SendTimeoutError::Timeout(
                         this.failed(Outcome::Closed).value,
@@ -223,8 +228,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
             // A held sender has communicated: no failure takes that back.
             if outcome == Outcome::Waiting && current::branch_failed() {
-                // SAFETY: the node was listed on the senders' side.
-                (outcome, _former) = unsafe { self.sender.channel().withdraw(self.node(), true) };
+                (outcome, _former) = self.take_back();
                 if outcome == Outcome::Waiting {
                     current::stay_in_branch();
                     return Poll::Ready(Err(self.failed(Outcome::Poisoned)));
@@ -563,9 +567,7 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
                 }
                 let mut outcome = self.outcome();
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                    // SAFETY: the node was listed on the senders' side.
-                    (outcome, _former) =
-                        unsafe { self.sender.channel().withdraw(self.node(), true) };
+                    (outcome, _former) = self.take_back();
                 }
                 match outcome {
                     Outcome::Done | Outcome::Held => return,

@@ -1,8 +1,6 @@
 //! Each operation with a waker that panics in each of its functions, at each point of the operation's life.
 
-use crate::actors::{
-    Call, Random, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker,
-};
+use crate::actors::{Call, Random, Temper, VALUES, WAKERS, endure, silence_expected_panics, waker};
 use crate::one_at_a_time;
 use crate::world::{KINDS, Operation, PLAIN_KINDS, World};
 use luna_executors::{Executor, ExecutorHandle, Exit, ProcessSpec};
@@ -59,12 +57,9 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
         before.push((held, operation));
     }
     if kind == 18 {
-        before.remove(0);
+        drop(before.remove(0));
     }
-    let hostile = [
-        waker(temper, &world, seed),
-        waker(temper, &world, seed + 1),
-    ];
+    let hostile = [waker(temper, &world, seed), waker(temper, &world, seed + 1)];
     let mut operation = endure(|| world.operation(kind, &mut random)).flatten();
     if operation.is_some() {
         // The second takes the first one's place, and the third the second's.
@@ -79,8 +74,7 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
             End::Partners => world.touch_all(&mut random, attempt),
             End::WaitingPartners => {
                 for partner in 0..PLAIN_KINDS {
-                    let mut partner =
-                        endure(|| world.operation(partner, &mut random)).flatten();
+                    let mut partner = endure(|| world.operation(partner, &mut random)).flatten();
                     poll(&mut partner, &hostile[0]);
                     poll(&mut partner, &hostile[1]);
                     endure(|| drop(partner));
@@ -114,10 +108,22 @@ fn try_every_operation(kinds: usize, executor: Option<&ExecutorHandle>) {
         for call in [Call::Clone, Call::Wake, Call::Drop] {
             for end in ENDS {
                 for seed in 1..12 {
-                    live(kind, Temper::always(call), end, executor.cloned(), seed * 977);
+                    live(
+                        kind,
+                        Temper::always(call),
+                        end,
+                        executor.cloned(),
+                        seed * 977,
+                    );
                     // On an executor, its other processes may still have a waker.
                     if executor.is_none() {
-                        assert_eq!(counts(), before, "wakers and values left by operation {kind}; {} {} {seed}", call as u8, end as u8);
+                        assert_eq!(
+                            counts(),
+                            before,
+                            "wakers and values left by operation {kind}; {} {} {seed}",
+                            call as u8,
+                            end as u8
+                        );
                     }
                 }
             }

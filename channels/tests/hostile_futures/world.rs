@@ -251,13 +251,16 @@ impl World {
                     }
                 },
             ),
-            11 => Operation::new((rendezvous.both()?, world), |((sender, receiver), world)| async move {
-                pri_alt! {
-                    () = world.barrier.sync() => {}
-                    received = receiver.recv() => drop(received),
-                    sent = sender.send(calm()) => drop(sent),
-                }
-            }),
+            11 => Operation::new(
+                (rendezvous.both()?, world),
+                |((sender, receiver), world)| async move {
+                    pri_alt! {
+                        () = world.barrier.sync() => {}
+                        received = receiver.recv() => drop(received),
+                        sent = sender.send(calm()) => drop(sent),
+                    }
+                },
+            ),
             12 => Operation::new(
                 [rendezvous.receiver()?, channel.receiver()?],
                 |receivers| async {
@@ -288,7 +291,9 @@ impl World {
                 Operation::new(world, |world| world.condition.wait(guard))
             }
             _ if !self.has_timers() => None,
-            19 => Operation::new(channel.sender()?, |sender| sender.send_timeout(value(), time)),
+            19 => Operation::new(channel.sender()?, |sender| {
+                sender.send_timeout(value(), time)
+            }),
             20 => Operation::new(channel.receiver()?, |receiver| receiver.recv_timeout(time)),
             21 => Operation::new(world, |world| world.mutex.lock_timeout(time)),
             22 => Operation::new(world, |world| world.semaphore.acquire_timeout(time)),
