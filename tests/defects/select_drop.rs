@@ -10,7 +10,7 @@ fn a_dropped_alternative_is_in_no_list_though_its_wakers_drop_panics() {
     let (sender, receiver) = luna::channel::<[u64; 8]>();
     let mut choice = Box::pin(async {
         alt! {
-            value = receiver.recv() => drop(value),
+            _ = receiver.recv() => (),
             _ = sender.send([1; 8]) => (),
         }
     });
