@@ -12,7 +12,7 @@ use std::future::Future;
 use std::mem;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex as Plain};
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 /// What an operation came to, of whatever type.
@@ -112,6 +112,9 @@ pub(crate) struct World {
     values_panic: bool,
 }
 
+/// How many operations there are that do not wait.
+const TOUCHES: usize = 15;
+
 /// How many kinds of operations there are on plain threads; the rest need timers.
 pub(crate) const PLAIN_KINDS: usize = 19;
 pub(crate) const KINDS: usize = PLAIN_KINDS + 9;
@@ -145,13 +148,13 @@ impl World {
 
     /// Calls an operation that does not wait.
     pub(crate) fn touch(&self, random: &mut Random) {
-        let which = random.below(14);
+        let which = random.below(TOUCHES);
         self.touch_at(which, random);
     }
 
     /// Calls all operations that do not wait, so that whoever waits goes on.
     pub(crate) fn touch_all(&self, random: &mut Random, each: fn(&mut dyn FnMut())) {
-        for which in 0..14 {
+        for which in 0..TOUCHES {
             each(&mut || self.touch_at(which, random));
         }
     }
@@ -181,6 +184,14 @@ impl World {
             10 => drop(self.semaphore.try_acquire()),
             11 if self.semaphore.available() < 4 => self.semaphore.add_permits(1),
             12 => drop(self.barrier.enroll()),
+            // Where there are timers, one is armed and taken back.
+            13 => {
+                if luna_platform::current::timers().is_some() {
+                    let mut delay = std::pin::pin!(luna_channels::after(Duration::from_secs(9)));
+                    let cx = &mut Context::from_waker(Waker::noop());
+                    assert!(delay.as_mut().poll(cx).is_pending());
+                }
+            }
             _ => {
                 // One party less, and then as many as before.
                 self.barrier.resign();
