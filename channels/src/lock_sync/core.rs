@@ -87,11 +87,6 @@ pub(super) struct Admitted {
 }
 
 impl Admitted {
-    const NOBODY: Admitted = Admitted {
-        ready: Ready::NOBODY,
-        changed: None,
-    };
-
     /// Wakes whom it concerns. Called without any lock.
     pub(super) fn carry_out(self) {
         let mut changed = self.changed;
@@ -270,25 +265,18 @@ impl Core {
             self.set_died(true);
         }
         let former = self.state(&lists, |state| state.heir.take());
-        let next = match lists.senders.pop() {
-            // SAFETY: it was in the list, and the lock is held.
-            Some(node) => unsafe { self.hand_over(&mut lists, Entry::of(node)) },
-            None => {
-                self.state(&lists, |state| state.is_held = false);
-                lists.receiver = LastUser::NOBODY;
-                Admitted::NOBODY
-            }
+        let Some(node) = lists.senders.pop() else {
+            self.state(&lists, |state| state.is_held = false);
+            lists.receiver = LastUser::NOBODY;
+            drop(lists);
+            return give_back(former);
         };
+        // SAFETY: it was in the list, and the lock is held.
+        let next = unsafe { self.hand_over(&mut lists, Entry::of(node)) };
         drop(lists);
         let mut former = former;
-        let _give_back = Finally::new(|| {
-            if let Some(mut heir) = former.take()
-                && heir.give_back()
-            {
-                let is_more = false;
-                chain::follow(Some(Changed { heir, is_more }));
-            }
-        });
+        // Also if the next holder's waker panics.
+        let _give_back = Finally::new(|| give_back(former.take()));
         next.carry_out();
     }
 
@@ -381,6 +369,16 @@ impl Core {
                 is_more: change.is_gt(),
             })
         })
+    }
+}
+
+/// Takes back what a former holder was lent.
+fn give_back(former: Option<Heir>) {
+    if let Some(mut heir) = former
+        && heir.give_back()
+    {
+        let is_more = false;
+        chain::follow(Some(Changed { heir, is_more }));
     }
 }
 

@@ -6,7 +6,7 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::taped;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Renewal};
+use luna_platform::current::{self, Heir, Renewal};
 use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
@@ -70,16 +70,20 @@ impl<'a, T> LockOp<'a, T> {
 
     #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
-        let mut heir = heir(self.of_thread);
-        if self.of_thread {
-            // Uncontended, a thread need not ask the system for its priority; contended, not under the lock.
-            match self.mutex.core().take(heir) {
-                Ok(()) => return Poll::Ready(()),
-                Err(back) => heir = back,
-            }
-            if let Some(heir) = &heir {
-                heir.priority_before_blocking();
-            }
+        // Uncontended, nobody need be woken, and a thread need not ask the system for its priority.
+        match self.mutex.core().take(heir(self.of_thread)) {
+            Ok(()) => Poll::Ready(()),
+            Err(heir) => self.poll_contended(heir, cx),
+        }
+    }
+
+    #[cold]
+    fn poll_contended(&mut self, heir: Option<Heir>, cx: &Context<'_>) -> Poll<()> {
+        if self.of_thread
+            && let Some(heir) = &heir
+        {
+            // Not under the lock.
+            heir.priority_before_blocking();
         }
         let mut renewal = Renewal::of(cx);
         // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and ended when it goes.

@@ -1,7 +1,6 @@
 //! How a wake handle comes into a node without user code under the node's lock: see the rule at the head of [`wakeup`](super::wakeup).
 
 use super::Wakeup;
-use std::mem;
 use std::task::Context;
 
 /// A wake handle on its way into the node of an operation that waits. It is made without the lock that guards the node. What is left of it is dropped with this: where this is declared
@@ -50,12 +49,20 @@ impl<'a, 'b> Renewal<'a, 'b> {
     /// cloned in between. Gives what the last call gave.
     #[inline]
     pub fn put<R>(&mut self, mut locked: impl FnMut(&mut Self) -> R) -> R {
-        let result = locked(self);
-        if !mem::take(&mut self.is_missing) {
-            return result;
+        // One call of the closure in the code, so that it is inlined.
+        loop {
+            let result = locked(self);
+            if !self.is_missing {
+                return result;
+            }
+            self.make();
         }
+    }
+
+    #[cold]
+    fn make(&mut self) {
+        self.is_missing = false;
         self.handle = Some(Wakeup::of(self.cx));
-        locked(self)
     }
 
     /// Sees to it that `stored` wakes who polls with the context. Called under the lock that guards it.

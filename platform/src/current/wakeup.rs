@@ -332,14 +332,18 @@ impl Ready {
     pub const NOBODY: Ready = Ready(Readying::Nobody);
 
     /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
-    #[inline]
+    #[inline(always)]
     pub fn wake(self) {
         let this = ManuallyDrop::new(self);
+        if let Readying::Nobody = this.0 {
+            return;
+        }
         // SAFETY: read once, since `this` is not dropped.
         unsafe { ptr::read(&this.0) }.carry_out();
     }
 
     /// As [`wake`](Self::wake), for a thread that wakes for others: a panic of a foreign waker is that waker's own matter, and ends here.
+    #[inline]
     pub fn wake_contained(self) {
         match self.0 {
             Readying::Waker(_) => contain(|| self.wake()),
@@ -348,10 +352,19 @@ impl Ready {
     }
 }
 
-impl Drop for Ready {
-    #[inline]
-    fn drop(&mut self) {
+impl Ready {
+    #[cold]
+    fn wake_after_all(&mut self) {
         mem::replace(&mut self.0, Readying::Nobody).carry_out();
+    }
+}
+
+impl Drop for Ready {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if !matches!(self.0, Readying::Nobody) {
+            self.wake_after_all();
+        }
     }
 }
 
