@@ -2,7 +2,7 @@
 
 use crate::place::{Ending, Lists, Place};
 use crate::taped;
-use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::current::{self, Ready, Renewal, Wakeup};
 use luna_platform::events;
 use luna_platform::tape::{Event, Turn, What};
 use luna_platform::wait_list::{WaitList, WaitNode};
@@ -185,38 +185,35 @@ impl Ended<'_> {
             return self.found(ChannelEnd::Poisoned, cx);
         }
         let node = self.node();
-        let mut lists = self.place.lock_lists();
-        // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
-        let former = unsafe {
-            if let Some(end) = node.as_ref().is_met_by(lists.ending) {
+        let mut renewal = Renewal::of(cx);
+        let end = renewal.put(|renewal| {
+            let mut lists = self.place.lock_lists();
+            // SAFETY: the lock is held that guards the watcher, which is pinned, and leaves the list when the future is dropped.
+            unsafe {
                 let has_waited = node.as_ref().listed;
-                drop(lists);
-                // Nothing is taken, so it looks again.
-                return match has_waited {
-                    true => Poll::Ready(end),
-                    false => self.found(end, cx),
-                };
-            }
-            if node.as_ref().listed {
-                let wakeup = (*node.as_ptr()).wait.wakeup_mut();
-                match wakeup {
-                    Some(known) if known.is_of(cx) => None,
-                    _ => wakeup.replace(Wakeup::of(cx)),
+                if let Some(end) = node.as_ref().is_met_by(lists.ending) {
+                    return Some((end, has_waited));
                 }
-            } else {
-                let wakeup = Wakeup::of(cx);
-                (*node.as_ptr()).listed = true;
-                lists
-                    .watching
-                    .insert(node.cast(), current::priority(), wakeup);
-                None
+                if has_waited {
+                    renewal.store((*node.as_ptr()).wait.wakeup_mut());
+                } else if let Some(wakeup) = renewal.take() {
+                    (*node.as_ptr()).listed = true;
+                    lists
+                        .watching
+                        .insert(node.cast(), current::priority(), wakeup);
+                }
             }
-        };
-        drop(lists);
-        // Dropping a waker can run anything, so not under the lock.
-        drop(former);
-        events::waits_for_other();
-        Poll::Pending
+            None
+        });
+        match end {
+            // Nothing is taken, so it looks again.
+            Some((end, true)) => Poll::Ready(end),
+            Some((end, false)) => self.found(end, cx),
+            None => {
+                events::waits_for_other();
+                Poll::Pending
+            }
+        }
     }
 }
 

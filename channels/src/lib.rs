@@ -42,6 +42,7 @@ mod core;
 mod ended;
 mod error;
 mod extended;
+mod finally;
 pub mod inspect;
 pub mod lock_sync;
 mod place;

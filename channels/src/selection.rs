@@ -16,7 +16,7 @@
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::current::{PlainReady, Process, Ready, Wakeup};
+use luna_platform::current::{PlainReady, Process, Wakeup};
 use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -220,8 +220,9 @@ impl Selection {
     }
 
     /// As [`claim`](Self::claim), by the owner for a guard of its own whose time has come. It need not be readied.
-    pub(crate) fn claim_own(&self, guard: u32) {
-        drop(self.leave_open(guard.saturating_add(CHOSEN)));
+    #[must_use = "the handle's drop is user code, and the owner's last step"]
+    pub(crate) fn claim_own(&self, guard: u32) -> Option<Wakeup> {
+        self.leave_open(guard.saturating_add(CHOSEN)).flatten()
     }
 
     /// Whether a delay that comes before `guard` has passed.
@@ -234,10 +235,10 @@ impl Selection {
             && Instant::now().as_nanos() >= late_from
     }
 
-    /// Takes the choice back from everybody, if nothing is chosen yet.
-    pub(crate) fn close(&self) -> Option<Ready> {
-        let wakeup = self.leave_open(CLOSED)?;
-        Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
+    /// Takes the choice back from everybody, if nothing is chosen yet: gives what would have readied the owner.
+    #[must_use = "the handle's drop is user code, and the owner's last step"]
+    pub(crate) fn close(&self) -> Option<Option<Wakeup>> {
+        self.leave_open(CLOSED)
     }
 
     /// Leaves `OPEN` for `state`, if that is the state: gives the wakeup, if one is there.

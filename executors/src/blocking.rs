@@ -6,7 +6,7 @@
 use crate::calls::UnderWay;
 use luna_platform::clock::Instant;
 use luna_platform::current;
-use luna_platform::current::{Ready, Wakeup};
+use luna_platform::current::{Ready, Renewal, Wakeup};
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{self, Attributes};
@@ -196,10 +196,12 @@ where
     type Output = T;
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
+        // Cloned before the call is taken: a panic leaves it as it was.
+        let wakeup = self.call.is_some().then(|| Wakeup::of(cx));
         if let Some(call) = self.call.take() {
             current::tape(|tape| tape.outside("`blocking`"));
             let running = Arc::new(Call {
-                state: PiLock::new(CallState::Running(Some(Wakeup::of(cx)))),
+                state: PiLock::new(CallState::Running(wakeup)),
             });
             self.running = Some(running.clone());
             // Ends after the wake, also if the call's result panics as it is dropped.
@@ -216,26 +218,24 @@ where
         let Some(running) = &self.running else {
             panic!("a blocking call was polled after it was done");
         };
-        let mut state = running.state.lock();
-        match &mut *state {
+        let is_running = Renewal::of(cx).put(|renewal| match &mut *running.state.lock() {
             CallState::Running(wakeup) => {
-                let former = wakeup.replace(Wakeup::of(cx));
-                drop(state);
-                // Dropping a waker is the user's code, which may drop this very call.
-                drop(former);
-                Poll::Pending
+                renewal.store(wakeup);
+                true
             }
-            _ => {
-                let done = std::mem::replace(&mut *state, CallState::Taken);
-                drop(state);
-                self.running = None;
-                match done {
-                    CallState::Done(Ok(value)) => Poll::Ready(value),
-                    CallState::Done(Err(payload)) => resume_unwind(payload),
-                    CallState::Running(_) | CallState::Taken => {
-                        unreachable!("only the future takes the result")
-                    }
-                }
+            _ => false,
+        });
+        if is_running {
+            return Poll::Pending;
+        }
+        // Taken when no waker is left to be dropped.
+        let done = std::mem::replace(&mut *running.state.lock(), CallState::Taken);
+        self.running = None;
+        match done {
+            CallState::Done(Ok(value)) => Poll::Ready(value),
+            CallState::Done(Err(payload)) => resume_unwind(payload),
+            CallState::Running(_) | CallState::Taken => {
+                unreachable!("only the future takes the result")
             }
         }
     }

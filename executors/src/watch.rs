@@ -8,7 +8,7 @@ use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
 use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Wakeup};
+use luna_platform::current::{self, Renewal, Wakeup};
 use luna_platform::futex::Waited;
 use luna_platform::lock::PiLock;
 use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};
@@ -175,19 +175,16 @@ impl ThreadFiles {
     ///
     /// `node` was enlisted here.
     pub(crate) unsafe fn is_pending(&self, node: NonNull<Node>, cx: &Context<'_>) -> bool {
-        let waits = self.waits.lock();
-        // SAFETY: the lock guards the node.
-        let node = unsafe { &mut *node.as_ptr() };
-        let is_pending = node.listed;
-        let wakeup = node.wait.wakeup_mut();
-        let former = match wakeup {
-            Some(known) if is_pending && !known.is_of(cx) => wakeup.replace(Wakeup::of(cx)),
-            _ => None,
-        };
-        drop(waits);
-        // Dropping a waker is the user's code, which may drop a wait.
-        drop(former);
-        is_pending
+        let mut renewal = Renewal::of(cx);
+        renewal.put(|renewal| {
+            let _waits = self.waits.lock();
+            // SAFETY: the lock guards the node.
+            let node = unsafe { &mut *node.as_ptr() };
+            if node.listed {
+                renewal.store(node.wait.wakeup_mut());
+            }
+            node.listed
+        })
     }
 
     /// Waits no more, from any thread. Does nothing to one that has been readied.
@@ -211,8 +208,9 @@ impl ThreadFiles {
             let _ = self.reactor.deregister(file);
         }
         drop(waits);
+        // The last step, since its drop is user code.
         // SAFETY: an unlisted node is its wait's alone.
-        unsafe { *(*node.as_ptr()).wait.wakeup_mut() = None };
+        let _former = unsafe { (*node.as_ptr()).wait.wakeup_mut() }.take();
         if is_last && self.thread != this_thread() {
             // It may sleep in the belief that a file can wake it.
             self.reactor.wake();
@@ -247,7 +245,8 @@ impl ThreadFiles {
                 return;
             };
             self.count.fetch_sub(1, Ordering::Relaxed);
-            ready.wake();
+            // The thread that looks at its files goes on for its other processes.
+            ready.wake_contained();
         }
     }
 }

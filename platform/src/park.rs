@@ -183,6 +183,11 @@ pub fn waker(parker: &Shared<Parker>) -> Waker {
     unsafe { Waker::new(parker.clone().into_raw(), &VTABLE) }
 }
 
+/// Whether `waker` is that of a parker, whose functions are not user code.
+pub(crate) fn is_own(waker: &Waker) -> bool {
+    std::ptr::eq(waker.vtable(), &VTABLE)
+}
+
 static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_ref, drop_waker);
 
 /// # Safety

@@ -7,7 +7,7 @@
 //! wait is listed before, and fired; or it sees that its instant has passed, and does not begin.
 
 use crate::clock::Instant;
-use crate::current::{self, Priority, Ready, Wakeup};
+use crate::current::{self, Priority, Ready, Renewal, Wakeup};
 use crate::lock::PiLock;
 use crate::sync::atomic::{AtomicBool, Ordering};
 use crate::wait_list::{WaitList, WaitNode};
@@ -87,7 +87,7 @@ impl Due {
         }
         let number = self.who.len();
         for (_, _, ready) in self.who.drain(..) {
-            ready.wake();
+            ready.wake_contained();
         }
         number
     }
@@ -124,7 +124,7 @@ impl TickList {
                 if due.who.len() == due.who.capacity() {
                     return false;
                 }
-                let ready = waiting.take_off(node);
+                let ready = waiting.take_off(node).map_or(Ready::NOBODY, Wakeup::take);
                 due.who
                     .push((node.as_ref().priority(), due.who.len(), ready));
                 node.cast::<Node>().as_ref().leave(Left::Fired);
@@ -144,12 +144,12 @@ impl TickList {
             };
             // SAFETY: as in `fire`.
             let ready = unsafe {
-                let ready = waiting.take_off(node);
+                let wakeup = waiting.take_off(node);
                 node.cast::<Node>().as_ref().leave(Left::Closed);
-                ready
+                wakeup.map_or(Ready::NOBODY, Wakeup::take)
             };
             drop(waiting);
-            ready.wake();
+            ready.wake_contained();
         }
     }
 
@@ -177,12 +177,12 @@ impl Waiting {
     /// # Safety
     ///
     /// It is in the list, whose lock is held.
-    unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Ready {
+    #[must_use = "to be woken or dropped without the lock"]
+    unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Option<Wakeup> {
         // SAFETY: the contract.
         unsafe {
             self.list.remove(node);
-            let wakeup = (*node.as_ptr()).wakeup_mut().take();
-            wakeup.map_or(Ready::NOBODY, Wakeup::take)
+            (*node.as_ptr()).wakeup_mut().take()
         }
     }
 }
@@ -265,25 +265,21 @@ impl Future for TickWait<'_> {
                 this.is_listed = false;
                 return Poll::Ready(woken);
             }
-            let former = {
+            let mut renewal = Renewal::of(cx);
+            let woken = renewal.put(|renewal| {
                 let _waiting = this.list.waiting.lock();
-                match this.woken() {
-                    // Fired just now: its wake is under way, and comes for nothing.
-                    Some(woken) => {
-                        this.is_listed = false;
-                        return Poll::Ready(woken);
-                    }
+                let woken = this.woken();
+                if woken.is_none() {
                     // SAFETY: the lock that guards the node is held, and it is in the list.
-                    None => unsafe {
-                        let wakeup = (*this.node().as_ptr()).wakeup_mut();
-                        let is_same = wakeup.as_ref().is_some_and(|wakeup| wakeup.is_of(cx));
-                        (!is_same).then(|| wakeup.replace(Wakeup::of(cx)))
-                    },
+                    renewal.store(unsafe { (*this.node().as_ptr()).wakeup_mut() });
                 }
-            };
-            // Dropping a waker can run anything, so not under the lock.
-            drop(former);
-            return Poll::Pending;
+                woken
+            });
+            // Fired just now: its wake is under way, and comes for nothing.
+            return woken.map_or(Poll::Pending, |woken| {
+                this.is_listed = false;
+                Poll::Ready(woken)
+            });
         }
         if !current::count_operation() {
             // One of too many operations in a row that did not have to wait: the next poll begins a new count.
@@ -299,8 +295,6 @@ impl Future for TickWait<'_> {
                 true => Woken::ByTick,
                 false => Woken::ByEnd,
             };
-            drop(waiting);
-            drop(wakeup);
             return Poll::Ready(woken);
         }
         // SAFETY: the node is in no list; it is pinned, and leaves the list before it dies.
@@ -321,10 +315,9 @@ impl Drop for TickWait<'_> {
         let mut waiting = self.list.waiting.lock();
         if self.woken().is_none() {
             // SAFETY: the lock is held, and what was listed and has not left is in the list.
-            let ready = unsafe { waiting.take_off(self.node()) };
+            let former = unsafe { waiting.take_off(self.node()) };
             drop(waiting);
-            // Dropping a waker can run anything, so not under the lock.
-            drop(ready);
+            drop(former);
         }
     }
 }

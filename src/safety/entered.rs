@@ -81,7 +81,8 @@ impl Waiting {
     pub(super) fn wake_all(&self) {
         let round = self.0.lock().call();
         while let Some(ready) = self.take(round) {
-            ready.wake();
+            // The others are told all the same.
+            ready.wake_contained();
         }
     }
 

@@ -10,6 +10,7 @@ mod blocking;
 mod composition;
 mod crashes;
 mod deadlock;
+mod defects;
 mod devices;
 mod docs;
 mod driven_clock;

@@ -67,7 +67,7 @@ pub(super) enum Choice {
     Listed,
 }
 
-/// Chooses the first ready guard by preference; with none, lists all of them in `selection`, unless the alternative `skips` then.
+/// Chooses the first ready guard by preference; with none, lists all of them in `selection` with the `wakeup`. Without one the alternative does not wait.
 ///
 /// # Safety
 ///
@@ -76,7 +76,7 @@ pub(super) unsafe fn choose(
     open: &mut Open<'_>,
     selection: &Selection,
     fair: bool,
-    skips: bool,
+    wakeup: &mut Option<Wakeup>,
     cx: &mut Context<'_>,
 ) -> Choice {
     let mut locks = Locks::take(open);
@@ -93,12 +93,12 @@ pub(super) unsafe fn choose(
             return Choice::Made(*number, ready);
         }
     }
-    if skips {
+    let Some(wakeup) = wakeup.take() else {
         return Choice::None;
-    }
+    };
     let several = open.iter().any(|(_, guard)| guard.claims_several());
     // SAFETY: the contract: this is the owner, and the selection is closed.
-    unsafe { selection.open(Wakeup::of(cx), several, limit(open, fair)) };
+    unsafe { selection.open(wakeup, several, limit(open, fair)) };
     // In this order too: a partner finds the preferred one of two guards of one channel.
     for index in preference {
         let (number, guard) = &mut open[index];

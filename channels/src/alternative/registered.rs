@@ -143,7 +143,11 @@ impl<'a, T> Alternative<'a, T> {
     /// ```
     pub fn add(&mut self, input: &'a Receiver<T>) -> usize {
         // A `recv` that was forgotten may have left it open: it is to look at the new channel too.
-        if self.state == State::Open && self.hub().selection.close().is_some() {
+        let closed = match self.state {
+            State::Open => self.hub().selection.close(),
+            _ => None,
+        };
+        if closed.is_some() {
             self.state = State::Closed;
         }
         let index = match self.entries.iter().position(Option::is_none) {
@@ -451,14 +455,31 @@ impl<'a, T> Alternative<'a, T> {
 
 impl<T> Drop for Alternative<'_, T> {
     fn drop(&mut self) {
-        if self.state == State::Open && self.hub().selection.close().is_some() {
+        let closed = match self.state {
+            State::Open => self.hub().selection.close(),
+            _ => None,
+        };
+        if closed.is_some() {
             self.state = State::Closed;
         }
+        // Given back when nothing leads here any more, since that readies others.
+        let held = self.holds().and_then(|index| self.entries[index]);
+        let held = held.map(|entry| {
+            self.state = State::Closed;
+            // SAFETY: the selection was chosen through the entry, and this is the owner. Its channel is borrowed.
+            unsafe {
+                let channel: &Channel<T> = &*(*entry.as_ptr()).channel.as_ptr();
+                (channel, Self::settled(entry))
+            }
+        });
         for index in 0..self.entries.len() {
             self.remove(index);
         }
         // SAFETY: no entry leads to it any more.
         drop(unsafe { Box::from_raw(self.hub.as_ptr()) });
+        if let Some((channel, Ok(value))) = held {
+            channel.give_back(value);
+        }
     }
 }
 

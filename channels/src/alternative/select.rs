@@ -1,8 +1,10 @@
 //! The future of an alternative.
 
 use super::choose::{Choice, Locks, choose, note_choice};
+use super::guard::RawGuard;
 use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
+use crate::finally::Finally;
 use crate::selection::Selection;
 use crate::taped;
 use luna_platform::current::{self, Process, Wakeup};
@@ -250,6 +252,15 @@ fn tell_choice<G: Guards>(guards: Pin<&mut G>, number: u32) {
     });
 }
 
+/// The locks of these guards' places were released.
+fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
+    if let Some(((_, first), others)) = open.split_first() {
+        // Whoever is readied: the others must not depend on that going well.
+        let _others = Finally::new(|| released(others));
+        first.released();
+    }
+}
+
 /// One poll of an alternative, whatever the types of its guards.
 struct Polled<'a> {
     open: Open<'a>,
@@ -365,45 +376,35 @@ impl Polled<'_> {
 
     /// Looks at the guards for the first time: which has happened, or none, and all are listed.
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
+        // Made before the locks are taken; dropped last, if a guard is chosen.
+        let mut wakeup = skip.is_none().then(|| Wakeup::of(cx));
         // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
-        let choice = unsafe {
-            choose(
-                &mut self.open,
-                self.selection,
-                self.fair,
-                skip.is_some(),
-                cx,
-            )
-        };
+        let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
         match (choice, skip) {
             (Choice::Made(number, ready), _) => {
                 // Before a waker, which may be anybody's, can panic.
                 *self.state = State::Chosen(number);
-                ready.wake();
-                self.released();
                 self.note(number);
+                let _released = Finally::new(|| released(&self.open));
+                ready.wake();
                 Poll::Ready(Some(number))
             }
             (Choice::None, Some(skip)) => Poll::Ready(Some(skip)),
             (Choice::None | Choice::Listed, _) => {
                 *self.state = State::Listed;
                 *self.polled_by = identity(cx);
-                self.released();
+                released(&self.open);
                 Poll::Ready(None)
             }
         }
     }
 
-    fn released(&self) {
-        for (_, guard) in &self.open {
-            guard.released();
-        }
-    }
-
     fn poll_listed(&mut self, cx: &mut Context<'_>) -> Poll<u32> {
+        let mut _former = None;
         if current::branch_failed() && (self.can_fail() || self.is_stuck()) {
             // A partner that was faster has communicated: that stays so.
-            if self.selection.close().is_some() || *self.state == State::Failed {
+            let closed = self.selection.close();
+            if closed.is_some() || *self.state == State::Failed {
                 *self.state = State::Failed;
                 self.withdraw_but(None);
                 if let Some(number) = self.fail() {
@@ -420,7 +421,7 @@ impl Polled<'_> {
                     && unsafe { guard.as_mut().poll_time(cx) }.is_ready()
                 {
                     // Whoever claims it, it is chosen now; this process need not be readied.
-                    self.selection.claim_own(*number);
+                    _former = self.selection.claim_own(*number);
                     break;
                 }
             }
@@ -442,16 +443,15 @@ impl Polled<'_> {
     /// Sees to it that who polls now is readied. Rare: only combinators with wakers of their own come here. O(n) locks.
     #[cold]
     fn rewake(&mut self, cx: &mut Context<'_>) {
-        let locks = Locks::take(&self.open);
+        let wakeup = Wakeup::of(cx);
+        let _former;
+        let _locks = Locks::take(&self.open);
         if self.selection.chosen().is_some() {
             return;
         }
         // SAFETY: with all locks held nobody can claim the selection.
-        let former = unsafe { self.selection.replace_wakeup(Wakeup::of(cx)) };
+        _former = unsafe { self.selection.replace_wakeup(wakeup) };
         *self.polled_by = identity(cx);
-        drop(locks);
-        // Dropping a waker can run anything, so not under the locks.
-        drop(former);
     }
 
     /// Takes all guards but one off their lists. O(n).
@@ -504,6 +504,8 @@ impl Polled<'_> {
 impl<S: Seeds> Drop for Select<S> {
     #[inline]
     fn drop(&mut self) {
+        // Dropped when no node leads here any more.
+        let _former;
         if self.state == State::Entering {
             taped::abandoned();
         }
@@ -513,7 +515,7 @@ impl<S: Seeds> Drop for Select<S> {
             }
             // From here on nobody claims it; the guards then take themselves off their lists. One that was chosen already keeps what it
             // came to, and deals with it as any operation that is dropped.
-            drop(self.selection.close());
+            _former = self.selection.close();
         }
         if self.seeds.is_none() && (S::Guards::DROPS || self.state != State::Over) {
             // SAFETY: they are there, and this is where they go, before the selection.

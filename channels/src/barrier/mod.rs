@@ -18,11 +18,12 @@ pub use local::{LocalBarrier, LocalSync};
 pub use party::Party;
 pub use sync::SyncOp;
 
+use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{Lists, PlaceApart};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
-use crate::waiter::{Outcome, Waiter};
+use crate::waiter::Waiter;
 use luna_platform::current::{self, User};
 use luna_platform::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
@@ -221,15 +222,6 @@ impl fmt::Debug for Barrier {
     }
 }
 
-/// The rest of a release, if somebody's waker panics in the middle of it.
-struct Rest<'a>(&'a Shared);
-
-impl Drop for Rest<'_> {
-    fn drop(&mut self) {
-        self.0.release();
-    }
-}
-
 impl Shared {
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Barrier::new` made it of a box, and the head is its first field.
@@ -342,7 +334,8 @@ impl Shared {
                 } else {
                     selection.as_ref().leave(None);
                     lists.receivers.remove(node);
-                    drop(Waiter::settle(waiter, Outcome::Stale));
+                    // An alternative's node holds no wakeup until it is chosen.
+                    Waiter::settle_stale(waiter);
                 }
             }
             let is_enough = self.round(lists, |round| {
@@ -378,9 +371,9 @@ impl Shared {
             let ready = unsafe { Waiter::release(node.cast::<Waiter<()>>()) };
             drop(lists);
             // Whoever is readied: the others must not depend on that going well.
-            let rest = Rest(self);
+            let rest = Finally::new(|| self.release());
             ready.wake();
-            std::mem::forget(rest);
+            rest.cancel();
         }
     }
 }

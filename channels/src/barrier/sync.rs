@@ -6,7 +6,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Ready, Wakeup};
+use luna_platform::current::{self, Ready, Renewal, Wakeup};
 use luna_platform::sync::atomic::Ordering;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -88,37 +88,32 @@ impl<'a> SyncOp<'a> {
         if self.outcome() == Outcome::Done {
             return Poll::Ready(());
         }
-        let mut lists = self.shared().place.lock();
-        // SAFETY: under the lock a waiting node may be changed, and is in the list that the round's number says.
-        unsafe {
-            if self.outcome() == Outcome::Done {
-                return Poll::Ready(());
-            }
-            let node = Waiter::link(self.node());
-            let number = self.shared().round(&lists, |round| round.number);
-            let former = if number == (*node).ticket {
-                let wakeup = (*node).wait.wakeup_mut();
-                match wakeup {
-                    Some(wakeup) if wakeup.is_of(cx) => None,
-                    _ => wakeup.replace(Wakeup::of(cx)),
+        let mut renewal = Renewal::of(cx);
+        let mut _former = None;
+        let polled = renewal.put(|renewal| {
+            let mut lists = self.shared().place.lock();
+            // SAFETY: under the lock a waiting node may be changed, and is in the list that the round's number says.
+            unsafe {
+                if self.outcome() == Outcome::Done {
+                    return Poll::Ready(());
                 }
-            } else {
+                let node = Waiter::link(self.node());
+                if self.shared().round(&lists, |round| round.number) == (*node).ticket {
+                    renewal.store((*node).wait.wakeup_mut());
+                    return Poll::Pending;
+                }
                 lists.held.remove(self.node().cast());
                 (*node)
                     .outcome
                     .store(Outcome::Done as u8, Ordering::Relaxed);
-                (*node).wait.wakeup_mut().take()
-            };
-            drop(lists);
-            // Dropping a waker can run anything, so not under the lock.
-            drop(former);
-            if number == (*node).ticket {
-                self.shared().place.waits();
-                Poll::Pending
-            } else {
+                _former = (*node).wait.wakeup_mut().take();
                 Poll::Ready(())
             }
+        });
+        if polled.is_pending() {
+            self.shared().place.waits();
         }
+        polled
     }
 
     /// Comes, or looks whether the round is complete, for a group that is one party: all at once,
@@ -272,28 +267,32 @@ impl Future for SyncOp<'_> {
         }
         let shared = this.shared();
         shared.note_user();
-        let mut lists = shared.place.lock();
-        // SAFETY: the lists are the barrier's; the node is in none of them, the future is pinned, and its drop takes it off.
-        unsafe {
-            if !shared.complete_with(&mut lists, 1) {
-                // Made before anything is changed, since cloning a waker is its owner's code.
-                let wakeup = Wakeup::of(cx);
-                let number = shared.round(&lists, |round| {
-                    round.arrived += 1;
-                    round.number
-                });
-                Waiter::begin(this.node(), false, None, None);
-                (*Waiter::link(this.node())).ticket = number;
-                lists
-                    .senders
-                    .insert(this.node().cast(), current::priority(), wakeup);
-                this.phase = Phase::Listed;
-                shared.place.waits();
-                return Poll::Pending;
+        let mut renewal = Renewal::of(cx);
+        renewal.put(|renewal| {
+            let mut lists = shared.place.lock();
+            // SAFETY: the lists are the barrier's; the node is in none of them, the future is pinned, and its drop takes it off.
+            unsafe {
+                if shared.complete_with(&mut lists, 1) {
+                    this.phase = Phase::Completed;
+                } else if let Some(wakeup) = renewal.take() {
+                    let number = shared.round(&lists, |round| {
+                        round.arrived += 1;
+                        round.number
+                    });
+                    Waiter::begin(this.node(), false, None, None);
+                    (*Waiter::link(this.node())).ticket = number;
+                    lists
+                        .senders
+                        .insert(this.node().cast(), current::priority(), wakeup);
+                    this.phase = Phase::Listed;
+                }
             }
+        });
+        if this.phase == Phase::Listed {
+            shared.place.waits();
+            return Poll::Pending;
         }
         this.phase = Phase::Over;
-        drop(lists);
         shared.release();
         if crate::gives_way(cx) {
             this.phase = Phase::GaveWay;

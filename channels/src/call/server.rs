@@ -114,9 +114,11 @@ impl<Q, A> Server<Q, A> {
         section.release();
         match received {
             Received::Done(value, ready, holding) => {
-                ready.wake();
+                // Before the client's waker can panic: then the call is dropped without a reply.
                 let accepted = Serving::received(&self.receiver, value, holding.ticket, heir);
-                Ok(Call::of(accepted))
+                let call = Call::of(accepted);
+                ready.wake();
+                Ok(call)
             }
             Received::Empty => Err(TryRecvError::Empty),
             Received::Ended(Ending::Poisoned) => Err(TryRecvError::Poisoned),

@@ -345,7 +345,7 @@ impl<T> Channel<T> {
                 }
                 lists => {
                     drop(lists);
-                    self.withdraw(node, of_sender);
+                    drop(self.withdraw(node, of_sender));
                 }
             }
         }

@@ -28,12 +28,13 @@ pub(crate) use section::{Locked, Received, Section, Sent};
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
+use crate::finally::Finally;
 use crate::inspect::{Identity, Stored};
 pub(crate) use crate::place::Ending;
 use crate::place::{Lists, Place};
 pub(crate) use crate::taken::Taken;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Wakeup};
+use luna_platform::current::{self, Renewal, Wakeup};
 use luna_platform::reclaim::{self, Retired};
 use luna_platform::spin;
 use luna_platform::sync::UnsafeCell;
@@ -168,12 +169,17 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Takes a waiting operation off its list, if it has not been settled; says which.
+    /// Takes a waiting operation off its list, if it has not been settled; says which. The handle that it was to be woken by is to be dropped when all else is done.
     ///
     /// # Safety
     ///
     /// `node` was listed in this channel, on the side that `of_sender` says.
-    pub(crate) unsafe fn withdraw(&self, node: NonNull<Waiter<T>>, of_sender: bool) -> Outcome {
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    pub(crate) unsafe fn withdraw(
+        &self,
+        node: NonNull<Waiter<T>>,
+        of_sender: bool,
+    ) -> (Outcome, Option<Wakeup>) {
         self.place.waits_no_more();
         let mut section = self.lock();
         // SAFETY: under the lock a waiting node is listed.
@@ -183,12 +189,12 @@ impl<T> Channel<T> {
                 Outcome::Waiting if of_sender => &mut section.lists.senders,
                 Outcome::Waiting => &mut section.lists.receivers,
                 Outcome::Held => &mut section.lists.held,
-                _ => return outcome,
+                _ => return (outcome, None),
             };
             list.remove(node.cast());
             section.lend_while_they_wait();
             let link = Waiter::link(node);
-            let unused = (*link).wait.wakeup_mut().take();
+            let former = (*link).wait.wakeup_mut().take();
             let now = if outcome == Outcome::Held {
                 // The value was received: the receiver finds nobody to release.
                 Outcome::Done
@@ -196,10 +202,7 @@ impl<T> Channel<T> {
                 Outcome::Stale
             };
             (*link).outcome.store(now as u8, Ordering::Relaxed);
-            // Dropping a waker can run anything, so not under the lock.
-            drop(section);
-            drop(unused);
-            outcome
+            (outcome, former)
         }
     }
 
@@ -213,38 +216,36 @@ impl<T> Channel<T> {
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
     ) -> Outcome {
+        let mut renewal = Renewal::of(cx);
         // SAFETY: the contract.
-        unsafe { Self::update_wakeup_in(self.lock(), node, cx) }
+        unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
-    /// As [`update_wakeup`](Self::update_wakeup), with the lock taken already; it is released.
+    /// As [`update_wakeup`](Self::update_wakeup); a `section` that was taken already is used, and released.
     ///
     /// # Safety
     ///
-    /// As there; `section` is that of its channel.
-    unsafe fn update_wakeup_in(
-        section: Locked<'_, T>,
+    /// As there; `section` is that of this channel.
+    unsafe fn renew_wakeup(
+        &self,
+        mut section: Option<Locked<'_, T>>,
         node: NonNull<Waiter<T>>,
-        cx: &Context<'_>,
+        renewal: &mut Renewal<'_, '_>,
     ) -> Outcome {
-        // SAFETY: under the lock a waiting node may be changed.
-        unsafe {
-            let outcome = Waiter::outcome(node);
-            if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                let wakeup = Waiter::change_wakeup(node);
-                if !wakeup.as_ref().is_some_and(|wakeup| wakeup.is_of(cx)) {
-                    let unused = wakeup.replace(Wakeup::of(cx));
-                    // Dropping a waker can run anything, so not under the lock.
-                    drop(section);
-                    drop(unused);
+        renewal.put(|renewal| {
+            let _section = section.take().unwrap_or_else(|| self.lock());
+            // SAFETY: under the lock a waiting node may be changed.
+            unsafe {
+                let outcome = Waiter::outcome(node);
+                if matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    renewal.store(Waiter::change_wakeup(node));
                 }
+                outcome
             }
-            outcome
-        }
+        })
     }
 
-    /// Looks for the partner of a node that was listed without a wakeup, since whoever polls it now looks; gives it one if there is none yet. Says what
-    /// it has come to.
+    /// Gives a node that was listed without a wakeup one, if there is no partner yet; says what it has come to. Whoever polls it now `looks` for a partner before.
     ///
     /// # Safety
     ///
@@ -252,16 +253,18 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn look_for_partner(
         &self,
         node: NonNull<Waiter<T>>,
+        looks: bool,
         cx: &Context<'_>,
     ) -> Outcome {
         // SAFETY: the contract; it was begun, since it was listed.
         let outcome = || unsafe { Waiter::outcome(node) };
-        if spin::look(|| outcome() != Outcome::Waiting) {
+        if looks && spin::look(|| outcome() != Outcome::Waiting) {
             return outcome();
         }
+        let mut renewal = Renewal::made(cx);
         // Under the lock: a partner comes before it, and has settled the node, or finds the wakeup.
         // SAFETY: the contract.
-        unsafe { self.update_wakeup(node, cx) }
+        unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
     /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
@@ -350,7 +353,7 @@ impl<T> Channel<T> {
         loop {
             let section = self.lock();
             let mut next = section.lists.registered.first();
-            let ready = loop {
+            let closed = loop {
                 let Some(node) = next else {
                     self.rings.store(false, Ordering::Relaxed);
                     return;
@@ -365,8 +368,10 @@ impl<T> Channel<T> {
                 }
             };
             drop(section);
-            if let Some(ready) = ready {
-                ready.wake();
+            if let Some(wakeup) = closed.flatten() {
+                let rest = Finally::new(|| self.ring_all());
+                wakeup.take().wake();
+                rest.cancel();
             }
         }
     }
@@ -408,8 +413,8 @@ impl<T> Channel<T> {
 
     /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.
     pub(crate) fn poison(&self) {
+        let _stored = Finally::new(|| self.drop_stored());
         self.end(Ending::Poisoned);
-        self.drop_stored();
     }
 
     /// Drops what nobody will receive. At once and not with the channel, since a value may be what somebody waits for (the way back to a
@@ -419,10 +424,12 @@ impl<T> Channel<T> {
     fn drop_stored(&self) {
         // One by one, and not under the lock: the drop of a value can run anything.
         loop {
-            let value = self.lock().with_store(VecDeque::pop_front);
-            if value.is_none() {
+            let Some(value) = self.lock().with_store(VecDeque::pop_front) else {
                 return;
-            }
+            };
+            let rest = Finally::new(|| self.drop_stored());
+            drop(value);
+            rest.cancel();
         }
     }
 
@@ -468,9 +475,9 @@ impl<T> Channel<T> {
             };
             drop(section);
             // Whoever is readied: the others must not depend on that going well.
-            let rest = Rest(self, ending);
+            let rest = Finally::new(|| self.end_those_who_wait(ending));
             ready.wake();
-            std::mem::forget(rest);
+            rest.cancel();
             section = self.lock();
         }
         section.release();
@@ -500,11 +507,13 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn drop_sender(channel: NonNull<Self>) {
         // SAFETY: the sender kept the channel alive until now, and its kind does until `drop_kind`.
         unsafe {
+            let _gone = Finally::new(|| {
+                if channel.as_ref().senders.fetch_sub(1, Ordering::AcqRel) == 1 {
+                    let _kind = Finally::new(|| Self::drop_kind(channel));
+                    channel.as_ref().end(Ending::Closed);
+                }
+            });
             channel.as_ref().poison_if_told();
-            if channel.as_ref().senders.fetch_sub(1, Ordering::AcqRel) == 1 {
-                channel.as_ref().end(Ending::Closed);
-                Self::drop_kind(channel);
-            }
         }
     }
 
@@ -514,12 +523,14 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn drop_receiver(channel: NonNull<Self>) {
         // SAFETY: as for `drop_sender`.
         unsafe {
+            let _gone = Finally::new(|| {
+                if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
+                    let _kind = Finally::new(|| Self::drop_kind(channel));
+                    let _stored = Finally::new(|| channel.as_ref().drop_stored());
+                    channel.as_ref().end(Ending::Closed);
+                }
+            });
             channel.as_ref().poison_if_told();
-            if channel.as_ref().receivers.fetch_sub(1, Ordering::AcqRel) == 1 {
-                channel.as_ref().end(Ending::Closed);
-                channel.as_ref().drop_stored();
-                Self::drop_kind(channel);
-            }
         }
     }
 
@@ -553,13 +564,4 @@ fn count_one_more(ends: &AtomicU32) -> u32 {
         std::process::abort();
     }
     before + 1
-}
-
-/// The rest of a channel's ending, if somebody's waker panics in the middle of it.
-struct Rest<'a, T>(&'a Channel<T>, Ending);
-
-impl<T> Drop for Rest<'_, T> {
-    fn drop(&mut self) {
-        self.0.end_those_who_wait(self.1);
-    }
 }

@@ -5,7 +5,7 @@ use crate::place::{LastUser, user_number};
 use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current;
+use luna_platform::current::{self, Renewal};
 use luna_platform::events;
 use luna_platform::spin;
 use std::ptr::NonNull;
@@ -187,7 +187,8 @@ impl<T> Channel<T> {
                 return Outcome::Done;
             }
             self.place.spots.leave(side);
-            Self::update_wakeup_in(section, node, cx)
+            let mut renewal = Renewal::of(cx);
+            self.renew_wakeup(Some(section), node, &mut renewal)
         }
     }
 }

@@ -21,7 +21,7 @@ use std::task::Context;
 pub(crate) enum Sent<T> {
     /// A receiver has it, or the buffer. Ready the receiver; drop what was overwritten.
     Done(Ready, Option<T>),
-    /// A receiver has it, and holds the sender, whose node is listed for that. Ready the receiver.
+    /// A receiver has it, and holds the sender, whose node is listed for that. Ready the receiver, and [give](Channel::update_wakeup) the node a wakeup if it has none.
     Held(Ready),
     /// Nobody takes it now.
     Full,
@@ -375,8 +375,6 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
     ) -> Sent<T> {
-        // Made before anything is changed, since cloning a waker is its owner's code.
-        let wakeup = Wakeup::of(cx);
         let Some(receiver) = self.claim_receiver(true) else {
             return Sent::Full;
         };
@@ -399,6 +397,8 @@ impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
             let ticket = self.next_ticket();
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
+            // A waker is not cloned under the lock: the future, which then finds none, brings it.
+            let wakeup = Wakeup::without_waker(cx);
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
             // Before it is readied.
@@ -628,8 +628,8 @@ unsafe fn claim_first_of_many<T>(
             if is_claimed {
                 return Some(waiter);
             }
-            // Nobody is to be readied for a stale one.
-            drop(Waiter::settle(waiter, Outcome::Stale));
+            // One that is stale holds no wakeup.
+            Waiter::settle_stale(waiter);
         }
     }
     None

@@ -7,7 +7,7 @@ use super::semaphore::Semaphore;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::current::{self, Heir, Renewal};
 use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
@@ -28,7 +28,7 @@ enum Phase {
     Listed,
     /// As `New`, and its process' tape has not let it in.
     Entering,
-    /// It has its permits, and is not to go on yet, by its process' tape.
+    /// It has its permits. By its process' tape it may not go on yet.
     Keeps,
     Over,
 }
@@ -83,19 +83,24 @@ impl<'a> AcquireOp<'a> {
             .map_or_else(current::priority, Heir::priority_before_blocking);
         let shared = self.semaphore.shared();
         shared.note_user(current::user());
-        let mut lists = shared.place.lock();
-        if shared.take(&mut lists, self.count, priority) {
+        let mut renewal = Renewal::of(cx);
+        renewal.put(|renewal| {
+            let mut lists = shared.place.lock();
+            if shared.take(&mut lists, self.count, priority) {
+                self.phase = Phase::Keeps;
+            } else if let Some(wakeup) = renewal.take() {
+                // SAFETY: the node is in no list, the future is pinned, and its drop takes it off.
+                unsafe {
+                    Waiter::begin(self.node(), false, None, None);
+                    (*Waiter::link(self.node())).ticket = self.count;
+                    lists.senders.insert(self.node().cast(), priority, wakeup);
+                }
+                self.phase = Phase::Listed;
+            }
+        });
+        if self.phase == Phase::Keeps {
             return Poll::Ready(());
         }
-        // Made before anything is changed, since cloning a waker is its owner's code.
-        let wakeup = Wakeup::of(cx);
-        // SAFETY: the node is in no list, the future is pinned, and its drop takes it off.
-        unsafe {
-            Waiter::begin(self.node(), false, None, None);
-            (*Waiter::link(self.node())).ticket = self.count;
-            lists.senders.insert(self.node().cast(), priority, wakeup);
-        }
-        self.phase = Phase::Listed;
         shared.place.waits();
         Poll::Pending
     }
@@ -104,21 +109,20 @@ impl<'a> AcquireOp<'a> {
         if self.outcome() == Outcome::Done {
             return Poll::Ready(());
         }
-        let lists = self.semaphore.shared().place.lock();
-        if self.outcome() == Outcome::Done {
-            return Poll::Ready(());
+        let mut renewal = Renewal::of(cx);
+        let polled = renewal.put(|renewal| {
+            let _lists = self.semaphore.shared().place.lock();
+            if self.outcome() == Outcome::Done {
+                return Poll::Ready(());
+            }
+            // SAFETY: under the lock a waiting node may be changed.
+            renewal.store(unsafe { (*Waiter::link(self.node())).wait.wakeup_mut() });
+            Poll::Pending
+        });
+        if polled.is_pending() {
+            self.semaphore.shared().place.waits();
         }
-        // SAFETY: under the lock a waiting node may be changed.
-        let wakeup = unsafe { (*Waiter::link(self.node())).wait.wakeup_mut() };
-        let former = match wakeup {
-            Some(wakeup) if wakeup.is_of(cx) => None,
-            _ => wakeup.replace(Wakeup::of(cx)),
-        };
-        drop(lists);
-        // Dropping a waker can run anything, so not under the lock.
-        drop(former);
-        self.semaphore.shared().place.waits();
-        Poll::Pending
+        polled
     }
 
     /// Takes it back, if it waits; `true` if it has its permits.
@@ -132,12 +136,13 @@ impl<'a> AcquireOp<'a> {
             return true;
         }
         // SAFETY: a node that waits is in the list.
-        let former = unsafe {
+        let _former = unsafe {
             lists.senders.remove(self.node().cast());
-            Waiter::settle(self.node(), Outcome::Stale)
+            let former = (*Waiter::link(self.node())).wait.wakeup_mut().take();
+            Waiter::settle_stale(self.node());
+            former
         };
         drop(lists);
-        drop(former);
         self.phase = Phase::Over;
         // Those behind it may want less than it did.
         self.semaphore.shared().serve();

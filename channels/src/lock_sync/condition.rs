@@ -5,6 +5,7 @@ use super::entry::{Cause, Entry};
 use super::error::LockError;
 use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
+use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{LastUser, Lists, PlaceApart};
 use luna_platform::clock::Instant;
@@ -248,13 +249,6 @@ impl Condition {
 
     /// Moves those on who were notified together.
     fn release(&self) {
-        /// The rest, if somebody's waker panics in the middle of it.
-        struct Rest<'a>(&'a Condition);
-        impl Drop for Rest<'_> {
-            fn drop(&mut self) {
-                self.0.release();
-            }
-        }
         loop {
             let mut lists = self.shared().place.lock();
             let Some(node) = lists.held.pop() else {
@@ -263,11 +257,12 @@ impl Condition {
             // SAFETY: as in `notify_one`.
             let admitted = unsafe { move_on(node, Cause::NotifiedWithAll) };
             drop(lists);
-            let rest = Rest(self);
+            // Whoever is readied: the others must not depend on that going well.
+            let rest = Finally::new(|| self.release());
             if let Some((admitted, _mutex)) = admitted {
                 admitted.carry_out();
             }
-            std::mem::forget(rest);
+            rest.cancel();
         }
     }
 

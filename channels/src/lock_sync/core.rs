@@ -2,10 +2,11 @@
 
 use super::chain::{self, Changed};
 use super::entry::Entry;
+use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind};
 use crate::place::{LastUser, Lists, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Heir, Priority, Ready, User, Wakeup};
+use luna_platform::current::{self, Heir, Priority, Ready, Renewal, User, Wakeup};
 use luna_platform::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -86,15 +87,11 @@ pub(super) struct Admitted {
 }
 
 impl Admitted {
-    const NOBODY: Admitted = Admitted {
-        ready: Ready::NOBODY,
-        changed: None,
-    };
-
     /// Wakes whom it concerns. Called without any lock.
     pub(super) fn carry_out(self) {
+        let mut changed = self.changed;
+        let _chain = Finally::new(|| chain::follow(changed.take()));
         self.ready.wake();
-        chain::follow(self.changed);
     }
 }
 
@@ -168,7 +165,7 @@ impl Core {
         Ok(())
     }
 
-    /// Locks it for the caller, if nobody holds it; else lists the entry.
+    /// Locks it for the caller, if nobody holds it; else lists the entry. The caller drops the renewal when it has noted which.
     ///
     /// # Safety
     ///
@@ -177,26 +174,34 @@ impl Core {
     pub(super) unsafe fn take_or_list(
         &self,
         entry: NonNull<Entry>,
-        heir: Option<Heir>,
-        cx: &Context<'_>,
+        mut heir: Option<Heir>,
+        renewal: &mut Renewal<'_, '_>,
     ) -> Poll<()> {
         let user = current::user();
-        let mut lists = self.place.lock();
-        let Err(heir) = self.take_locked(&mut lists, heir, user) else {
+        let mut changed = None;
+        let listed = renewal.put(|renewal| {
+            let mut lists = self.place.lock();
+            heir = match self.take_locked(&mut lists, heir.take(), user) {
+                Ok(()) => return Poll::Ready(()),
+                Err(heir) => heir,
+            };
+            let Some(wakeup) = renewal.take() else {
+                return Poll::Pending;
+            };
+            // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
+            changed = unsafe {
+                Entry::begin(entry, NonNull::from(self), heir.take());
+                let node = Entry::node(entry);
+                lists.senders.insert(node, current::priority(), wakeup);
+                // A plain thread's is known to its heir.
+                self.place_again(&mut lists, entry);
+                self.relend(&lists)
+            };
+            Poll::Pending
+        });
+        if listed.is_ready() {
             return Poll::Ready(());
-        };
-        // Made before anything is changed, since cloning a waker is its owner's code.
-        let wakeup = Wakeup::of(cx);
-        // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
-        let changed = unsafe {
-            Entry::begin(entry, NonNull::from(self), heir);
-            let node = Entry::node(entry);
-            lists.senders.insert(node, current::priority(), wakeup);
-            // A plain thread's is known to its heir.
-            self.place_again(&mut lists, entry);
-            self.relend(&lists)
-        };
-        drop(lists);
+        }
         chain::follow(changed);
         self.place.waits();
         Poll::Pending
@@ -213,39 +218,44 @@ impl Core {
             if Entry::outcome(entry) == Outcome::Done {
                 return Poll::Ready(());
             }
-            let lists = self.place.lock();
-            if Entry::outcome(entry) == Outcome::Done {
-                return Poll::Ready(());
+            let mut renewal = Renewal::of(cx);
+            let polled = renewal.put(|renewal| {
+                let _lists = self.place.lock();
+                if Entry::outcome(entry) == Outcome::Done {
+                    return Poll::Ready(());
+                }
+                Entry::renew_wakeup(entry, renewal);
+                Poll::Pending
+            });
+            if polled.is_pending() {
+                self.place.waits();
             }
-            let former = Entry::set_wakeup(entry, cx);
-            drop(lists);
-            drop(former);
-            self.place.waits();
-            Poll::Pending
+            polled
         }
     }
 
-    /// Takes a listed one back, unless the mutex was handed to it: `true`.
+    /// Takes a listed one back, unless the mutex was handed to it: `true`. The handle that it was to be woken by is to be dropped when the entry was ended.
     ///
     /// # Safety
     ///
     /// As for [`poll_listed`](Self::poll_listed).
-    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> bool {
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<Wakeup>) {
         self.place.waits_no_more();
         let mut lists = self.place.lock();
         // SAFETY: the contract; a node that waits is in the list.
         let (changed, former) = unsafe {
             if Entry::outcome(entry) == Outcome::Done {
-                return true;
+                return (true, None);
             }
             lists.senders.remove(Entry::node(entry));
-            let former = Waiter::settle(Entry::waiter(entry), Outcome::Stale);
+            let former = Entry::take_wakeup(entry);
+            Waiter::settle_stale(Entry::waiter(entry));
             (self.relend(&lists), former)
         };
         drop(lists);
-        drop(former);
         chain::follow(changed);
-        false
+        (false, former)
     }
 
     /// Ceases to hold it: whoever waits first holds it from now on. `died`: it was left in the middle.
@@ -255,23 +265,19 @@ impl Core {
             self.set_died(true);
         }
         let former = self.state(&lists, |state| state.heir.take());
-        let next = match lists.senders.pop() {
-            // SAFETY: it was in the list, and the lock is held.
-            Some(node) => unsafe { self.hand_over(&mut lists, Entry::of(node)) },
-            None => {
-                self.state(&lists, |state| state.is_held = false);
-                lists.receiver = LastUser::NOBODY;
-                Admitted::NOBODY
-            }
+        let Some(node) = lists.senders.pop() else {
+            self.state(&lists, |state| state.is_held = false);
+            lists.receiver = LastUser::NOBODY;
+            drop(lists);
+            return give_back(former);
         };
+        // SAFETY: it was in the list, and the lock is held.
+        let next = unsafe { self.hand_over(&mut lists, Entry::of(node)) };
         drop(lists);
+        let mut former = former;
+        // Also if the next holder's waker panics.
+        let _give_back = Finally::new(|| give_back(former.take()));
         next.carry_out();
-        if let Some(mut heir) = former
-            && heir.give_back()
-        {
-            let is_more = false;
-            chain::follow(Some(Changed { heir, is_more }));
-        }
     }
 
     /// Makes `entry`, which was just taken off its list, the holder. It is not to be touched after this.
@@ -363,6 +369,16 @@ impl Core {
                 is_more: change.is_gt(),
             })
         })
+    }
+}
+
+/// Takes back what a former holder was lent.
+fn give_back(former: Option<Heir>) {
+    if let Some(mut heir) = former
+        && heir.give_back()
+    {
+        let is_more = false;
+        chain::follow(Some(Changed { heir, is_more }));
     }
 }
 

@@ -2,11 +2,10 @@
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{Heir, Priority, Wakeup};
+use luna_platform::current::{Heir, Priority, Renewal, Wakeup};
 use luna_platform::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
-use std::task::Context;
 
 /// Why one who waited at a condition is in the mutex's hands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -225,30 +224,25 @@ impl Entry {
         unsafe { (*Waiter::link(Self::waiter(entry))).ticket = ticket };
     }
 
-    /// Takes out whom to wake. To be dropped without the lock.
+    /// Takes out whom to wake.
     ///
     /// # Safety
     ///
     /// It was begun and is in no list any more, and the lock is held that guarded it.
-    #[must_use = "to be dropped without the lock"]
+    #[must_use = "its drop is user code, and the caller's last step"]
     pub(super) unsafe fn take_wakeup(entry: NonNull<Entry>) -> Option<Wakeup> {
         // SAFETY: the contract.
         unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
     }
 
-    /// Lets it wake who polls with `cx`. What is given back is to be dropped without the lock, since that can run anything.
+    /// Lets it wake who polls.
     ///
     /// # Safety
     ///
     /// It is listed, and the lock is held that guards it.
-    #[must_use = "to be dropped without the lock"]
-    pub(super) unsafe fn set_wakeup(entry: NonNull<Entry>, cx: &Context<'_>) -> Option<Wakeup> {
+    pub(super) unsafe fn renew_wakeup(entry: NonNull<Entry>, renewal: &mut Renewal<'_, '_>) {
         // SAFETY: the contract.
-        let wakeup = unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() };
-        match wakeup {
-            Some(wakeup) if wakeup.is_of(cx) => None,
-            _ => wakeup.replace(Wakeup::of(cx)),
-        }
+        renewal.store(unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() });
     }
 }
 

@@ -6,7 +6,7 @@ use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::taped;
 use luna_platform::clock::Instant;
-use luna_platform::current;
+use luna_platform::current::{self, Heir, Renewal};
 use luna_platform::events;
 use luna_platform::tape::Event;
 use luna_platform::timer_queue::Sleep;
@@ -27,7 +27,7 @@ enum Phase {
     Listed,
     /// As `New`, and its process' tape has not let it in.
     Entering,
-    /// It holds the mutex, and is not to go on yet, by its process' tape.
+    /// It holds the mutex, and has no entry. By its process' tape it may not go on yet.
     Keeps,
     Over,
 }
@@ -70,19 +70,33 @@ impl<'a, T> LockOp<'a, T> {
 
     #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
-        let mut heir = heir(self.of_thread);
-        if self.of_thread {
-            // Uncontended, a thread need not ask the system for its priority; contended, not under the lock.
-            match self.mutex.core().take(heir) {
-                Ok(()) => return Poll::Ready(()),
-                Err(back) => heir = back,
-            }
-            if let Some(heir) = &heir {
-                heir.priority_before_blocking();
-            }
+        // Uncontended, nobody need be woken, and a thread need not ask the system for its priority.
+        match self.mutex.core().take(heir(self.of_thread)) {
+            Ok(()) => Poll::Ready(()),
+            Err(heir) => self.poll_contended(heir, cx),
         }
+    }
+
+    #[cold]
+    fn poll_contended(&mut self, heir: Option<Heir>, cx: &Context<'_>) -> Poll<()> {
+        if self.of_thread
+            && let Some(heir) = &heir
+        {
+            // Not under the lock.
+            heir.priority_before_blocking();
+        }
+        let mut renewal = Renewal::of(cx);
         // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and ended when it goes.
-        unsafe { self.mutex.core().take_or_list(self.entry(), heir, cx) }
+        let polled = unsafe {
+            let core = self.mutex.core();
+            core.take_or_list(self.entry(), heir, &mut renewal)
+        };
+        // Before what is left of the renewal is dropped.
+        self.phase = match polled {
+            Poll::Ready(()) => Phase::Keeps,
+            Poll::Pending => Phase::Listed,
+        };
+        polled
     }
 
     /// What the holder gets.
@@ -102,11 +116,15 @@ impl<'a, T> LockOp<'a, T> {
 
     /// Takes it back, if it waits; `true` if it holds the mutex.
     fn withdraw(&mut self) -> bool {
-        match self.phase {
-            // SAFETY: in `Listed` it is this future's, and was listed there.
-            Phase::Listed => unsafe { self.mutex.core().withdraw(self.entry()) },
-            phase => phase == Phase::Keeps,
+        if self.phase != Phase::Listed {
+            return self.phase == Phase::Keeps;
         }
+        // SAFETY: in `Listed` it is this future's, and was listed there.
+        let (holds, _former) = unsafe { self.mutex.core().withdraw(self.entry()) };
+        if !holds {
+            self.end();
+        }
+        holds
     }
 
     /// At a deadline.
@@ -142,13 +160,7 @@ impl<'a, T> LockOp<'a, T> {
                 self.phase = Phase::GaveWay;
                 return Poll::Pending;
             }
-            Phase::New | Phase::GaveWay => {
-                let polled = self.poll_lock(cx);
-                if polled.is_pending() {
-                    self.phase = Phase::Listed;
-                }
-                polled
-            }
+            Phase::New | Phase::GaveWay => self.poll_lock(cx),
             // SAFETY: the entry is this future's, and was listed there.
             Phase::Listed => unsafe { self.mutex.core().poll_listed(self.entry(), cx) },
             Phase::Entering | Phase::Keeps => Poll::Ready(()),

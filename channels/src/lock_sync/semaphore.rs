@@ -3,6 +3,7 @@
 use super::acquire::{AcquireOp, AcquireTimeout};
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
+use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{LastUser, Lists, PlaceApart};
 use crate::taped;
@@ -314,13 +315,6 @@ impl Shared {
 
     /// Serves the first who waits, if there are enough permits.
     fn serve_first(&self, mut lists: luna_platform::home_lock::HomeGuard<'_, Lists>) -> bool {
-        /// The rest, if somebody's waker panics in the middle of it.
-        struct Rest<'a>(&'a Shared);
-        impl Drop for Rest<'_> {
-            fn drop(&mut self) {
-                self.0.serve();
-            }
-        }
         let Some(node) = lists.senders.first() else {
             return false;
         };
@@ -338,9 +332,10 @@ impl Shared {
             Waiter::settle(waiter, Outcome::Done)
         };
         drop(lists);
-        let rest = Rest(self);
+        // Whoever is readied: the others must not depend on that going well.
+        let rest = Finally::new(|| self.serve());
         ready.wake();
-        std::mem::forget(rest);
+        rest.cancel();
         true
     }
 

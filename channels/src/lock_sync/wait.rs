@@ -5,11 +5,12 @@ use super::entry::{Cause, Entry, heir};
 use super::error::LockError;
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
+use crate::finally::Finally;
 use crate::place::Lists;
 use crate::taped;
 use crate::waiter::Outcome;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Heir, Wakeup};
+use luna_platform::current::{self, Heir, Renewal, Wakeup};
 use luna_platform::events;
 use luna_platform::tape::{Event, Turn, What};
 use luna_platform::timer_queue::Sleep;
@@ -104,16 +105,21 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             return Poll::Ready(());
         }
         let entry = self.entry();
-        let lists = self.condition.shared().place.lock();
-        // SAFETY: the lock is held; without a cause the entry is in one of the condition's lists, else it was moved to the mutex.
-        unsafe {
-            if Entry::cause(entry) != Cause::None {
-                drop(lists);
-                return self.mutex.core().poll_listed(entry, cx);
+        let mut renewal = Renewal::of(cx);
+        let waits_here = renewal.put(|renewal| {
+            let _lists = self.condition.shared().place.lock();
+            // SAFETY: the lock is held; without a cause the entry is in one of the condition's lists, else it was moved to the mutex.
+            unsafe {
+                let waits_here = Entry::cause(entry) == Cause::None;
+                if waits_here {
+                    Entry::renew_wakeup(entry, renewal);
+                }
+                waits_here
             }
-            let former = Entry::set_wakeup(entry, cx);
-            drop(lists);
-            drop(former);
+        });
+        if !waits_here {
+            // SAFETY: the entry is this future's, and was moved there.
+            return unsafe { self.mutex.core().poll_listed(entry, cx) };
         }
         self.condition.shared().place.waits();
         Poll::Pending
@@ -185,21 +191,22 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
             let cause = Entry::cause(entry);
             if cause == Cause::None {
                 self.take_off(&mut lists);
-                let former = Entry::take_wakeup(entry);
+                let _former = Entry::take_wakeup(entry);
                 drop(lists);
-                drop(former);
                 self.end();
                 return;
             }
             drop(lists);
-            let holds = self.mutex.core().withdraw(entry);
+            let (holds, _former) = self.mutex.core().withdraw(entry);
             self.end();
+            let _passed_on = Finally::new(|| {
+                if cause == Cause::NotifiedAlone {
+                    self.condition.notify_one();
+                }
+            });
             if holds {
                 // It has not come to touch the value again.
                 self.mutex.core().unlock(false);
-            }
-            if cause == Cause::NotifiedAlone {
-                self.condition.notify_one();
             }
         }
     }

@@ -246,9 +246,10 @@ fn pri_alt_takes_what_was_there_first() {
         let thread = thread::spawn(move || {
             let mut first = Box::pin(to_one.send(tokens.0));
             let mut second = Box::pin(to_two.send(tokens.1));
-            let first = poll(&mut first).is_ready();
+            // Taken at once, maybe: it is listed before its waker is cloned, and looks again with that.
+            let _ = poll(&mut first);
             let second = poll(&mut second).is_ready();
-            assert!(!first && !second, "nobody waits for them");
+            assert!(!second, "nobody takes it");
         });
         let chosen = block_on(async {
             pri_alt! {

@@ -79,7 +79,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn withdraw(self: Pin<&mut Self>) {
         if self.phase == Phase::Listed && self.outcome() == Outcome::Waiting {
             // SAFETY: the node was listed on the receivers' side.
-            unsafe { self.receiver.channel().withdraw(self.node(), false) };
+            drop(unsafe { self.receiver.channel().withdraw(self.node(), false) });
         }
     }
 

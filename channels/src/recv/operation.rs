@@ -98,6 +98,14 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         &mut self.noted.get_mut().note
     }
 
+    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    fn take_back(&self) -> (Outcome, Option<Wakeup>) {
+        debug_assert!(self.is_listed());
+        // SAFETY: the node was listed on the receivers' side: no other is waited with.
+        unsafe { self.receiver.channel().withdraw(self.node(), false) }
+    }
+
     /// What has become of a receive that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
@@ -170,8 +178,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             Phase::GaveWay => this.settled(Outcome::Done).map_err(RecvTimeoutError::from),
             Phase::Settled(outcome) => this.settled(outcome).map_err(RecvTimeoutError::from),
             Phase::Listed | Phase::Taped => {
-                // SAFETY: the node was listed on the receivers' side.
-                match unsafe { this.receiver.channel().withdraw(this.node(), false) } {
+                let (outcome, _former) = this.take_back();
+                match outcome {
                     Outcome::Waiting => {
                         this.phase = Phase::Over;
                         Err(RecvTimeoutError::Timeout)
@@ -187,10 +195,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         cx: &Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let mut outcome = self.outcome();
+        let _former;
         if outcome == Outcome::Waiting {
             if current::branch_failed() {
-                // SAFETY: the node was listed on the receivers' side.
-                outcome = unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                (outcome, _former) = self.take_back();
                 if outcome == Outcome::Waiting {
                     current::stay_in_branch();
                     outcome = Outcome::Poisoned;
@@ -381,7 +389,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
                 OnSpots::No(section) => section,
                 OnSpots::Done(value) => {
-                    if crate::gives_way(cx) {
+                    let taken = Taken::new(this.receiver.channel(), value, 0);
+                    let gives_way = crate::gives_way(cx);
+                    let value = taken.keep();
+                    if gives_way {
                         this.keep(value, 0);
                         this.phase = Phase::GaveWay;
                         return Poll::Pending;
@@ -418,8 +429,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 let ticket = holding.ticket;
                 let taken = Taken::new(this.receiver.channel(), value, ticket);
                 ready.wake();
+                let completes_later = crate::completes_later(cx);
                 let value = taken.keep();
-                if crate::completes_later(cx) {
+                if completes_later {
                     this.keep(value, ticket);
                     this.phase = Phase::GaveWay;
                     return Poll::Pending;
@@ -430,7 +442,12 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             }
             Received::Empty => {
                 let looks = spin::may_look();
-                let wakeup = (!looks).then(|| Wakeup::of(cx));
+                // A waker is not cloned under the lock, but brought when it is released.
+                let wakeup = match looks {
+                    true => None,
+                    false => Wakeup::without_waker(cx),
+                };
+                let has_wakeup = wakeup.is_some();
                 // SAFETY: the future is pinned, and its drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
@@ -438,11 +455,12 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
                 this.phase = Phase::Listed;
                 drop(section);
-                if !looks {
+                if has_wakeup {
                     return this.waits();
                 }
+                let channel = this.receiver.channel();
                 // SAFETY: the node was listed.
-                match unsafe { this.receiver.channel().look_for_partner(this.node(), cx) } {
+                match unsafe { channel.look_for_partner(this.node(), looks, cx) } {
                     Outcome::Waiting => this.waits(),
                     outcome => Poll::Ready(this.settled(outcome)),
                 }
@@ -458,8 +476,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
             Received::Broken(ready) => {
                 drop(section);
                 this.phase = Phase::Over;
-                ready.wake();
                 this.receiver.poison();
+                ready.wake();
                 this.fails(Outcome::Poisoned, cx)
             }
         }
@@ -510,6 +528,7 @@ impl<T, M: Mode> Drop for RecvOp<'_, T, M> {
 impl<T, M: Mode> RecvOp<'_, T, M> {
     #[inline(never)]
     fn drop_unfinished(&mut self) {
+        let _former;
         let holds_value = match self.phase {
             Phase::New | Phase::Over => false,
             Phase::Entering => {
@@ -523,8 +542,7 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
                 }
                 let mut outcome = self.outcome();
                 if outcome == Outcome::Waiting {
-                    // SAFETY: the node was listed on the receivers' side.
-                    outcome = unsafe { self.receiver.channel().withdraw(self.node(), false) };
+                    (outcome, _former) = self.take_back();
                 }
                 outcome == Outcome::Done
             }

@@ -129,8 +129,8 @@ impl<T> Receiver<T> {
             Received::Ended(Ending::Poisoned) => Err(TryRecvError::Poisoned),
             Received::Ended(_) => Err(TryRecvError::Closed),
             Received::Broken(ready) => {
-                ready.wake();
                 self.poison();
+                ready.wake();
                 Err(TryRecvError::Poisoned)
             }
         }

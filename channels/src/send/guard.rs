@@ -86,7 +86,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn withdraw(self: Pin<&mut Self>) {
         if self.phase == Phase::Listed && self.outcome() == Outcome::Waiting {
             // SAFETY: the node was listed on the senders' side.
-            unsafe { self.sender.channel().withdraw(self.node(), true) };
+            drop(unsafe { self.sender.channel().withdraw(self.node(), true) });
         }
     }
 

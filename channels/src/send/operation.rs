@@ -111,6 +111,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.offered.get_mut()
     }
 
+    /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
+    #[must_use = "the handle's drop is user code, and the caller's last step"]
+    fn take_back(&self) -> (Outcome, Option<Wakeup>) {
+        debug_assert!(self.is_listed());
+        // SAFETY: the node was listed on the senders' side: no other is waited with.
+        unsafe { self.sender.channel().withdraw(self.node(), true) }
+    }
+
     /// What has become of a send that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
@@ -182,8 +190,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         if matches!(this.phase, Phase::Listed | Phase::Taped) {
-            // SAFETY: the node was listed on the senders' side.
-            let outcome = unsafe { this.sender.channel().withdraw(this.node(), true) };
+            let (outcome, _former) = this.take_back();
             if outcome == Outcome::Waiting {
                 this.phase = Phase::Settled(Outcome::Poisoned);
             }
@@ -201,8 +208,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             Phase::GaveWay | Phase::Over | Phase::Overwrote => Ok(()),
             Phase::Settled(outcome) => this.settled(outcome).map_err(SendTimeoutError::from),
             Phase::Listed | Phase::Taped => {
-                // SAFETY: the node was listed on the senders' side.
-                match unsafe { this.sender.channel().withdraw(this.node(), true) } {
+                let (outcome, _former) = this.take_back();
+                match outcome {
                     Outcome::Waiting => Err(SendTimeoutError::Timeout(
                         this.failed(Outcome::Closed).value,
                     )),
@@ -217,11 +224,11 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         cx: &Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
         let mut outcome = self.outcome();
+        let _former;
         if matches!(outcome, Outcome::Waiting | Outcome::Held) {
             // A held sender has communicated: no failure takes that back.
             if outcome == Outcome::Waiting && current::branch_failed() {
-                // SAFETY: the node was listed on the senders' side.
-                outcome = unsafe { self.sender.channel().withdraw(self.node(), true) };
+                (outcome, _former) = self.take_back();
                 if outcome == Outcome::Waiting {
                     current::stay_in_branch();
                     return Poll::Ready(Err(self.failed(Outcome::Poisoned)));
@@ -456,7 +463,12 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             }
             Sent::Full => {
                 let looks = spin::may_look();
-                let wakeup = (!looks).then(|| Wakeup::of(cx));
+                // A waker is not cloned under the lock, but brought when it is released.
+                let wakeup = match looks {
+                    true => None,
+                    false => Wakeup::without_waker(cx),
+                };
+                let has_wakeup = wakeup.is_some();
                 // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.
                 unsafe {
                     let node = this.begin(None);
@@ -464,18 +476,19 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 }
                 this.phase = Phase::Listed;
                 section.release();
-                if !looks {
+                if has_wakeup {
                     return this.waits();
                 }
+                let channel = this.sender.channel();
                 // SAFETY: the node was listed.
-                let outcome = unsafe { this.sender.channel().look_for_partner(this.node(), cx) };
+                let outcome = unsafe { channel.look_for_partner(this.node(), looks, cx) };
                 this.looked(outcome, cx)
             }
             Sent::Held(ready) => {
                 this.phase = Phase::Listed;
                 section.release();
                 ready.wake();
-                this.waits()
+                this.poll_listed(cx)
             }
             Sent::Ended(ending) => {
                 section.release();
@@ -540,6 +553,8 @@ impl<T, S: Source<T>> Drop for SendOp<'_, T, S> {
 impl<T, S: Source<T>> SendOp<'_, T, S> {
     #[inline(never)]
     fn drop_unfinished(&mut self) {
+        // Dropped after the value.
+        let _former;
         match self.phase {
             Phase::GaveWay | Phase::Over => return,
             Phase::New => {}
@@ -552,8 +567,7 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
                 }
                 let mut outcome = self.outcome();
                 if matches!(outcome, Outcome::Waiting | Outcome::Held) {
-                    // SAFETY: the node was listed on the senders' side.
-                    outcome = unsafe { self.sender.channel().withdraw(self.node(), true) };
+                    (outcome, _former) = self.take_back();
                 }
                 match outcome {
                     Outcome::Done | Outcome::Held => return,

@@ -27,6 +27,7 @@ mod fairness;
 mod foreign_executors;
 mod given_back;
 mod hostile;
+mod hostile_futures;
 mod invariants;
 mod late;
 mod mutex;

@@ -2,7 +2,7 @@
 
 use super::Exit;
 use super::record::Record;
-use luna_platform::current::{self, ProcessId, User, Wakeup};
+use luna_platform::current::{self, ProcessId, Renewal, User};
 use luna_platform::events;
 use luna_platform::wait_list::WaitNode;
 use std::cell::{Cell, UnsafeCell};
@@ -73,27 +73,29 @@ impl Future for Join<'_> {
         if let Some(exit) = self.record.exit() {
             return ended(exit);
         }
-        let mut shown = self.record.shown.lock();
-        if self.record.has_ended() {
-            drop(shown);
+        let mut renewal = Renewal::of(cx);
+        let has_ended = renewal.put(|renewal| {
+            let mut shown = self.record.shown.lock();
+            if self.record.has_ended() {
+                return true;
+            }
+            // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
+            unsafe {
+                if listed.load(Ordering::Relaxed) {
+                    renewal.store((*node.as_ptr()).wait.wakeup_mut());
+                } else if let Some(wakeup) = renewal.take() {
+                    self.may_be_listed.set(true);
+                    shown
+                        .joining
+                        .insert(node.cast(), current::priority(), wakeup);
+                    listed.store(true, Ordering::Relaxed);
+                }
+            }
+            false
+        });
+        if has_ended {
             return self.record.exit().map_or(Poll::Pending, ended);
         }
-        self.may_be_listed.set(true);
-        // SAFETY: the lock is held; the node is pinned with the future and leaves the list before it dies.
-        let former = unsafe {
-            if listed.load(Ordering::Relaxed) {
-                (*node.as_ptr()).wait.wakeup_mut().replace(Wakeup::of(cx))
-            } else {
-                shown
-                    .joining
-                    .insert(node.cast(), current::priority(), Wakeup::of(cx));
-                listed.store(true, Ordering::Relaxed);
-                None
-            }
-        };
-        drop(shown);
-        // Dropping a waker is the user's code, which may drop a join.
-        drop(former);
         events::waits_for_other();
         Poll::Pending
     }

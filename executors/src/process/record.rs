@@ -9,7 +9,6 @@ use luna_platform::clock::Instant;
 use luna_platform::current::{Activity, LEVELS, Process, ProcessId};
 use luna_platform::events;
 use luna_platform::home_lock::HomeLock;
-use luna_platform::panics;
 use luna_platform::path;
 use luna_platform::tape::Taper;
 use luna_platform::wait_list::WaitList;
@@ -540,11 +539,9 @@ impl Record {
             };
             drop(shown);
             drop(waker.take());
-            if let Some(ready) = ready
-                && let Err(payload) = panics::catch(|| ready.wake())
-            {
-                // A foreign waker's panic is its own matter: the others are told all the same. Dropping what it said could panic in turn.
-                std::mem::forget(payload);
+            if let Some(ready) = ready {
+                // The others are told all the same.
+                ready.wake_contained();
             }
             if is_last {
                 return self.tell(in_a_hurry, living);

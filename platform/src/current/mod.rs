@@ -15,6 +15,7 @@ mod poisoning;
 mod process;
 mod ready;
 mod references;
+mod renewal;
 mod run_queue;
 mod taped;
 mod turn;
@@ -36,6 +37,7 @@ pub use ready::{
     OPERATIONS_PER_POLL, count_operation, give_way, gives_way, is_outranked, next_ready,
     pretend_ready_levels, ready_again, ready_levels, spend_operation,
 };
+pub use renewal::Renewal;
 pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
 pub use turn::{
     give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,

@@ -11,6 +11,53 @@ static METHODS: Methods = Methods {
     seldom: None,
 };
 
+/// Counts its wakes, and panics in them if it is to.
+#[derive(Default)]
+struct Counted {
+    wakes: std::sync::atomic::AtomicU32,
+    panics: bool,
+}
+
+impl Wake for Counted {
+    fn wake(self: std::sync::Arc<Self>) {
+        self.wakes.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
+        assert!(!self.panics, "a waker that panics");
+    }
+}
+
+fn pending_wake(counted: &std::sync::Arc<Counted>) -> Ready {
+    let waker = Waker::from(counted.clone());
+    Wakeup::of(&Context::from_waker(&waker)).take()
+}
+
+#[test]
+fn a_pending_wake_wakes_once_also_if_it_is_dropped() {
+    let counted = std::sync::Arc::new(Counted::default());
+    let wakes = || counted.wakes.load(std::sync::atomic::Ordering::SeqCst);
+    pending_wake(&counted).wake();
+    assert_eq!(wakes(), 1);
+    drop(pending_wake(&counted));
+    assert_eq!(wakes(), 2);
+    assert_eq!(std::sync::Arc::strong_count(&counted), 1);
+}
+
+#[test]
+fn a_wakers_panic_is_contained_while_another_one_unwinds() {
+    let counted = std::sync::Arc::new(Counted {
+        panics: true,
+        ..Counted::default()
+    });
+    let wakes = || counted.wakes.load(std::sync::atomic::Ordering::SeqCst);
+    let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        let _second = pending_wake(&counted);
+        pending_wake(&counted).wake();
+    }));
+    assert!(caught.is_err() && wakes() == 2, "both have been woken");
+    // A thread that wakes for others goes on.
+    pending_wake(&counted).wake_contained();
+    assert_eq!(wakes(), 3);
+}
+
 /// Wakes nobody, and is told from all other wakers.
 struct Unused;
 

@@ -1,9 +1,28 @@
-//! Whom to wake.
+//! Whom to wake, and the rule for user code.
+//!
+//! # User code
+//!
+//! This is the one place where the rule stands. User code is the clone, the wake and the drop of a waker that is not a process' own, the drop of a value, and a closure of the
+//! user. It may panic. It may call any operation, also on the place that runs it. So:
+//!
+//! 1. It never runs under a lock. A waker is cloned before the lock is taken ([`Renewal`](super::Renewal)). What a lock section leaves to be woken or dropped is carried out of it: a [`Ready`] is
+//!    woken, a former [`Wakeup`] is dropped, by the caller.
+//! 2. It never runs between two steps of a state change. When it runs, the node is unlinked or listed, the outcome and the operation's own phase are set, and what was received has
+//!    an owner. It is the last step, or what comes after it is done by a guard, which also runs while a panic unwinds.
+//! 3. A panic reaches the caller of the operation, and nobody else. A [`Ready`] that is dropped by the unwinding wakes all the same. While one panic unwinds, a second
+//!    one is contained here, since it would end the program. A thread that wakes for others (an executor at a deadline, say) contains all of them:
+//!    [`wake_contained`](Ready::wake_contained).
+//!
+//! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of the other channels if alternatives meet. The value has to be there at the instant of the choice, and
+//! its partner has committed by then. Without the lock, the partner that times out or is dropped meanwhile would have to wait for the closure: an operation would wait for
+//! another thread to leave an intermediate state (invariant 1 of the protocol). With the closure run before the commit, a value would be made that may not be chosen. A panic in the closure
+//! is caught at once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::process::{Place, Process};
 use super::{LEVELS, home, lowered, process};
-use crate::fetch;
+use crate::{fetch, park};
 use std::fmt;
+use std::mem::{self, ManuallyDrop};
 use std::num::NonZeroUsize;
 use std::ptr::{self, NonNull};
 use std::task::{Context, Waker};
@@ -102,7 +121,48 @@ pub struct Wakeup(Inner);
 
 enum Inner {
     Process(Reference),
-    Waker(Waker),
+    Waker(Foreign),
+}
+
+/// A waker whose functions are user code.
+struct Foreign(ManuallyDrop<Waker>);
+
+impl Foreign {
+    fn new(waker: Waker) -> Self {
+        Self(ManuallyDrop::new(waker))
+    }
+
+    /// The waker, which is then dropped by other means.
+    fn into_waker(self) -> Waker {
+        let mut this = ManuallyDrop::new(self);
+        // SAFETY: taken once, since `this` is not dropped.
+        unsafe { ManuallyDrop::take(&mut this.0) }
+    }
+}
+
+impl Drop for Foreign {
+    fn drop(&mut self) {
+        // SAFETY: taken once, since this is its drop.
+        let waker = unsafe { ManuallyDrop::take(&mut self.0) };
+        run_user_code(|| drop(waker));
+    }
+}
+
+/// Runs user code. A panic in it goes on, unless one unwinds already.
+fn run_user_code(code: impl FnOnce()) {
+    match std::thread::panicking() {
+        true => contain(code),
+        false => code(),
+    }
+}
+
+/// Runs user code; a panic in it ends here. The panic hook has reported it.
+#[cold]
+fn contain(code: impl FnOnce()) {
+    if let Err(payload) = crate::panics::catch(code) {
+        // Its drop is user code too.
+        mem::forget(payload);
+    }
 }
 
 impl fmt::Debug for Reference {
@@ -115,7 +175,7 @@ impl fmt::Debug for Inner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Inner::Process(reference) => reference.fmt(f),
-            Inner::Waker(waker) => waker.fmt(f),
+            Inner::Waker(waker) => waker.0.fmt(f),
         }
     }
 }
@@ -123,13 +183,22 @@ impl fmt::Debug for Inner {
 impl Wakeup {
     /// How to wake who polls with `cx`: without its waker if that is the current process itself, shares its thread with others, and is
     /// not a combinator with wakers of its own within it.
+    ///
+    /// It may clone a waker: not to be called under a lock.
     #[inline]
     pub fn of(cx: &Context<'_>) -> Wakeup {
+        Self::without_waker(cx)
+            .unwrap_or_else(|| Wakeup(Inner::Waker(Foreign::new(cx.waker().clone()))))
+    }
+
+    /// As [`of`](Self::of), if no waker is to be cloned for that: then it may be called under a lock.
+    #[inline]
+    pub fn without_waker(cx: &Context<'_>) -> Option<Wakeup> {
         process(|process| match process {
             Some(process) if process.is_owned() && process.is_polled_with(cx) => {
-                Wakeup(Inner::Process(Reference::to_current(process)))
+                Some(Wakeup(Inner::Process(Reference::to_current(process))))
             }
-            _ => Wakeup(Inner::Waker(cx.waker().clone())),
+            _ => None,
         })
     }
 
@@ -170,7 +239,7 @@ impl Wakeup {
     #[inline]
     pub fn is_of(&self, cx: &Context<'_>) -> bool {
         match &self.0 {
-            Inner::Waker(waker) => waker.will_wake(cx.waker()),
+            Inner::Waker(waker) => waker.0.will_wake(cx.waker()),
             Inner::Process(reference) => process(|process| {
                 process.is_some_and(|process| {
                     Reference::packed(process) == reference.0 && process.is_polled_with(cx)
@@ -188,17 +257,21 @@ impl Wakeup {
         })
     }
 
-    /// Whether it readies a process of this thread, without its waker.
-    pub(super) fn is_here(&self) -> bool {
-        matches!(&self.0, Inner::Process(reference) if reference.is_here())
+    /// Whether one wake with it is enough, however many are due: it readies a process of this thread, or is a foreign waker, which cannot be copied under a lock.
+    pub(super) fn is_woken_once(&self) -> bool {
+        match &self.0 {
+            Inner::Process(reference) => reference.is_here(),
+            Inner::Waker(waker) => !park::is_own(&waker.0),
+        }
     }
 
-    /// Readies a process of another thread, or gives what does so with a waker, which is not to be woken under a lock.
+    /// Readies a process of another thread, or gives what wakes its thread.
     ///
-    /// The caller has seen that it is not of this thread ([`is_here`](Self::is_here)).
+    /// The caller has seen that it is not [woken once](Self::is_woken_once).
     pub(super) fn wake_elsewhere(&self) -> Ready {
         match &self.0 {
-            Inner::Waker(waker) => Ready(Readying::Waker(waker.clone())),
+            // A thread's own waker: no user code.
+            Inner::Waker(waker) => Ready(Readying::Waker(Foreign::new((*waker.0).clone()))),
             Inner::Process(reference) => {
                 // SAFETY: the reference keeps the process' memory, and the caller saw that it is not of this thread.
                 unsafe { reference.process().ready_elsewhere(reference.lowered()) };
@@ -238,14 +311,14 @@ impl PlainReady {
     }
 }
 
-/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks.
+/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks. One that is dropped wakes too, so that no wake is lost when user code panics before it.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
 pub struct Ready(Readying);
 
 enum Readying {
     Process(Reference),
-    Waker(Waker),
+    Waker(Foreign),
     Nobody,
 }
 
@@ -253,7 +326,7 @@ impl fmt::Debug for Readying {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Readying::Process(reference) => reference.fmt(f),
-            Readying::Waker(waker) => waker.fmt(f),
+            Readying::Waker(waker) => waker.0.fmt(f),
             Readying::Nobody => f.write_str("Nobody"),
         }
     }
@@ -264,9 +337,46 @@ impl Ready {
     pub const NOBODY: Ready = Ready(Readying::Nobody);
 
     /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
-    #[inline]
+    #[inline(always)]
     pub fn wake(self) {
+        let this = ManuallyDrop::new(self);
+        if let Readying::Nobody = this.0 {
+            return;
+        }
+        // SAFETY: read once, since `this` is not dropped.
+        unsafe { ptr::read(&this.0) }.carry_out();
+    }
+
+    /// As [`wake`](Self::wake), for a thread that wakes for others: a panic of a foreign waker is that waker's own matter, and ends here.
+    #[inline]
+    pub fn wake_contained(self) {
         match self.0 {
+            Readying::Waker(_) => contain(|| self.wake()),
+            _ => self.wake(),
+        }
+    }
+}
+
+impl Ready {
+    #[cold]
+    fn wake_after_all(&mut self) {
+        mem::replace(&mut self.0, Readying::Nobody).carry_out();
+    }
+}
+
+impl Drop for Ready {
+    #[inline(always)]
+    fn drop(&mut self) {
+        if !matches!(self.0, Readying::Nobody) {
+            self.wake_after_all();
+        }
+    }
+}
+
+impl Readying {
+    #[inline]
+    fn carry_out(self) {
+        match self {
             Readying::Process(reference) => {
                 // SAFETY: in each case the thread is what it must be; the reference keeps the process' memory.
                 unsafe {
@@ -277,7 +387,10 @@ impl Ready {
                     }
                 }
             }
-            Readying::Waker(waker) => waker.wake(),
+            Readying::Waker(waker) => {
+                let waker = waker.into_waker();
+                run_user_code(|| waker.wake());
+            }
             Readying::Nobody => {}
         }
     }

@@ -6,7 +6,7 @@
 mod heap;
 
 use crate::clock::Instant;
-use crate::current::{self, Ready, Wakeup};
+use crate::current::{self, Ready, Renewal, Wakeup};
 use crate::events;
 use crate::lock::PiLock;
 use crate::sync::Arc;
@@ -74,7 +74,8 @@ impl TimerQueue {
                     ready
                 }
             };
-            ready.wake();
+            // The thread that expires goes on for its other processes.
+            ready.wake_contained();
         }
     }
 
@@ -137,33 +138,32 @@ impl Sleep {
 
     /// Waits for another instant from now on, as if it were made anew. O(log n).
     pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
-        self.as_mut().disarm();
+        let _former = self.as_mut().disarm();
         // SAFETY: nothing is moved, and a disarmed node is in no heap.
         unsafe { self.get_unchecked_mut() }.deadline = deadline;
     }
 
-    fn disarm(self: Pin<&mut Self>) {
+    /// Gives the handle that it was to be woken by, if there is one.
+    #[must_use = "its drop is user code, and the caller's last step"]
+    fn disarm(self: Pin<&mut Self>) -> Option<Wakeup> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         if !this.armed {
-            return;
+            return None;
         }
         this.armed = false;
         events::waits_no_more(|| None);
-        if let Some(queue) = &this.queue {
-            let mut heap = queue.heap.lock();
-            let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
-            // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if not, it is in it.
-            unsafe {
-                if !(*node.as_ptr()).fired.load(Ordering::Relaxed) {
-                    heap.remove(node);
-                    queue.publish_next(&heap);
-                    let former = (*node.as_ptr()).wakeup.take();
-                    drop(heap);
-                    // Dropping a waker can run anything, so not under the lock.
-                    drop(former);
-                }
+        let queue = this.queue.as_ref()?;
+        let mut heap = queue.heap.lock();
+        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+        // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if not, it is in it.
+        unsafe {
+            if (*node.as_ptr()).fired.load(Ordering::Relaxed) {
+                return None;
             }
+            heap.remove(node);
+            queue.publish_next(&heap);
+            (*node.as_ptr()).wakeup.take()
         }
     }
 }
@@ -175,6 +175,7 @@ impl Future for Sleep {
         // SAFETY: nothing is moved out.
         let this = unsafe { self.as_mut().get_unchecked_mut() };
         let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+        let mut _former = None;
         if this.armed {
             // SAFETY: the node is this sleep's; `fired` may be read by anyone.
             if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
@@ -184,22 +185,20 @@ impl Future for Sleep {
             }
             match &this.queue {
                 // A deadline belongs to the thread that polls it: another one's may have ended.
-                Some(queue) if current::has_other_timers(queue) => self.as_mut().disarm(),
+                Some(queue) if current::has_other_timers(queue) => {
+                    _former = self.as_mut().disarm();
+                }
                 Some(queue) => {
-                    let heap = queue.heap.lock();
-                    // SAFETY: the lock that guards the node is held.
-                    let former = unsafe {
-                        let node = &mut *node.as_ptr();
-                        match &node.wakeup {
-                            Some(wakeup) if !wakeup.is_of(cx) => {
-                                node.wakeup.replace(Wakeup::of(cx))
-                            }
-                            _ => None,
+                    let mut renewal = Renewal::of(cx);
+                    renewal.put(|renewal| {
+                        let _heap = queue.heap.lock();
+                        // SAFETY: the lock that guards the node is held.
+                        let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
+                        // One that has just fired is ready at its next poll.
+                        if wakeup.is_some() {
+                            renewal.store(wakeup);
                         }
-                    };
-                    drop(heap);
-                    // Dropping a waker can run anything, so not under the lock.
-                    drop(former);
+                    });
                     events::waits_for_other();
                     return Poll::Pending;
                 }
@@ -226,11 +225,12 @@ impl Future for Sleep {
             ));
         }
         if let Some(queue) = &this.queue {
+            let wakeup = Wakeup::of(cx);
             let mut heap = queue.heap.lock();
             // SAFETY: the node is in no heap, so it is this sleep's alone; it is pinned, and leaves the heap before it dies.
             unsafe {
                 let fields = &mut *node.as_ptr();
-                fields.wakeup = Some(Wakeup::of(cx));
+                fields.wakeup = Some(wakeup);
                 fields.fired.store(false, Ordering::Relaxed);
                 heap.insert(node, this.deadline);
             }
@@ -245,7 +245,7 @@ impl Future for Sleep {
 impl Drop for Sleep {
     fn drop(&mut self) {
         // SAFETY: a value that is being dropped does not move any more.
-        unsafe { Pin::new_unchecked(self) }.disarm();
+        drop(unsafe { Pin::new_unchecked(self) }.disarm());
     }
 }
 

@@ -206,7 +206,9 @@ impl<T> Alternative<'_, T> {
             if !has_failed && self.polled_by == identity && self.hub().selection.is_open() {
                 return Poll::Pending;
             }
-            match (self.hub().selection.close(), self.holds()) {
+            // What would have readied this one is dropped when its state is consistent.
+            let closed = self.hub().selection.close();
+            match (&closed, self.holds()) {
                 (None, Some(index)) => {
                     if let Some(received) = self.take_held(index) {
                         return Poll::Ready((index, received));
@@ -246,8 +248,7 @@ impl<T> Alternative<'_, T> {
                         self.leave_out(index, error);
                         return self.fails(index, error, cx);
                     }
-                    let gives_way = crate::gives_way(cx);
-                    return self.hand_on(index, received, gives_way);
+                    return self.hand_on_in_turn(index, received, cx);
                 }
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
@@ -307,6 +308,23 @@ impl<T> Alternative<'_, T> {
         }
     }
 
+    /// Gives what was received, after others if it is their turn.
+    fn hand_on_in_turn(
+        &mut self,
+        index: usize,
+        received: Result<T, RecvError>,
+        cx: &Context<'_>,
+    ) -> Poll<(usize, Result<T, RecvError>)> {
+        let (Ok(value), Some(entry)) = (received, self.entries[index]) else {
+            unreachable!("what is handed on was received")
+        };
+        // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
+        let channel: &Channel<T> = unsafe { &*(*entry.as_ptr()).channel.as_ptr() };
+        let taken = Taken::new(channel, value, 0);
+        let gives_way = crate::gives_way(cx);
+        self.hand_on(index, Ok(taken.keep()), gives_way)
+    }
+
     /// Gives what was received, or keeps it for the next poll while others run.
     pub(super) fn hand_on(
         &mut self,
@@ -353,7 +371,8 @@ impl<T> Alternative<'_, T> {
                 if current::is_taped() {
                     taped::abandoned();
                 }
-                if self.hub().selection.close().is_some() {
+                let closed = self.hub().selection.close();
+                if closed.is_some() {
                     self.state = State::Closed;
                 }
             }

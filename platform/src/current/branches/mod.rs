@@ -16,7 +16,8 @@ const WORD: usize = u64::BITS as usize;
 ///
 /// A wake sets the branch's bit, then its word's, then readies the parent, if that has said that it waits: a fixed number of steps,
 /// whoever else wakes. The parent takes them in the other direction. From elsewhere, all who wake while the parent waits ready it, not the first alone:
-/// that one may be preempted before it does. On the parent's own thread the first is enough, since that thread must go on in any case.
+/// that one may be preempted before it does. On the parent's own thread the first is enough, since that thread must go on in any case. A foreign waker is
+/// woken by the first too: it cannot be cloned under the lock.
 ///
 /// # Invariants
 ///
@@ -228,7 +229,7 @@ impl Block {
     fn wake_parent(&self) {
         let ready = {
             let mut parent = self.parent.lock();
-            match parent.take_if(|wakeup| wakeup.is_here()) {
+            match parent.take_if(|wakeup| wakeup.is_woken_once()) {
                 Some(wakeup) => {
                     self.is_waiting.store(false, Ordering::Relaxed);
                     wakeup.take()
