@@ -36,32 +36,19 @@ mod process;
 
 pub use process::SubmodelProcess;
 
-use std::fmt;
-
 /// A generated function: inputs, outputs, states, parameters, and the time in seconds.
 pub type Function =
     unsafe extern "C" fn(u: *const f64, y: *mut f64, x: *mut f64, p: *mut f64, t: f64);
 
 /// An output of generated code is not a number, or infinite; it is not given to anybody.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("output {output} of the generated code is {value}")]
 pub struct NotFinite {
     /// Which, from 0.
     pub output: usize,
     /// What it is.
     pub value: f64,
 }
-
-impl fmt::Display for NotFinite {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "output {} of the generated code is {}",
-            self.output, self.value
-        )
-    }
-}
-
-impl std::error::Error for NotFinite {}
 
 impl From<NotFinite> for luna::Error {
     fn from(error: NotFinite) -> luna::Error {

@@ -541,17 +541,22 @@ impl Drop for Entered {
 }
 
 /// Why a signal cannot be registered.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
     /// Another signal has the name.
+    #[error(
+        "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
+    )]
     Duplicate {
         /// The name.
         signal: String,
     },
     /// Its name is empty.
+    #[error("a signal has an empty name; give it one")]
     NoName,
     /// One of its texts is too long.
+    #[error("the {what} of signal `{signal}` has more than {most} bytes; use a shorter one")]
     TooLong {
         /// The signal's name.
         signal: String,
@@ -561,30 +566,11 @@ pub enum RegisterError {
         most: usize,
     },
     /// There are as many signals as a recording may have.
+    #[error(
+        "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
+    )]
     TooMany {
         /// The signal's name.
         signal: String,
     },
 }
-
-impl fmt::Display for RegisterError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RegisterError::Duplicate { signal } => write!(
-                f,
-                "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
-            ),
-            RegisterError::NoName => f.write_str("a signal has an empty name; give it one"),
-            RegisterError::TooLong { signal, what, most } => write!(
-                f,
-                "the {what} of signal `{signal}` has more than {most} bytes; use a shorter one"
-            ),
-            RegisterError::TooMany { signal } => write!(
-                f,
-                "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for RegisterError {}

@@ -4,7 +4,8 @@ use std::fmt;
 use std::time::Duration;
 
 /// A parameter that a block cannot work with.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{block}: {parameter} is {given}, allowed is {allowed}")]
 pub struct SettingError {
     /// The kind of block.
     pub block: &'static str,
@@ -36,18 +37,6 @@ impl fmt::Display for Given {
         }
     }
 }
-
-impl fmt::Display for SettingError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} is {}, allowed is {}",
-            self.block, self.parameter, self.given, self.allowed
-        )
-    }
-}
-
-impl std::error::Error for SettingError {}
 
 impl From<SettingError> for luna::Error {
     fn from(error: SettingError) -> luna::Error {

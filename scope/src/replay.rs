@@ -2,7 +2,6 @@
 
 use crate::scope::Shared;
 use luna_logger::format::{ReadError, Reader, Record};
-use std::fmt;
 use std::io::Read;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
@@ -41,21 +40,13 @@ impl FromStr for Speed {
 }
 
 /// Why a recording could not be played to its end.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
     /// It cannot be read, or not further; what came before is there to be looked at.
+    #[error(transparent)]
     Read(ReadError),
 }
-
-impl fmt::Display for ReplayError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self::Read(error) = self;
-        error.fmt(f)
-    }
-}
-
-impl std::error::Error for ReplayError {}
 
 /// Plays a recording; returns early when the scope is closed.
 pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<(), ReplayError> {

@@ -4,7 +4,6 @@ mod playback;
 
 pub use playback::Playback;
 
-use std::fmt;
 use std::path::Path;
 
 /// The recording inside the program, so that the demo runs from any folder. `data/README.md` says how it was made.
@@ -134,13 +133,18 @@ impl Recording {
 }
 
 /// Why a recording cannot be read.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file itself.
+    #[error("{0}")]
     File(std::io::Error),
     /// Nothing but, at most, a header.
+    #[error(
+        "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
+    )]
     NoSamples,
     /// A line says what it must not.
+    #[error("line {line}: {fault}")]
     Line {
         /// Counted from 1, as editors do.
         line: u64,
@@ -156,11 +160,13 @@ impl Error {
 }
 
 /// What is wrong with a line.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// The header, or this line, ends before it.
+    #[error("column `{0}` is missing")]
     MissingColumn(&'static str),
     /// Text where a number belongs.
+    #[error("{field:?} in column `{column}` is not a number")]
     NotANumber {
         /// Where.
         column: &'static str,
@@ -168,11 +174,13 @@ pub enum Fault {
         field: String,
     },
     /// A NaN or an infinity.
+    #[error("column `{column}` is not finite")]
     NotFinite {
         /// Where.
         column: &'static str,
     },
     /// A deflection beyond 1.
+    #[error("{value} in column `{column}` is not within -1 and 1")]
     OutOfRange {
         /// Where.
         column: &'static str,
@@ -180,6 +188,7 @@ pub enum Fault {
         value: f64,
     },
     /// Not later than the line before.
+    #[error("time {time} is not after the {before} of the line before")]
     NotIncreasing {
         /// Of this line.
         time: f64,
@@ -187,44 +196,6 @@ pub enum Fault {
         before: f64,
     },
 }
-
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::File(error) => error.fmt(f),
-            Self::NoSamples => {
-                write!(
-                    f,
-                    "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
-                )
-            }
-            Self::Line { line, fault } => write!(f, "line {line}: {fault}"),
-        }
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::MissingColumn(column) => write!(f, "column `{column}` is missing"),
-            Self::NotANumber { column, field } => {
-                write!(f, "{field:?} in column `{column}` is not a number")
-            }
-            Self::NotFinite { column } => write!(f, "column `{column}` is not finite"),
-            Self::OutOfRange { column, value } => {
-                write!(f, "{value} in column `{column}` is not within -1 and 1")
-            }
-            Self::NotIncreasing { time, before } => {
-                write!(
-                    f,
-                    "time {time} is not after the {before} of the line before"
-                )
-            }
-        }
-    }
-}
-
-impl std::error::Error for Error {}
 
 /// The line that holds the first text at or after `byte`. The reader's own count is off after `\r\n` and empty lines.
 fn line_of(text: &[u8], byte: u64) -> u64 {

@@ -4,7 +4,6 @@ use crate::description::{Board, Description};
 use crate::idrom::{self, Idrom, IdromError};
 use crate::lbp16::{Packet, PacketError, Reader, Space, Width};
 use crate::registers::{self, board, scratch};
-use std::fmt;
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -35,73 +34,42 @@ pub struct Client {
 }
 
 /// Why an exchange failed.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
     /// The socket cannot be had or used.
-    Socket(io::Error),
+    #[error("no socket to the card: {0}")]
+    Socket(#[source] io::Error),
     /// The card did not answer.
+    #[error("the card at {card} did not answer {attempts} times: {}", reason(.last))]
     Silent {
         /// Which.
         card: SocketAddr,
         /// How often it was asked.
         attempts: u32,
         /// What the system said last, if it refused to send or receive.
+        #[source]
         last: Option<io::Error>,
     },
     /// Who answers is no HostMot2: this is not its cookie.
+    #[error("who answers is no HostMot2: its cookie is {cookie:#010x}")]
     NotHostMot2 {
         /// What it says instead.
         cookie: u32,
     },
     /// The card's description cannot be read.
-    Idrom(IdromError),
+    #[error("{0}")]
+    Idrom(#[source] IdromError),
     /// The packet would be too long.
-    Packet(PacketError),
+    #[error("{0}")]
+    Packet(#[from] PacketError),
 }
 
-impl fmt::Display for ClientError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ClientError::Socket(error) => write!(f, "no socket to the card: {error}"),
-            ClientError::Silent {
-                card,
-                attempts,
-                last,
-            } => {
-                write!(f, "the card at {card} did not answer {attempts} times")?;
-                match last {
-                    Some(error) => write!(f, ": {error}"),
-                    None => f.write_str(": is it powered, and is this host in its network?"),
-                }
-            }
-            ClientError::NotHostMot2 { cookie } => {
-                write!(
-                    f,
-                    "who answers is no HostMot2: its cookie is {cookie:#010x}"
-                )
-            }
-            ClientError::Idrom(error) => error.fmt(f),
-            ClientError::Packet(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for ClientError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            ClientError::Socket(error) => Some(error),
-            ClientError::Silent { last, .. } => last.as_ref().map(|error| error as _),
-            ClientError::Idrom(error) => Some(error),
-            ClientError::Packet(error) => Some(error),
-            ClientError::NotHostMot2 { .. } => None,
-        }
-    }
-}
-
-impl From<PacketError> for ClientError {
-    fn from(error: PacketError) -> Self {
-        ClientError::Packet(error)
+/// Why there was no answer.
+fn reason(last: &Option<io::Error>) -> String {
+    match last {
+        Some(error) => error.to_string(),
+        None => "is it powered, and is this host in its network?".to_owned(),
     }
 }
 

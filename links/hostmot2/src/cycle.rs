@@ -3,7 +3,6 @@
 use crate::lbp16::{Packet, PacketError, Reader, Space, Width};
 use crate::registers::{encoder, scratch, watchdog};
 use crate::{Layout, SequenceWindow};
-use std::fmt;
 
 /// What the write packet of a cycle says. Made by [`Layout::outputs_at_rest`].
 #[derive(Debug, Clone, PartialEq)]
@@ -69,22 +68,14 @@ pub struct Answer<'a> {
 }
 
 /// Why bytes are no answer of this layout.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("an answer has {expected} bytes, this one {length}")]
 pub struct AnswerError {
     /// How many bytes there are.
     pub length: usize,
     /// How many an answer has.
     pub expected: usize,
 }
-
-impl fmt::Display for AnswerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { length, expected } = self;
-        write!(f, "an answer has {expected} bytes, this one {length}")
-    }
-}
-
-impl std::error::Error for AnswerError {}
 
 /// What an answer's number of the last write packet that the card has seen says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,7 +7,6 @@ mod tests;
 pub use stamps::Stamps;
 
 use crate::cycle::RawEncoder;
-use std::fmt;
 use std::time::Duration;
 
 /// What an encoder says in one answer.
@@ -23,38 +22,22 @@ pub struct Encoder {
 }
 
 /// Why a position is not known any more. It never becomes known again by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lost {
     /// Between two answers it may have moved by more than half of the counter's range.
+    #[error("its position is lost: no answer came for so long that its counter may have wrapped")]
     Wrapped,
     /// It has moved further than it can: a counter that was reset, or a fault.
+    #[error("its position is lost: it jumped by {by} counts, more than it can move")]
     Jumped {
         /// By how many counts.
         by: i64,
     },
     /// A and B changed at once: the card has lost counts.
+    #[error("its position is lost: both of its lines changed at once")]
     Quadrature,
 }
-
-impl fmt::Display for Lost {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Lost::Wrapped => f.write_str(
-                "its position is lost: no answer came for so long that its counter may have wrapped",
-            ),
-            Lost::Jumped { by } => write!(
-                f,
-                "its position is lost: it jumped by {by} counts, more than it can move"
-            ),
-            Lost::Quadrature => {
-                f.write_str("its position is lost: both of its lines changed at once")
-            }
-        }
-    }
-}
-
-impl std::error::Error for Lost {}
 
 /// Follows one counter.
 ///

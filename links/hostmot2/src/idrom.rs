@@ -130,17 +130,20 @@ pub struct Idrom {
 }
 
 /// Why an IDROM cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdromError {
     /// It is shorter than it says that it is.
+    #[error("the card's IDROM ends too early")]
     Truncated,
     /// It is of a type that is not known.
+    #[error("the card's IDROM is of type {kind}; types 2 and 3 are known")]
     Kind {
         /// Which.
         kind: u32,
     },
     /// It says what cannot be.
+    #[error("the card's IDROM says {value} of its {what}")]
     Impossible {
         /// Of what.
         what: &'static str,
@@ -148,25 +151,6 @@ pub enum IdromError {
         value: u32,
     },
 }
-
-impl fmt::Display for IdromError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            IdromError::Truncated => f.write_str("the card's IDROM ends too early"),
-            IdromError::Kind { kind } => {
-                write!(
-                    f,
-                    "the card's IDROM is of type {kind}; types 2 and 3 are known"
-                )
-            }
-            IdromError::Impossible { what, value } => {
-                write!(f, "the card's IDROM says {value} of its {what}")
-            }
-        }
-    }
-}
-
-impl std::error::Error for IdromError {}
 
 impl Idrom {
     /// Reads `bytes`, from the IDROM's first one on. Allocates.

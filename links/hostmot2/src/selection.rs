@@ -2,7 +2,6 @@
 
 use crate::idrom::Tag;
 use crate::lbp16::PacketError;
-use std::fmt;
 
 /// What of a card is used, and how. Nothing at first.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,10 +43,13 @@ impl Default for Selection {
 }
 
 /// Why a card cannot be used so.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
     /// The card's configuration has not so many units.
+    #[error(
+        "the card has {there} {tag}, {asked} are asked for: ask for fewer, or give it another configuration"
+    )]
     TooFew {
         /// Of what.
         tag: Tag,
@@ -57,67 +59,38 @@ pub enum LayoutError {
         there: u8,
     },
     /// A register of a module lies where none can.
+    #[error("the card's description of its {tag} has no place for all registers")]
     NoRegister {
         /// Of what.
         tag: Tag,
     },
     /// The card has no pin of this number.
+    #[error("the card has no pin {pin}")]
     NoPin {
         /// Which.
         pin: u8,
     },
     /// The pin is a module's that is used too, or is asked for twice.
+    #[error("pin {pin} cannot be an output: it has another use")]
     PinTaken {
         /// Which.
         pin: u8,
     },
     /// A PWM generator has no pin on the card.
+    #[error("PWM generator {pwm} has no pin on the card")]
     NoOutputPin {
         /// Which.
         pwm: u8,
     },
     /// The card's clock cannot count so long, or so short a time.
+    #[error(
+        "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
+    )]
     WatchdogTime {
         /// How long (ns).
         asked: u64,
     },
     /// The packets would be too long.
-    Packet(PacketError),
-}
-
-impl fmt::Display for LayoutError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            LayoutError::TooFew { tag, asked, there } => write!(
-                f,
-                "the card has {there} {tag}, {asked} are asked for: ask for fewer, or give it another configuration"
-            ),
-            LayoutError::NoRegister { tag } => {
-                write!(
-                    f,
-                    "the card's description of its {tag} has no place for all registers"
-                )
-            }
-            LayoutError::NoPin { pin } => write!(f, "the card has no pin {pin}"),
-            LayoutError::PinTaken { pin } => {
-                write!(f, "pin {pin} cannot be an output: it has another use")
-            }
-            LayoutError::NoOutputPin { pwm } => {
-                write!(f, "PWM generator {pwm} has no pin on the card")
-            }
-            LayoutError::WatchdogTime { asked } => write!(
-                f,
-                "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
-            ),
-            LayoutError::Packet(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for LayoutError {}
-
-impl From<PacketError> for LayoutError {
-    fn from(error: PacketError) -> Self {
-        LayoutError::Packet(error)
-    }
+    #[error(transparent)]
+    Packet(#[from] PacketError),
 }

@@ -186,21 +186,11 @@ impl I2c {
 }
 
 /// A transaction that failed.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("an I2C transaction failed: {error}")]
 pub struct I2cError {
+    #[source]
     error: io::Error,
-}
-
-impl fmt::Display for I2cError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "an I2C transaction failed: {}", self.error)
-    }
-}
-
-impl std::error::Error for I2cError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        Some(&self.error)
-    }
 }
 
 impl embedded_hal::i2c::Error for I2cError {

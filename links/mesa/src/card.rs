@@ -3,7 +3,6 @@
 use crate::Link;
 use hostmot2::{Client, ClientError, Description};
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
-use std::fmt;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
@@ -31,18 +30,22 @@ impl CardDevice {
 }
 
 /// Why a card cannot be opened.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
     /// Its address is none.
+    #[error("the card's address is none: {}", reason(.error))]
     Address {
         /// What the system said, if it did.
+        #[source]
         error: Option<io::Error>,
     },
     /// It does not answer, or not as a HostMot2 does.
-    Client(ClientError),
+    #[error("{0}")]
+    Client(#[source] ClientError),
     /// It is in use in this program.
-    Device(DeviceError),
+    #[error("{0}")]
+    Device(#[source] DeviceError),
 }
 
 /// As [`Card::open`], by the device manager: a card is open once, as `mesa:192.168.1.121:27181`, until its link has ended and the outputs are off.
@@ -103,28 +106,10 @@ fn resolve(address: impl ToSocketAddrs) -> Result<SocketAddr, OpenError> {
     addresses.next().ok_or_else(|| no_address(None))
 }
 
-impl fmt::Display for OpenError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            OpenError::Address { error: Some(error) } => {
-                write!(f, "the card's address is none: {error}")
-            }
-            OpenError::Address { error: None } => {
-                f.write_str("the card's address is none: no host of this name")
-            }
-            OpenError::Client(error) => error.fmt(f),
-            OpenError::Device(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for OpenError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            OpenError::Address { error } => error.as_ref().map(|error| error as _),
-            OpenError::Client(error) => Some(error),
-            OpenError::Device(error) => Some(error),
-        }
+fn reason(error: &Option<io::Error>) -> String {
+    match error {
+        Some(error) => error.to_string(),
+        None => "no host of this name".to_owned(),
     }
 }
 

@@ -5,7 +5,6 @@ use crate::{Actuator, Bucket, Card, Reading, Sample};
 use hostmot2::{ClientError, Layout, LayoutError, OutputPin, Selection};
 use luna::{Receiver, Sender};
 use std::any::Any;
-use std::fmt;
 use std::io;
 use std::time::Duration;
 
@@ -29,43 +28,24 @@ pub struct Link {
 }
 
 /// Why a link cannot be made.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LinkError {
     /// The card cannot do it.
-    Layout(LayoutError),
+    #[error("{0}")]
+    Layout(#[source] LayoutError),
     /// The card does not answer any more.
-    Client(ClientError),
+    #[error("{0}")]
+    Client(#[source] ClientError),
     /// The system refuses what the socket needs.
-    Socket(io::Error),
+    #[error("no socket to the card: {0}")]
+    Socket(#[source] io::Error),
     /// A setting makes no sense.
+    #[error("{0}")]
     Setting(&'static str),
     /// The card's emergency function cannot be registered.
-    Emergency(luna::Error),
-}
-
-impl fmt::Display for LinkError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            LinkError::Layout(error) => error.fmt(f),
-            LinkError::Client(error) => error.fmt(f),
-            LinkError::Socket(error) => write!(f, "no socket to the card: {error}"),
-            LinkError::Setting(what) => f.write_str(what),
-            LinkError::Emergency(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for LinkError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            LinkError::Layout(error) => Some(error),
-            LinkError::Client(error) => Some(error),
-            LinkError::Socket(error) => Some(error),
-            LinkError::Setting(_) => None,
-            LinkError::Emergency(error) => Some(error),
-        }
-    }
+    #[error("{0}")]
+    Emergency(#[source] luna::Error),
 }
 
 impl Link {

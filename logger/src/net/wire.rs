@@ -3,7 +3,6 @@
 //! The first 16 bytes of either side are the same in all versions, so that each can say what the other is.
 
 use crate::format::{MAJOR, MINOR, crc32};
-use std::fmt;
 use std::hash::{BuildHasher, Hasher};
 
 /// What both sides begin with.
@@ -32,57 +31,37 @@ pub(super) const MOST_NAME: usize = 255;
 pub(super) const DATAGRAM: usize = 40;
 
 /// Why a peer is none to record with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum PeerError {
     /// What it says is not what a sender or a recorder of LUNA says.
+    #[error("the peer is not LUNA's")]
     NotLuna,
     /// It speaks another major version.
+    #[error("the peer speaks version {}.{}, and this program {}.x", .theirs.0, .theirs.1, WIRE.0)]
     Version {
         /// The major and minor version that it speaks.
         theirs: (u16, u16),
     },
     /// Its recordings have another major version.
+    #[error("the peer's recordings have format version {}.{}, and this program's {MAJOR}.x", .theirs.0, .theirs.1)]
     Format {
         /// The major and minor version of them.
         theirs: (u16, u16),
     },
     /// The recorder has as many senders as it takes.
+    #[error("the recorder has as many senders as it takes")]
     Full,
     /// The recorder does not take more from this sender: a limit, or a full disk.
+    #[error("the recorder has no room for more")]
     NoRoom,
     /// What it says is damaged: what is wrong with it.
+    #[error("what the peer says is damaged: {0}")]
     Damaged(&'static str),
     /// It took too long.
+    #[error("the peer did not say what it has to in time")]
     Silent,
 }
-
-impl fmt::Display for PeerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PeerError::NotLuna => f.write_str("the peer is not LUNA's"),
-            PeerError::Version {
-                theirs: (major, minor),
-            } => write!(
-                f,
-                "the peer speaks version {major}.{minor}, and this program {}.x",
-                WIRE.0
-            ),
-            PeerError::Format {
-                theirs: (major, minor),
-            } => write!(
-                f,
-                "the peer's recordings have format version {major}.{minor}, and this program's {MAJOR}.x"
-            ),
-            PeerError::Full => f.write_str("the recorder has as many senders as it takes"),
-            PeerError::NoRoom => f.write_str("the recorder has no room for more"),
-            PeerError::Damaged(what) => write!(f, "what the peer says is damaged: {what}"),
-            PeerError::Silent => f.write_str("the peer did not say what it has to in time"),
-        }
-    }
-}
-
-impl std::error::Error for PeerError {}
 
 /// A piece of bytes as a number.
 fn number<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {

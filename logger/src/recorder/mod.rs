@@ -383,10 +383,11 @@ impl Ending {
 }
 
 /// Why a recording cannot begin.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
     /// Where it is to go cannot be written.
+    #[error("cannot record to {to}: {error}")]
     Sink {
         /// Where that is.
         to: String,
@@ -394,19 +395,9 @@ pub enum StartError {
         error: String,
     },
     /// The recorder's thread could not be made.
+    #[error("cannot record: {0}")]
     Thread(String),
     /// The hub records already, or has done.
+    #[error("a hub is recorded once")]
     Twice,
 }
-
-impl fmt::Display for StartError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            StartError::Sink { to, error } => write!(f, "cannot record to {to}: {error}"),
-            StartError::Thread(error) => write!(f, "cannot record: {error}"),
-            StartError::Twice => f.write_str("a hub is recorded once"),
-        }
-    }
-}
-
-impl std::error::Error for StartError {}

@@ -35,10 +35,11 @@ impl fmt::Display for FmuStatus {
 }
 
 /// Why an FMU does not go on. Making one allocates nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuFault {
     /// One of its functions failed.
+    #[error("the FMU's {call} {status}")]
     Call {
         /// Which: "doStep", "get", "set".
         call: &'static str,
@@ -46,6 +47,7 @@ pub enum FmuFault {
         status: FmuStatus,
     },
     /// It takes steps of one length alone, that of the first, and was asked for one that is not a whole multiple of it.
+    #[error("the FMU takes steps of one length, which was {first:?}, and not of {step:?}")]
     StepSize {
         /// The first.
         first: Duration,
@@ -54,25 +56,12 @@ pub enum FmuFault {
     },
 }
 
-impl fmt::Display for FmuFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            FmuFault::Call { call, status } => write!(f, "the FMU's {call} {status}"),
-            FmuFault::StepSize { first, step } => write!(
-                f,
-                "the FMU takes steps of one length, which was {first:?}, and not of {step:?}"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for FmuFault {}
-
 /// Why an FMU cannot become a plant.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuError {
     /// The file cannot be read, or is no archive.
+    #[error("{} is no FMU that can be read: {reason}", .path.display())]
     File {
         /// Which.
         path: PathBuf,
@@ -80,23 +69,28 @@ pub enum FmuError {
         reason: String,
     },
     /// Its modelDescription.xml is missing or makes no sense.
+    #[error("the FMU's description: {reason}")]
     Description {
         /// Why.
         reason: String,
     },
     /// It is of another version of the standard than 2 or 3.
+    #[error("the FMU is of FMI {found}; export it for version 2 or 3")]
     Version {
         /// What it says.
         found: String,
     },
     /// It is not for co-simulation.
+    #[error("the FMU is not for co-simulation; export it as one that brings its solver")]
     NoCoSimulation,
     /// Its code cannot be loaded: there is none for this platform, or it lacks a function.
+    #[error("the FMU's code cannot be loaded: {reason}")]
     Library {
         /// Why.
         reason: String,
     },
     /// Its code is of another version than its description.
+    #[error("the FMU's description is of {description}, and its code of FMI {code}")]
     VersionOfCode {
         /// Of the description.
         description: Version,
@@ -104,6 +98,7 @@ pub enum FmuError {
         code: String,
     },
     /// It has no variable of that name.
+    #[error("the FMU has no `{name}`; it has {}", listed(.known))]
     NoSuchVariable {
         /// The name.
         name: String,
@@ -111,6 +106,7 @@ pub enum FmuError {
         known: Vec<String>,
     },
     /// A variable is not what it was asked for as.
+    #[error("`{name}` of the FMU is no {wanted}, but of causality {found}")]
     Causality {
         /// Its name.
         name: String,
@@ -120,6 +116,9 @@ pub enum FmuError {
         found: String,
     },
     /// A variable's type is none that a plant's port or parameter has: text, an array, a clock.
+    #[error(
+        "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
+    )]
     Type {
         /// Its name.
         name: String,
@@ -127,6 +126,7 @@ pub enum FmuError {
         found: String,
     },
     /// A parameter cannot have that value.
+    #[error("parameter `{name}` of the FMU cannot be {value}: {reason}")]
     Value {
         /// Its name.
         name: String,
@@ -136,6 +136,7 @@ pub enum FmuError {
         reason: String,
     },
     /// It does not get through its initialization.
+    #[error("the FMU's {call} {status}")]
     Refused {
         /// Which of its functions fails: "instantiate", "enterInitializationMode".
         call: &'static str,
@@ -143,58 +144,6 @@ pub enum FmuError {
         status: FmuStatus,
     },
 }
-
-impl fmt::Display for FmuError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            FmuError::File { path, reason } => {
-                write!(f, "{} is no FMU that can be read: {reason}", path.display())
-            }
-            FmuError::Description { reason } => write!(f, "the FMU's description: {reason}"),
-            FmuError::Version { found } => {
-                write!(f, "the FMU is of FMI {found}; export it for version 2 or 3")
-            }
-            FmuError::NoCoSimulation => f.write_str(
-                "the FMU is not for co-simulation; export it as one that brings its solver",
-            ),
-            FmuError::Library { reason } => write!(f, "the FMU's code cannot be loaded: {reason}"),
-            FmuError::VersionOfCode { description, code } => write!(
-                f,
-                "the FMU's description is of {description}, and its code of FMI {code}"
-            ),
-            FmuError::NoSuchVariable { name, known } => {
-                write!(f, "the FMU has no `{name}`; it has {}", listed(known))
-            }
-            FmuError::Causality {
-                name,
-                wanted,
-                found,
-            } => {
-                write!(
-                    f,
-                    "`{name}` of the FMU is no {wanted}, but of causality {found}"
-                )
-            }
-            FmuError::Type { name, found } => write!(
-                f,
-                "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
-            ),
-            FmuError::Value {
-                name,
-                value,
-                reason,
-            } => {
-                write!(
-                    f,
-                    "parameter `{name}` of the FMU cannot be {value}: {reason}"
-                )
-            }
-            FmuError::Refused { call, status } => write!(f, "the FMU's {call} {status}"),
-        }
-    }
-}
-
-impl std::error::Error for FmuError {}
 
 impl From<FmuError> for luna::Error {
     fn from(error: FmuError) -> luna::Error {

@@ -1,22 +1,30 @@
 //! What is asked for, and by whom.
 
-use std::fmt;
 use std::net::IpAddr;
 
 /// A request has at most so many headers. Browsers send about fifteen.
 const MOST_HEADERS: usize = 64;
 
 /// Why a request is not answered with what it asks for. Its `Display` is for who asks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
+    #[error("This is no request that the scope understands.")]
     Malformed,
+    #[error("The request is too long.")]
     TooLong,
+    #[error("The scope takes no content.")]
     HasBody,
+    #[error("The scope can only be looked at: GET.")]
     Method,
+    #[error("The scope does not answer under this name; it can be started with --host NAME.")]
     Host,
+    #[error("A page of another origin may not look at the scope.")]
     Origin,
+    #[error("There is no such page.")]
     NoSuchPath,
+    #[error("Here a WebSocket is spoken, version 13.")]
     NoWebSocket,
+    #[error("Too many look at the scope already.")]
     TooMany,
 }
 
@@ -33,24 +41,6 @@ impl Refusal {
             Refusal::NoWebSocket => "426 Upgrade Required",
             Refusal::TooMany => "503 Service Unavailable",
         }
-    }
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Refusal::Malformed => "This is no request that the scope understands.",
-            Refusal::TooLong => "The request is too long.",
-            Refusal::HasBody => "The scope takes no content.",
-            Refusal::Method => "The scope can only be looked at: GET.",
-            Refusal::Host => {
-                "The scope does not answer under this name; it can be started with --host NAME."
-            }
-            Refusal::Origin => "A page of another origin may not look at the scope.",
-            Refusal::NoSuchPath => "There is no such page.",
-            Refusal::NoWebSocket => "Here a WebSocket is spoken, version 13.",
-            Refusal::TooMany => "Too many look at the scope already.",
-        })
     }
 }
 

@@ -2,8 +2,6 @@
 //!
 //! An incremental encoder counts from wherever it was switched on. The stops stand at equal distances from angle 0, so that their middle is it.
 
-use std::fmt;
-
 /// The duty that drives the axis towards a stop: well above what friction takes, well below what harms.
 const DUTY: f64 = 0.15;
 /// An axis that is driven is at a stop when it has moved by less than [`STILL`] rad for this long, in seconds.
@@ -33,11 +31,17 @@ pub enum Step {
 }
 
 /// Why an axis cannot be calibrated.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// The axis still moved after the longest time that the way to a stop can take.
+    #[error(
+        "no end stop was reached within {LONGEST} s; look whether the motor is coupled to the axis"
+    )]
     NoStop,
     /// The stops are not where they should be: something is in the way, or the encoder counts wrong.
+    #[error(
+        "the end stops are {found:.3} rad apart instead of {expected:.3}; look what blocks the axis, and at the encoder"
+    )]
     Travel {
         /// From stop to stop, in rad.
         found: f64,
@@ -45,23 +49,6 @@ pub enum CalibrationError {
         expected: f64,
     },
 }
-
-impl fmt::Display for CalibrationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoStop => write!(
-                f,
-                "no end stop was reached within {LONGEST} s; look whether the motor is coupled to the axis"
-            ),
-            Self::Travel { found, expected } => write!(
-                f,
-                "the end stops are {found:.3} rad apart instead of {expected:.3}; look what blocks the axis, and at the encoder"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for CalibrationError {}
 
 /// The calibration of one axis.
 #[derive(Debug, Clone)]

@@ -1,7 +1,6 @@
 //! Who makes packets.
 
 use super::{Command, MAX_COUNT, MAX_PACKET, Space, Width};
-use std::fmt;
 
 /// A packet that is being made. It has its room from the start: nothing allocates later.
 #[derive(Debug, Clone)]
@@ -11,31 +10,16 @@ pub struct Packet {
 }
 
 /// Why a command does not go into a packet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PacketError {
     /// It transfers nothing, or more than [`MAX_COUNT`] elements, or its data is not a whole number of elements.
+    #[error("a command transfers 1 to {MAX_COUNT} whole elements, this one does not")]
     Count,
     /// The packet or its answer would be longer than [`MAX_PACKET`].
+    #[error("a packet and its answer have at most {MAX_PACKET} bytes each; make two of it")]
     Full,
 }
-
-impl fmt::Display for PacketError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PacketError::Count => write!(
-                f,
-                "a command transfers 1 to {MAX_COUNT} whole elements, this one does not"
-            ),
-            PacketError::Full => write!(
-                f,
-                "a packet and its answer have at most {MAX_PACKET} bytes each; make two of it"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for PacketError {}
 
 impl Packet {
     /// An empty packet. Allocates.

@@ -1,7 +1,6 @@
 //! Who reads packets: a card.
 
 use super::{Command, Reader};
-use std::fmt;
 
 /// One command of a packet with its data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,25 +12,16 @@ pub struct Operation<'a> {
 }
 
 /// Why the rest of a packet cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParseError {
     /// It ends within a command, its address or its data.
+    #[error("the packet ends within a command")]
     Truncated,
     /// A command transfers nothing.
+    #[error("a command transfers no elements")]
     NoElements,
 }
-
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            ParseError::Truncated => "the packet ends within a command",
-            ParseError::NoElements => "a command transfers no elements",
-        })
-    }
-}
-
-impl std::error::Error for ParseError {}
 
 /// The commands of a packet, in order. After an error there are none.
 ///
