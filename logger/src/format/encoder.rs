@@ -1,6 +1,5 @@
 //! Records into blocks.
 
-use super::checksum::crc32;
 use super::record::{Event, Record, RunsOn, SignalInfo};
 use super::types::{Losing, Values};
 use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
@@ -260,14 +259,20 @@ impl Encoder {
 
 /// Fills in a block's start.
 pub(crate) fn seal(block: &mut [u8], sequence: u32) {
-    let (start, records) = block.split_at_mut(BLOCK_START);
-    let sequence = sequence.to_le_bytes();
-    let length = (records.len() as u32).to_le_bytes();
-    start[..4].copy_from_slice(&BLOCK_MAGIC);
-    start[4..8].copy_from_slice(&sequence);
-    start[8..12].copy_from_slice(&length);
-    let checksum = crc32(&[&sequence, &length, records]);
-    start[12..].copy_from_slice(&checksum.to_le_bytes());
+    let length = (block.len() - BLOCK_START) as u32;
+    block[..4].copy_from_slice(&BLOCK_MAGIC);
+    block[4..8].copy_from_slice(&sequence.to_le_bytes());
+    block[8..12].copy_from_slice(&length.to_le_bytes());
+    let checksum = checksum(block);
+    block[12..BLOCK_START].copy_from_slice(&checksum.to_le_bytes());
+}
+
+/// The CRC-32 of a block's sequence, length and records.
+pub(crate) fn checksum(block: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&block[4..12]);
+    hasher.update(&block[BLOCK_START..]);
+    hasher.finalize()
 }
 
 impl Default for Encoder {

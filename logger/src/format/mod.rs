@@ -13,7 +13,6 @@
 //!
 //! A [`Reader`] holds one block and the declared types of signals, whatever the file says. A file is good up to its last complete block.
 
-mod checksum;
 mod decode;
 mod encoder;
 mod error;
@@ -23,9 +22,8 @@ mod tally;
 mod types;
 mod writer;
 
-pub(crate) use checksum::crc32;
 pub use encoder::Encoder;
-pub(crate) use encoder::seal;
+pub(crate) use encoder::{checksum, seal};
 pub use error::{ReadError, ReadErrorKind};
 pub use reader::Reader;
 pub use record::{Event, Record, RunsOn, SignalInfo, Subject};

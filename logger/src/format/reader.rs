@@ -1,6 +1,5 @@
 //! Blocks into records, with bounded memory.
 
-use super::checksum::crc32;
 use super::decode::{Body, Types, is_known, record};
 use super::error::{ReadError, ReadErrorKind};
 use super::record::Record;
@@ -290,7 +289,7 @@ impl<R: Read> Reader<R> {
         if self.look(whole).map_err(io)? < whole {
             return Err(broken(ReadErrorKind::Truncated));
         }
-        if crc32(&[&self.ahead[4..12], &self.ahead[BLOCK_START..whole]]) != checksum {
+        if super::checksum(&self.ahead[..whole]) != checksum {
             return Err(broken(ReadErrorKind::Checksum));
         }
         if found != self.sequence && !after_damage {

@@ -4,7 +4,7 @@ use super::receive::{Known, LOOK, Office, Refusal, lock};
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
 };
-use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, crc32};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, checksum};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::convert::Infallible;
 use std::io::{self, ErrorKind, Read, Write};
@@ -134,7 +134,7 @@ impl Stream<'_> {
                     "it ends in a block",
                 ));
             }
-            if crc32(&[&block[4..12], &block[BLOCK_START..]]) != u32_at(&block, 12) {
+            if checksum(&block) != u32_at(&block, 12) {
                 return Err(io::Error::other(PeerError::Damaged(
                     "a block's checksum is wrong",
                 )));

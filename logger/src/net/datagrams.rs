@@ -2,7 +2,7 @@
 
 use super::receive::{Known, LOOK, Office, lock};
 use super::wire::{Answer, DATAGRAM, Datagram, Hello, Key, PeerError, answer_bytes, u32_at};
-use crate::format::{BLOCK_MAGIC, BLOCK_START, Encoder, Reader, Record, crc32, seal};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, Encoder, Reader, Record, checksum, seal};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::{Arc, Mutex};
@@ -69,7 +69,7 @@ impl Hall<'_> {
         if block.len() <= BLOCK_START
             || block[..4] != BLOCK_MAGIC
             || u32_at(block, 8) as usize != block.len() - BLOCK_START
-            || crc32(&[&block[4..12], &block[BLOCK_START..]]) != u32_at(block, 12)
+            || checksum(block) != u32_at(block, 12)
         {
             return Err(PeerError::Damaged("it is no block"));
         }

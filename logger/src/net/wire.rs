@@ -2,7 +2,7 @@
 //!
 //! The first 16 bytes of either side are the same in all versions, so that each can say what the other is.
 
-use crate::format::{MAJOR, MINOR, crc32};
+use crate::format::{MAJOR, MINOR};
 use std::hash::{BuildHasher, Hasher};
 
 /// What both sides begin with.
@@ -109,13 +109,13 @@ pub(super) fn check_prefix(bytes: &[u8]) -> Result<(), PeerError> {
 }
 
 fn end(mut bytes: Vec<u8>) -> Vec<u8> {
-    let checksum = crc32(&[&bytes]);
+    let checksum = crc32fast::hash(&bytes);
     bytes.extend(checksum.to_le_bytes());
     bytes
 }
 
 fn check_end(bytes: &[u8], length: usize) -> Result<(), PeerError> {
-    if bytes.len() < length + 4 || crc32(&[&bytes[..length]]) != u32_at(bytes, length) {
+    if bytes.len() < length + 4 || crc32fast::hash(&bytes[..length]) != u32_at(bytes, length) {
         return Err(PeerError::Damaged("its checksum is wrong"));
     }
     Ok(())
