@@ -93,8 +93,8 @@ impl Loops {
                 "count": histogram.count(),
                 "p50": histogram.quantile(0.5),
                 "p99": histogram.quantile(0.99),
-                "max": histogram.most(),
-                "parts": histogram.parts().collect::<Vec<_>>(),
+                "max": histogram.max(),
+                "buckets": histogram.buckets().collect::<Vec<_>>(),
             })
         });
         let late = self.late.iter().map(|late| {
