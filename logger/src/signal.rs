@@ -10,11 +10,13 @@ use std::sync::Arc;
 
 /// A number, a boolean or a small vector over time, which a process records.
 ///
-/// Registered in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the real-time path. Clones are the same signal, for processes on
-/// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
+/// Register it in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the
+/// real-time path. Clones are the same signal, for processes on other threads. When all of them are
+/// dropped the name can be used again for a signal of the same type and unit.
 ///
-/// On a thread that works for no system (`main`, `luna::run`, a plain thread) it is a signal that nobody records, for good: [`record`](Self::record) does nothing there or anywhere
-/// else, and names may come twice. So the same code runs in a system and without one.
+/// On a thread that belongs to no system (`main`, `luna::run`, a plain thread) the result is a
+/// signal that is never recorded: [`record`](Self::record) does nothing, on any thread, and names
+/// need not be unique. So the same code runs in a system and without one.
 ///
 /// ```
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
@@ -35,16 +37,18 @@ pub struct Signal<T> {
     carries: PhantomData<fn(T)>,
 }
 
-// What it shares is written by steps that nothing of the user's comes between, so nobody finds it half changed after a panic.
+// Its shared state is changed without calling user code in between, so a panic leaves it
+// consistent.
 impl<T> UnwindSafe for Signal<T> {}
 impl<T> RefUnwindSafe for Signal<T> {}
 
 impl<T: Sample> Signal<T> {
-    /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a lock.
+    /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a
+    /// lock.
     ///
     /// # Errors
     ///
-    /// The name is taken, empty or of more than 255 bytes, or there are 65 536 signals.
+    /// The name is used, empty or longer than 255 bytes, or there are 65 536 signals.
     pub fn register(name: &str) -> Result<Signal<T>, RegisterError> {
         SignalBuilder::new(name, "").register()
     }
@@ -56,9 +60,10 @@ impl<T: Sample> Signal<T> {
 
     /// Records a sample, with the time of the call.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation and no system call; while nothing is recorded, one branch. A sample for which there is no room
-    /// is dropped and counted. So it is on a thread that was not prepared for it ([`Hub::enter_thread`]) while it is on the path; off the path such a thread makes itself
-    /// room at its first sample, which allocates.
+    /// Real-time path: yes. Wait-free, O(elements), no allocation and no system call; one branch
+    /// while nothing is recorded. A sample is dropped and counted if the ring has no room, or on
+    /// the path of a thread that was not prepared ([`Hub::enter_thread`]). Off the path, such a
+    /// thread creates its ring with the first sample, which allocates.
     #[inline]
     pub fn record(&self, value: T) {
         if self.hub.is_recording() {
@@ -119,11 +124,12 @@ impl<T: Sample> SignalBuilder<T> {
         self
     }
 
-    /// Registers the signal with the system that the calling thread works for; where that is none, the signal records nothing.
+    /// Registers the signal with the calling thread's system. Without a system the signal records
+    /// nothing.
     ///
     /// # Errors
     ///
-    /// As [`Signal::register`], and a unit of more than 63 bytes or a description of more than 1023.
+    /// As [`Signal::register`]; also a unit longer than 63 bytes or a description longer than 1023.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
         let declared = Declared {
             name: self.name,

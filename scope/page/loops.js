@@ -57,7 +57,7 @@ export class Loops {
     this.histogram(card.canvas, one);
   }
 
-  // Counts on a logarithmic scale, so that one late cycle in a million is seen; so is time.
+  // Counts and times are on logarithmic scales, so that one late cycle in a million is visible.
   histogram(canvas, { buckets, p50, p99, max }) {
     const { context, width, height } = fit(canvas);
     const palette = colours();
@@ -107,6 +107,6 @@ export class Loops {
     this.body.replaceChildren(...lines);
   }
 
-  // A time as the scope tells it, since the beginning that the page knows.
+  // Converts a time as the scope sends it to seconds since the beginning that the page knows.
   seconds(text) { return Number(BigInt(text) - BigInt(Math.round(this.model.base ?? 0))) / 1e9; }
 }

@@ -1,6 +1,7 @@
 //! How late the cycles of a loop began, in bounded memory.
 
-/// A value is known to a sixteenth (one significant digit); what is above 275 s counts as that.
+/// The resolution is a sixteenth of a value (one significant digit). Values above 275 s count as
+/// that.
 const SIGNIFICANT_DIGITS: u8 = 1;
 const LONGEST: u64 = 1 << 38;
 
@@ -34,7 +35,7 @@ impl Histogram {
         self.max
     }
 
-    /// This share of all values is not above the result, which is at most the greatest value.
+    /// The value that this share of all values does not exceed; at most the greatest value.
     pub(crate) fn quantile(&self, share: f64) -> u64 {
         self.counts.value_at_quantile(share).min(self.max)
     }

@@ -1,4 +1,4 @@
-//! What is known of each loop since the beginning: its jitter, and its late cycles.
+//! The statistics of each loop since the beginning: its jitter, and its late cycles.
 
 use crate::histogram::Histogram;
 use luna_logger::format::Event;
@@ -10,7 +10,7 @@ const SLOT: u16 = 10;
 const LATE: u16 = 11;
 /// A hypervisor has run something else on a core, in the time before.
 const STOLEN: u16 = 17;
-/// The cause of a late cycle is not known.
+/// A hypervisor took time from a core.
 const UNKNOWN: u64 = 0;
 
 /// More loops than that are not counted.
@@ -33,7 +33,8 @@ struct Late {
     time: u64,
     lateness: u64,
     cause: u64,
-    /// The core from which most was stolen around it, and how many nanoseconds, if the cause is not known. It need not be the loop's core.
+    /// The core with the most stolen time around then, and the time in ns, if the cause is not
+    /// known. It need not be the loop's core.
     stolen: Option<(u32, u64)>,
 }
 
@@ -85,7 +86,7 @@ impl Loops {
         self.version
     }
 
-    /// All of it, for the page. Times are texts, since they may have more than 53 bits.
+    /// All statistics, for the page. Times are strings, since they may have more than 53 bits.
     pub(crate) fn json(&self) -> Value {
         let loops = self.of.iter().map(|(number, histogram)| {
             json!({
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_stolen_around_a_late_cycle_is_told_of_it() {
+    fn a_late_cycle_shows_the_time_stolen_around_it() {
         let mut loops = Loops::default();
         let mut take = |time, code, subject, arguments| {
             loops.take(&Event {

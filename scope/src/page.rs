@@ -1,4 +1,4 @@
-//! What the page is made of: part of the program, so that it works without internet.
+//! The files of the page, compiled in, so that it works without internet.
 
 /// A file of the page.
 pub(crate) struct Asset {

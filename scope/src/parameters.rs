@@ -3,7 +3,8 @@
 use serde::Serialize;
 use serde_json::Value;
 
-/// What a program lets its viewers see and, with the token, set. It is called from threads of the scope, which may wait.
+/// The parameters that a program shows to its viewers and, with the token, lets them set. Called on
+/// threads of the scope, which may block.
 ///
 /// ```
 /// use luna_scope::{Parameter, Parameters};

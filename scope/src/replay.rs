@@ -6,7 +6,7 @@ use std::io::Read;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-/// How fast a recording is played: a factor of the time that it took, or at once.
+/// How fast a recording is played: a factor of recorded time, or at once.
 ///
 /// ```
 /// use luna_scope::Speed;
@@ -43,7 +43,7 @@ impl FromStr for Speed {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// It cannot be read, or not further; what came before is there to be looked at.
+    /// It cannot be read to its end; what came before the error is shown.
     #[error(transparent)]
     Read(ReadError),
 }
@@ -80,7 +80,8 @@ struct Pace {
 }
 
 impl Pace {
-    /// How long it is until what was recorded at `time` is due; records that are due within a frame of a screen go together.
+    /// The time until a record of `time` is due; records that are due within a frame of the screen
+    /// go together.
     fn until(&mut self, time: u64) -> Option<Duration> {
         let now = Instant::now();
         let (begun, first) = *self.begun.get_or_insert((now, time));

@@ -1,4 +1,5 @@
-//! Who is let in, and what happens to those who do not behave. The requests are written by hand, since no client would send them.
+//! Access checks, and clients that violate the protocol. The requests are written by hand, since no
+//! client would send them.
 
 #[path = "support/machine.rs"]
 #[allow(dead_code, unreachable_pub, reason = "a part of it is used here")]
@@ -50,7 +51,7 @@ fn view(scope: &Scope) -> WebSocket<TcpStream> {
     tungstenite::client(url, stream).unwrap().0
 }
 
-/// The next words of the scope, without its blocks; nothing when it has hung up.
+/// The scope's next message, without its blocks; none after it has closed the connection.
 fn words(socket: &mut WebSocket<TcpStream>) -> Option<Value> {
     loop {
         match socket.read() {
@@ -149,7 +150,7 @@ fn foreign_origins_and_hosts_get_no_data() {
         let headers = upgrade(&format!("Host: {host}\r\nOrigin: {origin}"));
         assert_eq!(get(&scope, "/live", &headers), 403, "{host} {origin}");
     }
-    // A name of an attacker that leads here, with the origin that goes with it.
+    // An attacker's host name that resolves to this address, with its origin.
     let rebound = upgrade("Host: evil.example\r\nOrigin: http://evil.example");
     assert_eq!(get(&scope, "/live", &rebound), 421);
     assert_eq!(scope.viewers(), 0);
@@ -203,7 +204,7 @@ impl Recording {
         }
     }
 
-    /// Gives so many cycles more; says how many blocks were refused.
+    /// Sends this many more cycles. Returns how many blocks were refused.
     fn give(&mut self, cycles: u64, sink: &mut impl Sink) -> u64 {
         let mut refused = 0;
         let Recording { encoder, machine } = self;
@@ -251,7 +252,8 @@ fn the_sink_never_waits() {
     let scope = Scope::open(settings()).unwrap();
     let mut sink = scope.sink().unwrap();
     let mut recording = Recording::begin(&mut sink);
-    // Many times as much as fits; what is refused is the recorder's to count, and what follows is good.
+    // Many times as much as fits: refused blocks are counted by the recorder, and later ones are
+    // valid.
     recording.give(20_000, &mut sink);
     until(|| recording.give(1, &mut sink) == 0);
     let mut viewer = view(&scope);
@@ -278,7 +280,7 @@ fn a_replayed_recording_is_there_for_who_comes_later() {
     assert_eq!(status["status"]["emergency"]["degree"], 3);
     assert_eq!(status["status"]["problem"], Value::Null);
 
-    // Another takes its place; one that is cut off says so.
+    // Another recording replaces it; one that is cut off reports that.
     let error = scope.replay(&file[..file.len() - 9], Speed::AT_ONCE);
     assert!(error.is_err());
     words_of(&mut viewer, "begin");

@@ -4,12 +4,14 @@ use super::record::{Event, Record, RunsOn, SignalInfo};
 use super::types::{Losing, Values};
 use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
 
-/// A block is handed on when it has so many bytes: less than a tenth of what a block may have, so that the last record always fits.
+/// A block is full at this size. It is less than a tenth of the limit, so that the last record
+/// always fits.
 const FULL: usize = 64 << 10;
 
 /// Makes blocks of records, without writing them anywhere.
 ///
-/// Not for the real-time path. Its memory is that of one block: who uses it takes the block when it [is full](Self::is_full).
+/// Not for the real-time path. It holds one block in memory: take the block when it [is
+/// full](Self::is_full).
 ///
 /// ```
 /// use luna_logger::format::{Encoder, Reader, Record};
@@ -36,12 +38,13 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder whose first block has number 0.
+    /// Creates an encoder. Its first block has number 0.
     pub fn new() -> Self {
         Self::with_block_size(FULL)
     }
 
-    /// An encoder whose blocks are full at `size` bytes, at most 64 KiB: for a way that takes small pieces, such as datagrams. A block is longer than that by its last record at most.
+    /// Creates an encoder whose blocks are full at `size` bytes, at most 64 KiB, for transports
+    /// with small units such as datagrams. A block exceeds that by its last record at most.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Record};
@@ -98,7 +101,7 @@ impl Encoder {
         self.block.extend_from_slice(&self.body);
     }
 
-    /// The block as it is to be written, with its start. Empty if there is nothing in it.
+    /// The block as it is to be written, with its header. Empty if it has no records.
     pub fn block(&mut self) -> &[u8] {
         if self.is_empty() {
             return &[];
@@ -107,13 +110,13 @@ impl Encoder {
         &self.block
     }
 
-    /// Begins the next block: the one before was written.
+    /// Begins the next block, after this one was written.
     pub fn next(&mut self) {
         self.sequence = self.sequence.wrapping_add(1);
         self.discard();
     }
 
-    /// Begins the block anew: it could not be written, and its number is the next one's.
+    /// Discards the block, which could not be written. The next block gets its number.
     pub fn discard(&mut self) {
         self.block.truncate(BLOCK_START);
         self.last = 0;
@@ -243,7 +246,8 @@ impl Encoder {
         number(&mut self.body, value);
     }
 
-    /// The distance to the time before, which may be negative: its sign lies in the lowest bit, so that short distances either way are short.
+    /// The difference to the time before. It may be negative: the sign is the lowest bit, so that
+    /// small differences of either sign are short.
     fn time(&mut self, time: u64) {
         let distance = time.wrapping_sub(self.last) as i64;
         self.last = time;
@@ -281,7 +285,7 @@ impl Default for Encoder {
     }
 }
 
-/// LEB128: seven bits a byte, lowest first; the highest bit says that more follow.
+/// LEB128: seven bits a byte, lowest first; the highest bit says that another byte follows.
 fn number(to: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         to.push(value as u8 | 0x80);

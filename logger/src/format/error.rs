@@ -5,7 +5,7 @@ use std::io;
 
 /// Why a recording cannot be read, or not further, and where.
 ///
-/// All records that came before it are good: they lie in blocks whose checksum is right.
+/// All records before the error are valid: their blocks have correct checksums.
 ///
 /// ```
 /// use luna_logger::format::{ReadErrorKind, Reader};
@@ -33,14 +33,14 @@ pub enum ReadErrorKind {
         /// The recording's major and minor version.
         found: (u16, u16),
     },
-    /// It ends in the middle of a block: the program that wrote it was killed, or still writes.
+    /// It ends in the middle of a block: the program was killed while writing, or is still writing.
     #[error("the recording ends in the middle of a block; all complete blocks before it are good")]
     Truncated,
-    /// Where a block is to begin there is none.
+    /// No block begins where one should.
     #[error("no block begins where one should")]
     NoBlock,
-    /// A block says that it is longer than any block may be.
-    #[error("a block says that it has {length} bytes, more than any may have")]
+    /// A block states a length above [`MOST_IN_BLOCK`](super::MOST_IN_BLOCK).
+    #[error("a block states a length of {length} bytes, which is more than the limit")]
     BlockTooLong {
         /// The length that it states, in bytes.
         length: u32,
@@ -56,7 +56,7 @@ pub enum ReadErrorKind {
         /// The number that it has.
         found: u32,
     },
-    /// A record makes no sense, though its block's checksum is right.
+    /// A record is malformed, although its block's checksum is correct.
     #[error("a record makes no sense: {0}")]
     Record(&'static str),
     /// The file could not be read.
@@ -69,7 +69,8 @@ impl ReadError {
         Self { offset, kind }
     }
 
-    /// Where in the recording, in bytes from its beginning: the block or record that is wrong.
+    /// Where the error is: the offset of the wrong block or record, in bytes from the recording's
+    /// beginning.
     pub fn offset(&self) -> u64 {
         self.offset
     }
@@ -79,7 +80,7 @@ impl ReadError {
         &self.kind
     }
 
-    /// Whether the recording only ends too early: what is there is whole.
+    /// Whether the recording only ends too early: what is there is valid.
     pub fn is_truncated(&self) -> bool {
         matches!(self.kind, ReadErrorKind::Truncated)
     }
@@ -91,7 +92,7 @@ impl fmt::Display for ReadError {
     }
 }
 
-/// By hand: the kind's text is in the message above, so the source is the kind's.
+/// Written by hand: the kind's text is part of the message above, so the source is the kind's.
 impl std::error::Error for ReadError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         self.kind.source()

@@ -6,7 +6,8 @@ use super::types::{ClockBase, Level, Losing, Type, Values};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Record<'a> {
-    /// What was recorded: the first record, and again where a recorder had to begin anew. Declarations that follow repeat what was declared before.
+    /// The recorded system: the first record, and again where a recorder had to start again. The
+    /// declarations that follow repeat the earlier ones.
     Session {
         /// The system's name.
         system: &'a str,
@@ -58,11 +59,11 @@ pub enum Record<'a> {
         subject: Subject,
         /// Its number.
         number: u32,
-        /// The number of what it belongs to (a sub-process to its process, a loop to its process); 0 if nothing.
+        /// The number of its parent (a sub-process' or loop's process); 0 if it has none.
         parent: u32,
         /// Its name.
         name: &'a str,
-        /// A process': where it runs, if that is known.
+        /// For a process: where it runs, if known.
         runs_on: Option<RunsOn>,
     },
     /// So many were lost, from the beginning of the recording until here.
@@ -119,9 +120,9 @@ pub struct Event {
     pub thread: u32,
     /// When.
     pub time: u64,
-    /// What has happened: `docs/logger.md` has the list. A reader shows those that it does not know by number.
+    /// What happened: `docs/logger.md` lists the codes. A reader shows unknown codes by number.
     pub code: u16,
-    /// Who has done it: mostly the number of a process.
+    /// What did it: usually the number of a process.
     pub subject: u32,
     /// What it is about, by code: a channel, a partner, a guard, a level, nanoseconds.
     pub arguments: [u64; 2],

@@ -4,7 +4,8 @@ use super::encoder::Encoder;
 use super::record::Record;
 use std::io::{self, Write};
 
-/// Writes a recording, block by block. Not for the real-time path: what records a running system is the [recorder](crate::Recorder).
+/// Writes a recording, block by block. Not for the real-time path: a running system is recorded by
+/// the [recorder](crate::Recorder).
 ///
 /// ```
 /// use luna_logger::format::{Reader, Record, SignalInfo, Type, Values, Writer};
@@ -56,7 +57,8 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the block that is under way, if there is anything in it: from then on what was put is in the recording, come what may.
+    /// Writes the current block, if it has records. Afterwards they are in the recording even if
+    /// the program is killed.
     ///
     /// # Errors
     ///

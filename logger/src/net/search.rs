@@ -1,4 +1,4 @@
-//! Looking for a host by its name, on a thread that nobody waits for: who knows names may take half a minute to say that he knows none.
+//! Resolves a host name on a detached thread, since a resolver may take half a minute to fail.
 
 use luna_platform::thread::{Attributes, Policy, spawn};
 use std::convert::Infallible;
@@ -21,7 +21,7 @@ impl Search {
         Self::by(move || first(&address))
     }
 
-    /// By what `find` says.
+    /// Runs `find` on a thread of its own.
     pub(super) fn by(
         find: impl FnOnce() -> io::Result<SocketAddr> + Send + 'static,
     ) -> io::Result<Self> {
@@ -30,7 +30,7 @@ impl Search {
             Attributes::framework("luna-find-host", Policy::Other),
             move |_| Ok::<_, Infallible>((answers, find)),
             |(answers, find)| {
-                // Nobody may wait for it any more.
+                // The receiver may be gone.
                 let _ = answers.send(find());
             },
         );

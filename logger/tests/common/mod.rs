@@ -69,7 +69,7 @@ pub(crate) struct Content {
     pub(crate) lost: BTreeMap<u32, u64>,
     /// By thread.
     pub(crate) lost_messages: BTreeMap<u32, u64>,
-    /// On the way, by the count of who received it.
+    /// Lost on the way, as counted by the receiver.
     pub(crate) lost_blocks: u64,
     pub(crate) epochs: usize,
     pub(crate) has_ended: bool,

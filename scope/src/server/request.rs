@@ -1,30 +1,30 @@
-//! What is asked for, and by whom.
+//! Requests, and the checks of their origin.
 
 use std::net::IpAddr;
 
 /// A request has at most so many headers. Browsers send about fifteen.
 const MOST_HEADERS: usize = 64;
 
-/// Why a request is not answered with what it asks for. Its `Display` is for who asks.
+/// Why a request is refused. Its `Display` is the answer's text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
-    #[error("This is no request that the scope understands.")]
+    #[error("The scope does not understand this request.")]
     Malformed,
     #[error("The request is too long.")]
     TooLong,
     #[error("The scope takes no content.")]
     HasBody,
-    #[error("The scope can only be looked at: GET.")]
+    #[error("The scope only answers GET requests.")]
     Method,
     #[error("The scope does not answer under this name; it can be started with --host NAME.")]
     Host,
-    #[error("A page of another origin may not look at the scope.")]
+    #[error("A page of another origin has no access to the scope.")]
     Origin,
     #[error("There is no such page.")]
     NoSuchPath,
-    #[error("Here a WebSocket is spoken, version 13.")]
+    #[error("This path needs a WebSocket, version 13.")]
     NoWebSocket,
-    #[error("Too many look at the scope already.")]
+    #[error("The scope has reached its limit of viewers.")]
     TooMany,
 }
 
@@ -49,7 +49,7 @@ impl Refusal {
 pub(super) struct Request {
     pub(super) path: String,
     pub(super) wants_body: bool,
-    /// The key of one that wants to become a viewer.
+    /// The WebSocket key of a client that wants to become a viewer.
     pub(super) web_socket: Option<String>,
     host: String,
     origin: Option<String>,
@@ -98,7 +98,8 @@ impl Request {
         })
     }
 
-    /// Whether it was meant for this scope, and comes from its own page. A program that is no browser need not state an origin.
+    /// Checks that the request was meant for this scope, and comes from its own page. A program
+    /// that is not a browser may omit the origin.
     pub(super) fn check(&self, reached: IpAddr, others: &[String]) -> Result<(), Refusal> {
         let (name, port) = split_port(&self.host).ok_or(Refusal::Host)?;
         let address = name.trim_start_matches('[').trim_end_matches(']').parse();

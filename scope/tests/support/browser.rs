@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
-/// Only a browser that hangs takes so long: what is waited for is waited for in the page.
+/// Only a browser that hangs takes this long: the tests wait in the page.
 const PATIENCE: Duration = Duration::from_secs(600);
 
 pub struct Browser {
