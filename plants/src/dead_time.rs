@@ -5,12 +5,16 @@ use crate::{Plant, PlantError, Port};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// A dead time: the output is what the input was so long ago. A conveyor, a pipe, a camera's exposure and transfer.
+/// A dead time: the output is the input of `delay` before. A conveyor, a pipe, a camera's exposure
+/// and transfer.
 ///
-/// Exact: times are kept as whole nanoseconds, changes come out in the order and at the distance at which they went in, whatever the steps. At the very instant of
-/// a change it is the new value that comes out. Before any has passed through, it is 0 or as said by [`starting_at`](Self::starting_at).
+/// Exact: times are whole nanoseconds, and changes come out in the order and at the distance at
+/// which they went in, independent of the steps. At the instant of a change the output is the new
+/// value. Before the first change has passed through, the output is 0 or the value of
+/// [`starting_at`](Self::starting_at).
 ///
-/// A step takes O(changes that come out), of which there are as many as went in. It allocates nothing: the room is made in [`new`](Self::new).
+/// A step takes O(changes that come out), and no more come out than went in. It allocates nothing:
+/// [`new`](Self::new) allocates the buffer.
 ///
 /// ```
 /// use luna_plants::{Checked, DeadTime, Port};
@@ -34,7 +38,8 @@ pub struct DeadTime {
 }
 
 impl DeadTime {
-    /// A dead time of `delay` that is stepped by `shortest_step` or more. Allocates 24 bytes for each such step in the delay, at most 2^20 of them.
+    /// A dead time of `delay` for steps of at least `shortest_step`. Allocates 24 bytes for each
+    /// such step in the delay, for at most 2^20 of them.
     ///
     /// # Panics
     ///

@@ -1,4 +1,4 @@
-//! Why a plant cannot be connected or goes on no longer.
+//! Why a plant cannot be connected, or has failed.
 
 use crate::Port;
 use std::fmt;
@@ -23,9 +23,11 @@ impl fmt::Display for Side {
     }
 }
 
-/// Why a plant cannot be stepped, or its values are none. It is the end of the plant: see [`Checked`](crate::Checked).
+/// Why a plant cannot be stepped, or its values are invalid. The failure is final: see
+/// [`Checked`](crate::Checked).
 ///
-/// Making one and cloning it allocates nothing, but what a plant of your own puts into [`Model`](PlantError::Model).
+/// Creating and cloning one does not allocate, except for what a plant of your own puts into
+/// [`Model`](PlantError::Model).
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlantError {
@@ -49,7 +51,8 @@ pub enum PlantError {
         /// What it is.
         value: f64,
     },
-    /// A value has no counterpart in the type of its channel or of its variable: 300 in a `u8`, 0.5 in an integer.
+    /// A value cannot be represented in the type of its channel or of its variable: 300 in a `u8`,
+    /// 0.5 in an integer.
     #[error("{side} `{port}` is {value}, which is no {into}")]
     DoesNotFit {
         /// Of an input or an output.
@@ -69,7 +72,7 @@ pub enum PlantError {
         /// The longest.
         longest: Duration,
     },
-    /// More changes of the input lie within a dead time than there is room for: the steps are shorter than was said.
+    /// A dead time has no room for the changes of its input: the steps are shorter than stated.
     #[error(
         "more than {room} changes of the input lie within the dead time: state the shortest step that is made"
     )]
@@ -98,7 +101,7 @@ impl PlantError {
     }
 }
 
-/// What ended the system: a plant that failed, with its name.
+/// The failure that ended the system, with the plant's name.
 ///
 /// The process of a [`PlantLink`](crate::PlantLink) raises it as an emergency: it is the source in
 /// [`Error::Other`](luna::Error::Other).
@@ -136,7 +139,7 @@ pub enum ConnectError {
         /// The input.
         port: String,
     },
-    /// An input has no actuator, and nobody said that it keeps its value.
+    /// An input has no actuator, and is not held.
     #[error("plant `{plant}` has inputs without an actuator: {}; connect them, or give them a value with `hold`", listed(.ports))]
     NotConnected {
         /// The plant's name.
@@ -144,7 +147,7 @@ pub enum ConnectError {
         /// The inputs.
         ports: Vec<String>,
     },
-    /// A plant's outputs do not fit the inputs of the one behind it, in number or unit.
+    /// A plant's outputs do not match the inputs of the plant behind it in number or unit.
     #[error("outputs ({}) do not fit inputs ({}): as many are needed, of the same units", listed(.outputs), listed(.inputs))]
     Mismatch {
         /// The outputs, with units.
@@ -152,7 +155,7 @@ pub enum ConnectError {
         /// The inputs, with units.
         inputs: Vec<String>,
     },
-    /// A value that an input is to hold is none for it.
+    /// An input cannot be held at the given value.
     #[error("plant `{plant}`: {error}")]
     Refused {
         /// The plant's name.

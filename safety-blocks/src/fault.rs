@@ -1,4 +1,4 @@
-//! What a block found, and who found it.
+//! A fault, and the block that found it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,9 +30,9 @@ pub enum Channel {
     B,
 }
 
-/// What is wrong, with the value and the limit. Units are those of the block's signals, rates are by second.
+/// The fault, with value and limit. Units are those of the block's signals, rates are per second.
 ///
-/// `Copy`: it is made, passed on and dropped without memory.
+/// `Copy`, so that no step of its life allocates or frees.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
@@ -73,10 +73,10 @@ pub enum Fault {
         /// Where the stop begins.
         stop: f64,
     },
-    /// A sensor says the same for too long.
+    /// A sensor has returned the same value for too long.
     #[error("it has been {value} for {time:?}; look at the sensor and its cable")]
     Frozen {
-        /// What it says.
+        /// The value.
         value: f64,
         /// For how long by now.
         time: Duration,
@@ -94,9 +94,9 @@ pub enum Fault {
     /// Two sensors, or two channels, disagree for too long.
     #[error("{value} and {other} have been further apart than {tolerance} for {time:?}")]
     Disagree {
-        /// What the first says.
+        /// The first value.
         value: f64,
-        /// What the other says.
+        /// The other value.
         other: f64,
         /// How far apart they may be.
         tolerance: f64,
@@ -142,9 +142,10 @@ pub enum Fault {
     },
 }
 
-/// A fault and the block that found it: what an emergency is raised with.
+/// A fault and the block that found it: the cause of an emergency.
 ///
-/// In the error of [`System::run`](luna::System::run) it is the source in [`Error::Other`](luna::Error::Other).
+/// In the error of [`System::run`](luna::System::run) it is the source in
+/// [`Error::Other`](luna::Error::Other).
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("safety block `{block}`: {fault}")]
 pub struct Finding {

@@ -1,4 +1,4 @@
-//! Parameters are looked at when a block is made, so that none can be wrong while it works.
+//! Parameters are checked when a block is created, so that none can be wrong while it works.
 
 use std::fmt;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! What can be wrong with an FMU, before it runs and while it does.
+//! Errors of an FMU, before it runs and while it does.
 
 use super::Version;
 use crate::error::{Side, listed};
@@ -6,7 +6,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What an FMU's function says when it does not say that all is well.
+/// The status of an FMU's function other than OK.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum FmuStatus {
@@ -14,11 +14,13 @@ pub enum FmuStatus {
     Discard,
     /// fmi2Error, fmi3Error: the instance cannot go on.
     Error,
-    /// fmi2Fatal, fmi3Fatal: nor can any other instance of it. It is never called again, not even to be freed.
+    /// fmi2Fatal, fmi3Fatal: no instance of the FMU can go on. It is never called again, not even
+    /// to be freed.
     Fatal,
-    /// It asks for the simulation to end, or has ended a step early, which it was not allowed to.
+    /// It asks for the end of the simulation, or ended a step early, which was not allowed.
     Ended,
-    /// What the standard does not allow here: fmi2Pending without a callback for it, or a number that is no status.
+    /// A status that the standard does not allow here: fmi2Pending without a callback for it, or an
+    /// unknown number.
     Unknown,
 }
 
@@ -26,9 +28,9 @@ impl fmt::Display for FmuStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             FmuStatus::Discard => "discards it",
-            FmuStatus::Error => "says error",
-            FmuStatus::Fatal => "says fatal error",
-            FmuStatus::Ended => "wants the simulation to end",
+            FmuStatus::Error => "returns an error",
+            FmuStatus::Fatal => "returns a fatal error",
+            FmuStatus::Ended => "asks for the end of the simulation",
             FmuStatus::Unknown => "gives no valid status",
         })
     }
@@ -43,15 +45,16 @@ pub enum FmuFault {
     Call {
         /// Which: "doStep", "get", "set".
         call: &'static str,
-        /// What it said.
+        /// The status that it returned.
         status: FmuStatus,
     },
-    /// It takes steps of one length alone, that of the first, and was asked for one that is not a whole multiple of it.
+    /// It only takes steps of one length, that of the first, and was given one that is not a
+    /// multiple of it.
     #[error("the FMU takes steps of one length, which was {first:?}, and not of {step:?}")]
     StepSize {
         /// The first.
         first: Duration,
-        /// The one that it was asked for.
+        /// The requested one.
         step: Duration,
     },
 }
@@ -77,13 +80,13 @@ pub enum FmuError {
     /// It is of another version of the standard than 2 or 3.
     #[error("the FMU is of FMI {found}; export it for version 2 or 3")]
     Version {
-        /// What it says.
+        /// The version in the description.
         found: String,
     },
     /// It is not for co-simulation.
     #[error("the FMU is not for co-simulation; export it as one that brings its solver")]
     NoCoSimulation,
-    /// Its code cannot be loaded: there is none for this platform, or it lacks a function.
+    /// Its code cannot be loaded: there is none for this platform, or a function is missing.
     #[error("the FMU's code cannot be loaded: {reason}")]
     Library {
         /// Why.
@@ -94,7 +97,7 @@ pub enum FmuError {
     VersionOfCode {
         /// Of the description.
         description: Version,
-        /// What the code says.
+        /// The version that the code reports.
         code: String,
     },
     /// It has no variable of that name.
@@ -105,7 +108,7 @@ pub enum FmuError {
         /// The names of those of the causality that was looked for.
         known: Vec<String>,
     },
-    /// A variable is not what it was asked for as.
+    /// A variable has another causality than required.
     #[error("`{name}` of the FMU is no {wanted}, but of causality {found}")]
     Causality {
         /// Its name.
@@ -115,7 +118,7 @@ pub enum FmuError {
         /// What it is.
         found: String,
     },
-    /// A variable's type is none that a plant's port or parameter has: text, an array, a clock.
+    /// A variable's type is not one of a plant's port or parameter: text, an array, a clock.
     #[error(
         "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
     )]
@@ -140,7 +143,7 @@ pub enum FmuError {
     Refused {
         /// Which of its functions fails: "instantiate", "enterInitializationMode".
         call: &'static str,
-        /// What it says.
+        /// The status that it returned.
         status: FmuStatus,
     },
 }
@@ -151,7 +154,7 @@ impl From<FmuError> for luna::Error {
     }
 }
 
-/// The word for a side in the standard.
+/// The standard's word for a side.
 pub(super) fn causality(side: Side) -> &'static str {
     match side {
         Side::Input => "input",

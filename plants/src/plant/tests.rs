@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A plant that does what it is told.
+/// A plant that follows a script.
 struct Scripted {
     inputs: Vec<Port>,
     outputs: Vec<Port>,
@@ -57,7 +57,7 @@ fn plain() -> Scripted {
     Scripted::new(Port::new("u", "V"), Port::new("y", "rad").range(-1.0, 1.0))
 }
 
-/// Fails with `error`, at once and ever after, and says nothing else.
+/// Fails with `error`, at once and for ever.
 fn fails(plant: Scripted, error: &PlantError) {
     let mut checked = Checked::new(plant);
     assert_eq!(checked.step(STEP).as_ref(), Err(error));

@@ -16,7 +16,7 @@ pub(crate) struct Odd {
     pub(crate) flag: Option<&'static str>,
     /// In the description: this by that.
     pub(crate) replaced: Option<(&'static str, &'static str)>,
-    /// For which platform its code is said to be.
+    /// The platform that its code is declared for.
     pub(crate) platform: Option<&'static str>,
     /// Without a description.
     pub(crate) is_mute: bool,
