@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What a link has counted since it was made. Cloning it is cheap; whoever has one reads it at any time, on the real-time path too: O(1), one load.
+/// Counters of a link since it was created. Cloning is cheap. Reading is possible at any time, on
+/// the real-time path too: O(1), one load.
 ///
 /// ```
 /// let counts = luna_links::Counts::default(); // of no link
@@ -30,12 +31,13 @@ impl Counts {
         self.0.records.load(Ordering::Relaxed)
     }
 
-    /// Broken records that came: garbled, cut off, too long. What becomes of them is for [`OnBad`](crate::OnBad) to say.
+    /// Broken records received: garbled, cut off, too long. [`OnBad`](crate::OnBad) determines what
+    /// is done with them.
     pub fn bad(&self) -> u64 {
         self.0.bad.load(Ordering::Relaxed)
     }
 
-    /// Times that the other side of a UDP link refused a packet, since nobody listens there.
+    /// How often the peer of a UDP link refused a packet, since no program listens there.
     pub fn refused(&self) -> u64 {
         self.0.refused.load(Ordering::Relaxed)
     }

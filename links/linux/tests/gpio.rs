@@ -1,4 +1,4 @@
-//! Pins: a simulated chip behind the trait, and the kernel's where it has one to simulate.
+//! Pins: a simulated chip behind the trait, and the kernel's simulated chip where available.
 
 #![cfg(feature = "gpio")]
 
@@ -86,7 +86,7 @@ fn an_emergency_sets_the_outputs_and_nobody_changes_them_any_more() {
                 luna::yield_now().await;
             }
             let cause = luna::emergency(Error::other("a test"));
-            // The emergency thread is above all others; on whichever core it runs, what is set after it fails.
+            // The emergency thread has the highest priority; on any core, later sets fail.
             while seen.lock().unwrap().last() != Some(&SAFE) {
                 luna::yield_now().await;
             }
@@ -196,7 +196,7 @@ fn lines_that_make_no_sense_are_refused_and_open_nothing() {
     let many = (0..65).fold(Lines::new("many"), |lines, offset| lines.input(offset));
     for lines in [none, twice, many] {
         let opened = gpio::open_chip(&devices, "chip", &lines, || -> Result<Simulated, _> {
-            panic!("{lines:?} must not be asked for")
+            panic!("{lines:?} must not be requested")
         });
         assert!(matches!(
             opened,
@@ -206,7 +206,8 @@ fn lines_that_make_no_sense_are_refused_and_open_nothing() {
     assert_eq!(devices.list(), []);
 }
 
-/// The chip of the module `gpio-sim`, whose folder the environment's LUNA_GPIO_SIM names, with the lines 0 and 1.
+/// The chip of the module `gpio-sim`, in the folder that LUNA_GPIO_SIM names, with the lines 0 and
+/// 1.
 #[test]
 fn a_chip_of_the_kernel() {
     let _watch = watchdog();

@@ -1,4 +1,4 @@
-//! Joysticks: a simulated one, whose events come through a pipe; and the kernel's, where one can be made.
+//! Joysticks: a simulated one with events from a pipe, and the kernel's where one can be created.
 
 #![cfg(feature = "evdev")]
 

@@ -67,17 +67,17 @@ fn nobody_there_is_counted_and_no_loss() {
     }
     // A port that was just free.
     let gone = UdpSocket::bind(any()).unwrap().local_addr().unwrap();
-    let mut system = System::new("nobody");
+    let mut system = System::new("no peer");
     let port = udp::open(&system.devices(), any(), Some(gone)).unwrap();
     let (values, receiver) = luna::channel::<[u8; 2]>();
     let output = writer(&port, receiver, Framing::packets(2)).unwrap();
     let counts = output.counts();
     let main = system.executor("main").build().unwrap();
     main.process("out").spawn(output).unwrap();
-    let told = counts.clone();
+    let link = counts.clone();
     main.process("source")
         .spawn(async move {
-            // A refusal is told at the next packet.
+            // A refusal is reported at the next packet.
             for _ in 0..100 {
                 values.send([1, 2]).await?;
             }
@@ -86,8 +86,8 @@ fn nobody_there_is_counted_and_no_loss() {
         .unwrap();
     drop(port);
     system.run().unwrap();
-    assert!(told.refused() > 0, "{told:?}");
-    assert_eq!(told.refused() + told.records(), 100);
+    assert!(link.refused() > 0, "{link:?}");
+    assert_eq!(link.refused() + link.records(), 100);
 }
 
 #[test]

@@ -1,9 +1,9 @@
-//! The edges of inputs, in the format in which the kernel tells them.
+//! The edges of inputs, in the kernel's format.
 
 use luna::external::{Framing, FromBytes, Malformed};
 use std::time::Duration;
 
-/// How edges lie in what is read: records of 48 bytes, `struct gpio_v2_line_event`.
+/// The framing of edges: records of 48 bytes, `struct gpio_v2_line_event`.
 pub const FRAMING: Framing = Framing::fixed(48);
 
 /// An edge of an input.
@@ -16,7 +16,8 @@ pub struct Edge {
     pub rising: bool,
     /// When the kernel saw it, by the monotonic clock.
     pub time: Duration,
-    /// Its number among the edges of all lines of the request, from 1. A gap says how many the kernel has dropped since nobody read them.
+    /// Its number among the edges of all lines of the request, from 1. A gap is the number of edges
+    /// that the kernel dropped for lack of room.
     pub number: u32,
 }
 

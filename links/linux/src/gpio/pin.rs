@@ -5,7 +5,8 @@ use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin, OutputPin, St
 use luna::devices::Device;
 use std::io;
 
-/// One line, by the traits of `embedded-hal`: for a driver that needs a pin beside its bus. Each call is a system call, made at once.
+/// One line, by the traits of `embedded-hal`, for a driver that needs a pin beside its bus. Each
+/// call is a system call, made at once.
 #[derive(Debug, Clone)]
 pub struct Pin {
     pins: Device<Pins>,
@@ -31,7 +32,8 @@ impl Pin {
     }
 }
 
-/// A pin that cannot be set or read: what the system says, that it is no output, or that an emergency has set it.
+/// A pin cannot be set or read: the system's error, the pin is not an output, or an emergency has
+/// set it.
 #[derive(Debug, thiserror::Error)]
 #[error("a pin cannot be used: {0}")]
 pub struct PinError(#[source] io::Error);

@@ -1,7 +1,8 @@
 //! Joysticks and other input devices (evdev).
 //!
-//! [`controls`] makes of a device's events positions from -1 to 1 and buttons, and finds its way again when the kernel has dropped some. The events
-//! themselves come by [`reader`](crate::reader), with [`FRAMING`] and [`Event`].
+//! [`controls`] converts a device's events to positions from -1 to 1 and buttons, and recovers when
+//! the kernel has dropped some. The events themselves come by [`reader`](crate::reader), with
+//! [`FRAMING`] and [`Event`].
 //!
 //! ```no_run
 //! use luna::prelude::*;
@@ -49,15 +50,16 @@ pub const MOST_AXES: usize = 64;
 /// How many numbers there are for buttons.
 pub const MOST_BUTTONS: usize = 768;
 
-/// What [`controls`] needs to know of an input device: the kernel's, or a simulated one.
+/// What [`controls`] needs of an input device: the kernel's, or a simulated one.
 pub trait Controller: Transport {
     /// The range of an axis, if there is such an axis.
     fn range(&self, axis: u16) -> Option<Range>;
 
-    /// Where everything stands now. It may be called on the real-time path: without waiting, and without allocation.
+    /// The present state of all controls. It may be called on the real-time path, so it must not
+    /// block or allocate.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     fn snapshot(&self) -> io::Result<Snapshot>;
 }

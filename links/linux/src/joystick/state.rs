@@ -11,10 +11,11 @@ pub enum Control {
     Axis {
         /// Its number.
         axis: u16,
-        /// From -1 (the least that it can tell) to 1 (the most). Within what the device calls flat it is 0. A trigger that rests at its least rests at -1.
+        /// From -1 (the least value) to 1 (the greatest). Within the device's flat range it is 0. A
+        /// trigger that rests at its least value rests at -1.
         position: f64,
     },
-    /// A button was pressed or released. Repetitions are not told.
+    /// A button was pressed or released. Repetitions are not reported.
     Button {
         /// Its number.
         button: u16,
@@ -23,7 +24,7 @@ pub enum Control {
     },
 }
 
-/// What an axis can tell, in its device's units.
+/// The range of an axis, in its device's units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Range {
     /// The least.
@@ -59,7 +60,7 @@ impl Range {
 pub struct Snapshot {
     /// The axes' values, by their numbers.
     pub axes: [i32; MOST_AXES],
-    /// A bit for each button that is pressed, from the lowest of the first word.
+    /// A bit for each pressed button, from the lowest of the first word.
     pub buttons: [u64; MOST_BUTTONS / 64],
 }
 
@@ -76,7 +77,7 @@ impl Snapshot {
         word.is_some_and(|word| word >> (button % 64) & 1 == 1)
     }
 
-    /// Says of a button whether it is pressed. One of a number that there is not stays as it is.
+    /// Sets whether a button is pressed. A number without a button is ignored.
     pub fn press(&mut self, button: u16, is_pressed: bool) {
         if let Some(word) = self.buttons.get_mut(usize::from(button) / 64) {
             let bit = 1 << (button % 64);
@@ -89,14 +90,14 @@ impl Snapshot {
     }
 }
 
-/// What was told of a device so far.
+/// The state that was reported so far.
 #[derive(Debug)]
 pub(super) struct State {
     ranges: [Option<Range>; MOST_AXES],
     positions: [f64; MOST_AXES],
     /// Its buttons alone.
-    told: Snapshot,
-    /// Events were lost: those up to the next report are of no use, and then the device is asked.
+    reported: Snapshot,
+    /// Events were lost: those up to the next report are useless, and then the device is queried.
     is_lost: bool,
 }
 
@@ -105,7 +106,7 @@ pub(super) struct State {
 pub(super) enum Meaning {
     Nothing,
     Control(Control),
-    /// Ask the device where everything stands, and [`compare`](State::compare).
+    /// Query the device's state, and [`compare`](State::compare).
     Ask,
 }
 
@@ -115,7 +116,7 @@ impl State {
         Self {
             ranges,
             positions: [0.0; MOST_AXES],
-            told: Snapshot::ZERO,
+            reported: Snapshot::ZERO,
             is_lost: false,
         }
     }
@@ -143,23 +144,24 @@ impl State {
             return Meaning::Nothing;
         };
         let position = range.position(value);
-        let told = &mut self.positions[usize::from(axis)];
-        if *told == position {
+        let reported = &mut self.positions[usize::from(axis)];
+        if *reported == position {
             return Meaning::Nothing;
         }
-        *told = position;
+        *reported = position;
         Meaning::Control(Control::Axis { axis, position })
     }
 
     fn press(&mut self, button: u16, pressed: bool) -> Meaning {
-        if usize::from(button) >= MOST_BUTTONS || self.told.is_pressed(button) == pressed {
+        if usize::from(button) >= MOST_BUTTONS || self.reported.is_pressed(button) == pressed {
             return Meaning::Nothing;
         }
-        self.told.press(button, pressed);
+        self.reported.press(button, pressed);
         Meaning::Control(Control::Button { button, pressed })
     }
 
-    /// The next control from `*place` on that stands elsewhere than was told; `place` is 0 at first. O(axes and buttons) in all.
+    /// The next control from `*place` on with a state that was not reported; `place` is 0 at first.
+    /// O(axes and buttons) in all.
     pub(super) fn compare(&mut self, now: &Snapshot, place: &mut usize) -> Option<Control> {
         while *place < MOST_AXES + MOST_BUTTONS {
             let number = *place;
@@ -245,12 +247,12 @@ mod tests {
         now.axes[1] = -100;
         now.press(3, true);
         let mut place = 0;
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         while let Some(control) = state.compare(&now, &mut place) {
-            told.push(control);
+            reported.push(control);
         }
         assert_eq!(
-            told,
+            reported,
             [
                 Control::Axis {
                     axis: 1,
