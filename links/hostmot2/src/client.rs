@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 /// How many elements of the IDROM are read at a time.
 const CHUNK: u8 = 64;
 
-/// Exchanges packets with a card and waits for the answers: for set-up and tools. Not for the real-time path.
+/// Exchanges packets with a card and waits for the answers: for set-up and tools. Not for the
+/// real-time path.
 ///
 /// ```no_run
 /// use hostmot2::{Client, Layout, Selection};
@@ -45,16 +46,16 @@ pub enum ClientError {
     Silent {
         /// Which.
         card: SocketAddr,
-        /// How often it was asked.
+        /// The number of attempts.
         attempts: u32,
-        /// What the system said last, if it refused to send or receive.
+        /// The system's last error, if it refused to send or receive.
         #[source]
         last: Option<io::Error>,
     },
-    /// Who answers is no HostMot2: this is not its cookie.
-    #[error("who answers is no HostMot2: its cookie is {cookie:#010x}")]
+    /// The device that answers is not a HostMot2 card: it has another cookie.
+    #[error("the device that answers is no HostMot2: its cookie is {cookie:#010x}")]
     NotHostMot2 {
-        /// What it says instead.
+        /// Its cookie.
         cookie: u32,
     },
     /// The card's description cannot be read.
@@ -89,7 +90,7 @@ impl Client {
             socket.connect(card)?;
             Ok(socket)
         };
-        // Not the same as that of who was here before.
+        // Different from the numbers of earlier clients.
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         let sequence = since.map_or(1, |since| since.as_nanos() as u32);
         Ok(Self {
@@ -100,7 +101,7 @@ impl Client {
         })
     }
 
-    /// Waits `timeout` for each answer, and asks at most `attempts` times; 100 ms and 5 if not stated.
+    /// Waits `timeout` for each answer, with at most `attempts` attempts; default 100 ms and 5.
     #[must_use]
     pub fn patience(mut self, timeout: Duration, attempts: u32) -> Self {
         self.timeout = timeout.max(Duration::from_millis(1));
@@ -113,18 +114,19 @@ impl Client {
         self.sequence
     }
 
-    /// The socket, for who goes on without this.
+    /// The socket, to continue without the client.
     pub fn into_socket(self) -> UdpSocket {
         self.socket
     }
 
-    /// Sends what `packet` says, again until the card confirms that it was done, and gives what it read.
+    /// Sends `packet` until the card confirms that it was executed, and returns what it read.
     ///
-    /// It may be done several times. Not after what comes later: answers to an earlier attempt are not taken for that of a later packet.
+    /// The card may execute it several times, but not after later packets: answers to an earlier
+    /// attempt are not accepted for a later packet.
     ///
     /// # Errors
     ///
-    /// The card is silent, or the packet too long with the number that is added to it.
+    /// The card is silent, or the packet is too long with the number that is added to it.
     pub fn confirmed(&mut self, packet: &Packet) -> Result<Vec<u8>, ClientError> {
         let mut last = None;
         for _ in 0..self.attempts {
@@ -160,11 +162,11 @@ impl Client {
         self.confirmed(&packet)
     }
 
-    /// Asks the card for all that it says of itself.
+    /// Reads the card's complete description.
     ///
     /// # Errors
     ///
-    /// The card is silent, or no HostMot2, or its description makes no sense.
+    /// The card is silent, or is no HostMot2, or its description is invalid.
     pub fn describe(&mut self) -> Result<Description, ClientError> {
         let mut packet = Packet::new();
         packet.read(Space::HostMot2, Width::Bits32, registers::CONFIG_COOKIE, 4)?;
@@ -218,7 +220,7 @@ impl Client {
         self.socket.send(&request).map_err(ClientError::Socket)?;
         let expected = numbered.answer_len() + packet.answer_len();
         let deadline = Instant::now() + self.timeout;
-        // One more than an answer has: a longer datagram is cut, and would else look like one.
+        // One byte more than an answer has, to recognize longer datagrams, which are cut.
         let mut answer = vec![0; expected + 1];
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -237,7 +239,7 @@ impl Client {
                 Ok(_) => {}
                 Err(error) if is_timeout(&error) => {}
                 Err(error) => {
-                    // Nobody listens there yet: not at once again.
+                    // No program listens there yet: wait before the next attempt.
                     std::thread::sleep(left);
                     return Err(ClientError::Socket(error));
                 }

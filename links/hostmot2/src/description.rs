@@ -1,9 +1,9 @@
-//! All that is known of a card once it was asked.
+//! The description of a card.
 
 use crate::idrom::{Idrom, Tag};
 use std::fmt;
 
-/// What the card itself says, apart from its configuration.
+/// The card's data apart from its configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Board {
     /// Its name, such as `7I92`.

@@ -1,4 +1,4 @@
-//! What the card says of itself: the IDROM with its module and pin descriptors.
+//! The card's description of itself: the IDROM with its module and pin descriptors.
 
 use crate::lbp16::Reader;
 use std::fmt;
@@ -72,7 +72,7 @@ pub struct Module {
 }
 
 impl Module {
-    /// Where register `number` of unit `instance` lies; none if there is no such one.
+    /// The address of register `number` of unit `instance`; none if there is no such register.
     pub fn address(&self, number: u8, instance: u8) -> Option<u16> {
         if number >= self.registers || instance >= self.instances {
             return None;
@@ -133,7 +133,7 @@ pub struct Idrom {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdromError {
-    /// It is shorter than it says that it is.
+    /// It is shorter than it states.
     #[error("the card's IDROM ends too early")]
     Truncated,
     /// It is of a type that is not known.
@@ -142,12 +142,12 @@ pub enum IdromError {
         /// Which.
         kind: u32,
     },
-    /// It says what cannot be.
-    #[error("the card's IDROM says {value} of its {what}")]
+    /// A value is impossible.
+    #[error("the card's IDROM has an impossible value for its {what}: {value}")]
     Impossible {
         /// Of what.
         what: &'static str,
-        /// What it says.
+        /// The value.
         value: u32,
     },
 }
@@ -247,7 +247,7 @@ fn from(bytes: &[u8], offset: u32) -> Result<&[u8], IdromError> {
     bytes.get(offset..).ok_or(IdromError::Truncated)
 }
 
-/// Characters up to the first that is none of a name's.
+/// The characters up to the first that is not allowed in a name.
 pub(crate) fn text(bytes: &[u8]) -> String {
     let named = bytes.iter().map(|&byte| char::from(byte));
     named

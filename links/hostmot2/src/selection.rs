@@ -16,7 +16,8 @@ pub struct Selection {
     pub pwm_frequency: f64,
     /// General-purpose pins that are outputs.
     pub outputs: Vec<OutputPin>,
-    /// The watchdog's time (ns): if no write packet comes for so long, all pins become inputs with pull-up.
+    /// The watchdog's time (ns): if no write packet comes for this long, all pins become inputs
+    /// with pull-up.
     pub watchdog_ns: u64,
 }
 
@@ -25,7 +26,7 @@ pub struct Selection {
 pub struct OutputPin {
     /// Its number on the card.
     pub pin: u8,
-    /// The level that harms nobody: at set-up, in an emergency and at the end.
+    /// The harmless level: at set-up, in an emergency and at the end.
     pub neutral: bool,
 }
 
@@ -48,12 +49,12 @@ impl Default for Selection {
 pub enum LayoutError {
     /// The card's configuration has not so many units.
     #[error(
-        "the card has {there} {tag}, {asked} are asked for: ask for fewer, or give it another configuration"
+        "the card has {there} {tag}, {asked} are requested: request fewer, or give it another configuration"
     )]
     TooFew {
         /// Of what.
         tag: Tag,
-        /// How many are asked for.
+        /// How many are requested.
         asked: u8,
         /// How many there are.
         there: u8,
@@ -70,7 +71,7 @@ pub enum LayoutError {
         /// Which.
         pin: u8,
     },
-    /// The pin is a module's that is used too, or is asked for twice.
+    /// The pin is used by a module, or requested twice.
     #[error("pin {pin} cannot be an output: it has another use")]
     PinTaken {
         /// Which.

@@ -1,8 +1,8 @@
-//! A network that loses, delays, doubles and reorders, the same way for each seed.
+//! A network that loses, delays, doubles and reorders, in the same way for each seed.
 
 use std::time::Duration;
 
-/// What the network does to datagrams, each way: probabilities from 0 to 1.
+/// The network's faults, each way: probabilities from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Faults {
     /// How likely it is that one is lost.

@@ -1,8 +1,8 @@
-//! Who makes packets.
+//! Creation of packets.
 
 use super::{Command, MAX_COUNT, MAX_PACKET, Space, Width};
 
-/// A packet that is being made. It has its room from the start: nothing allocates later.
+/// A packet under construction. Its buffer is allocated at the start.
 #[derive(Debug, Clone)]
 pub struct Packet {
     bytes: Vec<u8>,
@@ -13,7 +13,8 @@ pub struct Packet {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PacketError {
-    /// It transfers nothing, or more than [`MAX_COUNT`] elements, or its data is not a whole number of elements.
+    /// It transfers nothing, or more than [`MAX_COUNT`] elements, or its data is not a whole number
+    /// of elements.
     #[error("a command transfers 1 to {MAX_COUNT} whole elements, this one does not")]
     Count,
     /// The packet or its answer would be longer than [`MAX_PACKET`].
@@ -41,7 +42,7 @@ impl Packet {
         &self.bytes
     }
 
-    /// How many bytes the answer has; there is none if that is 0.
+    /// The length of the answer, in bytes; 0 if there is none.
     pub fn answer_len(&self) -> usize {
         self.answer_len
     }

@@ -1,4 +1,4 @@
-//! Who reads packets: a card.
+//! Parsing of packets, for a card.
 
 use super::{Command, Reader};
 
@@ -7,7 +7,7 @@ use super::{Command, Reader};
 pub struct Operation<'a> {
     /// What is to be done.
     pub command: Command,
-    /// What is to be written: as long as [`Command::data_len`] says, empty if it reads.
+    /// The data to be written: as long as [`Command::data_len`], empty if it reads.
     pub data: &'a [u8],
 }
 
@@ -23,7 +23,7 @@ pub enum ParseError {
     NoElements,
 }
 
-/// The commands of a packet, in order. After an error there are none.
+/// The commands of a packet, in order. An error ends them.
 ///
 /// ```
 /// use hostmot2::lbp16::{Operations, ParseError};

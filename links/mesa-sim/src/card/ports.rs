@@ -34,7 +34,8 @@ impl Ports {
         }
     }
 
-    /// The levels of a port's pins. Those that a module drives read low: their wave form is not simulated.
+    /// The levels of a port's pins. Pins driven by a module read low: their wave form is not
+    /// simulated.
     pub(super) fn levels(&self, at: usize) -> u32 {
         let Some(external) = self.external.get(at) else {
             return 0;
