@@ -4,25 +4,27 @@ use crate::Actuator;
 use hostmot2::encoder::Lost;
 use luna::FileError;
 
-/// Why a link has ended. It is the cause of the emergency that it has raised ([`luna::emergency`]).
+/// Why a link has ended. It is the cause of the emergency that the link has raised
+/// ([`luna::emergency`]).
 ///
-/// Found in [`Error::Other`](luna::Error::Other) of what [`System::run`](luna::System::run) returns. After each of them the card's outputs are off.
+/// It is the source in [`Error::Other`](luna::Error::Other), returned by
+/// [`System::run`](luna::System::run). After each of them the card's outputs are off.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Too many answers did not come in time, or too many write packets got lost.
+    /// Too many answers did not come in time, or too many write packets were lost.
     #[error("{}", too_many_errors(*in_a_row))]
     TooManyErrors {
         /// The cycles in a row without an answer.
         in_a_row: u32,
     },
-    /// The card's watchdog has bitten: no write packet had come for its time.
+    /// The card's watchdog has expired: no write packet had come for its time.
     #[error(
-        "the card's watchdog has bitten: its outputs are off, since no packet had come for its time"
+        "the card's watchdog has expired: its outputs are off, since no packet had come for its time"
     )]
     Bitten,
-    /// The card was restarted, or somebody else writes to it.
-    #[error("the card was restarted, or somebody else writes to it")]
+    /// The card was restarted, or another program writes to it.
+    #[error("the card was restarted, or another program writes to it")]
     Foreign,
     /// A position is lost.
     #[error("encoder {encoder}: {why}")]
@@ -33,9 +35,9 @@ pub enum Fault {
         #[source]
         why: Lost,
     },
-    /// Who writes to an actuator has not gone, but writes no more: it hangs.
+    /// The writer of an actuator exists, but sends nothing any more: it hangs.
     #[error(
-        "no set-point for {actuator} has come in {cycles} cycles: who writes it hangs; if it is set once, give it no greatest age"
+        "no set-point for {actuator} has come in {cycles} cycles: its writer hangs; if it is set once, give it no greatest age"
     )]
     Overdue {
         /// To which.

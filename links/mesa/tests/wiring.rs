@@ -81,10 +81,11 @@ async fn until(
     panic!("it never came to be so");
 }
 
-/// So slow that the link's counter may be left alone for half a minute: a busy machine is no faster than it likes.
+/// So slow that the link's counter may be unread for half a minute, as on a busy machine.
 const SLOW: f64 = 1_000.0;
 
-/// Turns encoder 3, which is at position 0 at count `zero`, to a count; gives what is read there.
+/// Turns encoder 3, which is at position 0 at count `zero`, to a count. Returns the position read
+/// there.
 async fn turn(
     server: &Server,
     counts: &Receiver<Sample<Reading>>,
@@ -227,7 +228,7 @@ fn what_cannot_be_is_told_at_set_up() {
         })
     ));
     assert!(
-        error.to_string().contains("4 encoders, 5 are asked for"),
+        error.to_string().contains("4 encoders, 5 are requested"),
         "{error}"
     );
 
