@@ -97,7 +97,9 @@ mod tests {
         let neutral = Neutral::new(socket, vec![0]);
         let mut system = System::new("refused");
         let function = neutral.clone();
-        system.on_emergency("card", move || function.engage());
+        // The panic's backtrace takes long on a busy machine.
+        let limit = std::time::Duration::from_secs(60);
+        system.on_emergency_within("card", limit, move || function.engage());
         let main = system.executor("main").build().unwrap();
         main.process("raises")
             .spawn(async { Err(luna::emergency(luna::Error::other("a test"))) })
