@@ -1,4 +1,5 @@
-//! The guard itself: each breach of the rules is seen, with its process and its place; what is no breach is not.
+//! The guard itself: each breach of the rules is detected, with its process and its place; nothing
+//! else is.
 
 use super::places::watchdog;
 use luna::prelude::*;
@@ -38,7 +39,7 @@ where
     system.run()
 }
 
-/// Whether system calls can be watched; if not, says so by the test's name.
+/// Whether system calls can be watched; if not, prints a message with the test's name.
 fn sees_system_calls(test: &str) -> bool {
     let covered = coverage();
     if covered != Coverage::Complete {
@@ -228,7 +229,7 @@ fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
     for place in PLACES {
         let violations = careless(place, async {
             let parent: i64;
-            // SAFETY: getppid takes nothing and changes nothing but its result and two registers.
+            // SAFETY: getppid takes no arguments and changes only its result and two registers.
             unsafe {
                 std::arch::asm!(
                     "syscall",
@@ -241,7 +242,8 @@ fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
             assert_eq!(parent, i64::from(really));
             // All six arguments, a result in memory, and an error.
             let mut pipe = [0; 2];
-            // SAFETY: the array has room for two descriptors, which are this test's own; the buffers are live.
+            // SAFETY: the array has room for two descriptors, which only this test uses; the
+            // buffers are live.
             unsafe {
                 assert_eq!(libc::pipe(pipe.as_mut_ptr()), 0);
                 assert_eq!(libc::write(pipe[1], b"abc".as_ptr().cast(), 3), 3);
@@ -273,7 +275,7 @@ fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
         let made = [
             "getppid", "pipe2", "write", "read", "close", "close", "close", "mmap", "munmap",
         ];
-        // glibc makes a pipe by a system call of its own, which is not among those with a name.
+        // glibc makes a pipe by a system call that has no name here.
         names
             .iter_mut()
             .filter(|name| name.is_empty())
@@ -290,7 +292,7 @@ fn threads_and_signals_work_on_the_path() {
         return;
     }
     extern "C" fn ignore(_: libc::c_int) {}
-    // SAFETY: the handler does nothing, and nobody else here uses the signal.
+    // SAFETY: the handler does nothing, and the signal has no other use here.
     unsafe { libc::signal(libc::SIGUSR2, ignore as *const () as usize) };
     for place in PLACES {
         let violations = careless(place, async {

@@ -52,9 +52,7 @@ fn nowhere() -> Logging {
 }
 
 pub(crate) fn signals_and_messages(places: &mut Places) {
-    places
-        .system
-        .log(nowhere().every(Duration::from_millis(1)));
+    places.system.log(nowhere().every(Duration::from_millis(1)));
     record(places);
 }
 

@@ -1,6 +1,8 @@
-//! What is held to the rules. To join: write a function in one of these rooms, and name it in the list below; each is run in all placements.
+//! The scenarios. To add one, write a function in one of these modules, and name it in the list
+//! below; each is run in all placements.
 //!
-//! Bodies make what they need before they are spawned, or by `luna::off_path`; what they hold at their end must free nothing by its drop.
+//! Bodies create what they need before they are spawned, or by `luna::off_path`; dropping what they
+//! hold at their end must free nothing.
 
 use super::places::{Places, hold_to_the_rules};
 
