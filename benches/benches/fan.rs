@@ -1,5 +1,5 @@
-//! `fan`: many senders share one channel to one receiver (fan-in), and one sender serves many receivers that share one channel (fan-out), all
-//! on one core.
+//! `fan`: many senders share one channel to one receiver (fan-in), and one sender serves many
+//! receivers of one channel (fan-out), all on one core.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! Plots as SVG: bars on a scale of powers of ten, and lines of cost over size. They follow the reader's choice of light or dark.
+//! Plots as SVG: bars on a logarithmic scale, and lines of cost over size. They follow the reader's
+//! choice of light or dark.
 
 use std::fmt::Write as _;
 
@@ -10,7 +11,7 @@ pub(super) struct Bar {
     pub(super) ours: bool,
 }
 
-/// A line: what it stands for, where it goes, and whether it is one of ours.
+/// A line: its label, its points, and whether it is one of ours.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) label: String,
@@ -21,7 +22,7 @@ pub(super) struct Line {
 const WIDTH: f64 = 760.0;
 const FONT: f64 = 13.0;
 
-/// Colours of the others' lines and points, in light and in dark; ours have one of their own.
+/// Colours of the peers' lines and points, in light and in dark; ours have one of their own.
 const COLOURS: [(&str, &str); 8] = [
     ("#0969da", "#58a6ff"),
     ("#8250df", "#bc8cff"),
@@ -113,7 +114,8 @@ fn line(svg: &mut String, from: (f64, f64), to: (f64, f64)) {
     );
 }
 
-/// A bar each, from left to right, in the order given; the scale is logarithmic and begins at a power of ten.
+/// A bar each, from left to right, in the given order; the scale is logarithmic and begins at a
+/// power of ten.
 pub(super) fn bars(title: &str, unit: &str, bars: &[Bar]) -> String {
     const LEFT: f64 = 330.0;
     const RIGHT: f64 = WIDTH - 90.0;
