@@ -1,4 +1,5 @@
-//! A joystick's recording: CSV with the columns `time` (s), `pan` and `tilt` (−1 to 1), played back as often as needed.
+//! A joystick's recording: CSV with the columns `time` (s), `pan` and `tilt` (−1 to 1), played back
+//! as often as needed.
 
 mod playback;
 
@@ -6,7 +7,8 @@ pub use playback::Playback;
 
 use std::path::Path;
 
-/// The recording inside the program, so that the demo runs from any folder. `data/README.md` says how it was made.
+/// The recording inside the program, so that the demo runs from any folder. `data/README.md`
+/// describes its origin.
 const BUILT_IN: &str = include_str!("../data/joystick.csv");
 
 const COLUMNS: [&str; 3] = ["time", "pan", "tilt"];
@@ -20,7 +22,8 @@ pub struct Deflection {
     pub tilt: f64,
 }
 
-/// The ends of the process called `joystick`, for one that [stands in](luna::System::stand_in) for it: where it tells pan and tilt how far they are deflected, −1 to 1.
+/// The ends of the process called `joystick`, for one that [stands in](luna::System::stand_in) for
+/// it: it sends the deflections of pan and tilt, −1 to 1.
 #[derive(Debug)]
 pub struct Sticks(
     /// Of pan, and of tilt.
@@ -51,7 +54,8 @@ impl Recording {
         Self::parse(&text)
     }
 
-    /// Reads a recording's text. Columns are found by their names, others are left alone, empty lines too.
+    /// Parses a recording. Columns are found by their names; other columns and empty lines are
+    /// ignored.
     pub fn parse(text: &[u8]) -> Result<Self, Error> {
         let mut reader = csv::ReaderBuilder::new()
             .flexible(true)
@@ -111,7 +115,8 @@ impl Recording {
                     _ => Ok(sample),
                 }
             };
-            // Lines are counted for an error alone: for each sample it would take the square of their number.
+            // Lines are counted only for an error: counting for each sample would take quadratic
+            // time.
             let sample = sample().map_err(|fault| Error::at(line_of(text, at), fault))?;
             samples.push(sample);
         }
@@ -143,7 +148,7 @@ pub enum Error {
         "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
     )]
     NoSamples,
-    /// A line says what it must not.
+    /// A line is malformed.
     #[error("line {line}: {fault}")]
     Line {
         /// Counted from 1, as editors do.
@@ -197,7 +202,8 @@ pub enum Fault {
     },
 }
 
-/// The line that holds the first text at or after `byte`. The reader's own count is off after `\r\n` and empty lines.
+/// The line with the first text at or after `byte`. The reader's own count is wrong after `\r
+/// ` and empty lines.
 fn line_of(text: &[u8], byte: u64) -> u64 {
     let from = (byte as usize).min(text.len());
     let skipped = text[from..]

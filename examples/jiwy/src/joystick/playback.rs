@@ -2,7 +2,8 @@
 
 use super::{Deflection, Recording};
 
-/// A recording being played: linear between samples, and from the start again after its last one. A single sample lasts for ever.
+/// A recording being played: linear between samples, and from the start again after its last one. A
+/// single sample lasts for ever.
 #[derive(Debug, Clone)]
 pub struct Playback {
     recording: Recording,
@@ -25,8 +26,9 @@ impl Playback {
         }
     }
 
-    /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while `time` advances by less than
-    /// the recording's length, and O(its samples) otherwise. Time that runs backwards is time 0 of the current repetition.
+    /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while
+    /// `time` advances by less than the recording's length, and O(samples) otherwise. Time that
+    /// runs backwards counts as time 0 of the current repetition.
     pub fn at(&mut self, time: f64) -> Deflection {
         let samples = &self.recording.samples;
         let first = samples[0];

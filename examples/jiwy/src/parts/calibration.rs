@@ -1,16 +1,18 @@
-//! Finding out what the encoder counts at angle 0, by driving the axis against both of its end stops.
+//! Finds the encoder's count at angle 0, by driving the axis against both of its end stops.
 //!
-//! An incremental encoder counts from wherever it was switched on. The stops stand at equal distances from angle 0, so that their middle is it.
+//! An incremental encoder counts from its position at power-up. The stops are at equal distances
+//! from angle 0, so that it is their middle.
 
-/// The duty that drives the axis towards a stop: well above what friction takes, well below what harms.
+/// The duty that drives the axis towards a stop: well above friction, well below damage.
 const DUTY: f64 = 0.15;
-/// An axis that is driven is at a stop when it has moved by less than [`STILL`] rad for this long, in seconds.
+/// An axis that is driven is at a stop when it has moved by less than [`STILL`] rad for this long,
+/// in seconds.
 const STILL_TIME: f64 = 0.1;
 /// See [`STILL_TIME`], in rad: some tens of counts.
 const STILL: f64 = 2e-3;
 /// A stop that is not found within this time, in seconds, is not there.
 const LONGEST: f64 = 20.0;
-/// The stops may be found this much closer or farther apart than they should be, in rad.
+/// The tolerance for the distance between the stops, in rad.
 const TOLERANCE: f64 = 0.05;
 
 /// Which stop is looked for, and what is known.
@@ -38,7 +40,8 @@ pub enum CalibrationError {
         "no end stop was reached within {LONGEST} s; look whether the motor is coupled to the axis"
     )]
     NoStop,
-    /// The stops are not where they should be: something is in the way, or the encoder counts wrong.
+    /// The distance between the stops is wrong: something blocks the axis, or the encoder counts
+    /// wrong.
     #[error(
         "the end stops are {found:.3} rad apart instead of {expected:.3}; look what blocks the axis, and at the encoder"
     )]
@@ -62,7 +65,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Of an axis whose stops should be `travel` rad apart.
+    /// For an axis with stops that should be `travel` rad apart.
     pub fn new(travel: f64) -> Self {
         Self {
             state: State::Lower,
@@ -80,11 +83,12 @@ impl Calibration {
         }
     }
 
-    /// Takes in that the axis read `raw` rad, `sample_time` seconds after the call before. O(1); allocates nothing.
+    /// Takes the axis' position `raw` in rad, `sample_time` seconds after the call before. O(1);
+    /// allocates nothing.
     ///
     /// # Errors
     ///
-    /// When there is no stop, or it is not where it should be.
+    /// There is no stop, or it is not where it should be.
     pub fn step(&mut self, raw: f64, sample_time: f64) -> Result<Step, CalibrationError> {
         let side = match self.state {
             State::Done { zero } => return Ok(Step::At(raw - zero)),

@@ -1,4 +1,4 @@
-//! How far an axis was from where it was told to be.
+//! The deviation of an axis from its target.
 
 /// The error of an axis, summed up as it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -16,7 +16,7 @@ impl Tracking {
         self.max = self.max.max(error.abs());
     }
 
-    /// The root of the mean square, in the unit of what was added; 0 without any.
+    /// The root of the mean square, in the unit of the added values; 0 without any.
     pub fn rms(&self) -> f64 {
         (self.squares / self.samples.max(1) as f64).sqrt()
     }
