@@ -90,7 +90,7 @@ impl Stamp {
     }
 }
 
-/// How large the rings of a thread are, in words of 8 bytes.
+/// The sizes of a thread's rings, in words of 8 bytes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rooms {
     pub(crate) samples: usize,
@@ -374,7 +374,7 @@ impl Hub {
     }
 
     /// A hub of no system, which never records: for signals of threads that belong to none.
-    pub(crate) fn of_nobody() -> Arc<Hub> {
+    pub(crate) fn without_system() -> Arc<Hub> {
         static NOBODYS: OnceLock<Arc<Hub>> = OnceLock::new();
         NOBODYS
             .get_or_init(|| Hub::new("", TimeBase::OfThread))
@@ -491,7 +491,7 @@ impl Hub {
         }
     }
 
-    /// Gives a signal a number.
+    /// Assigns a number to a signal.
     pub(crate) fn declare(&self, declared: Declared) -> Result<(u32, Arc<Losses>), RegisterError> {
         declared.check()?;
         let name = || declared.name.to_string();
@@ -549,7 +549,7 @@ pub struct Entered {
 impl Drop for Entered {
     fn drop(&mut self) {
         let before = self.before.take();
-        // Nothing is to be restored on a thread that ends.
+        // A thread that ends has nothing to restore.
         let _ = HUB.try_with(|hub| *hub.borrow_mut() = before);
     }
 }

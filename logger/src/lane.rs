@@ -49,7 +49,7 @@ impl Head {
         (self.0 >> 32) as u32
     }
 
-    /// An event's code; its subject stands where a sample has its signal.
+    /// An event's code; its subject is in the place of a sample's signal.
     #[cfg(feature = "events")]
     pub(crate) fn code(self) -> u16 {
         (self.0 >> 16) as u16
@@ -133,7 +133,7 @@ impl Drop for Owned {
 }
 
 impl Lane {
-    /// What lies in memory before it is used: each page of it is touched.
+    /// Creates a ring, and touches each page of its memory.
     fn ring(words: usize) -> (Producer<u64>, Consumer<u64>) {
         let (mut producer, mut consumer) = RingBuffer::new(words.max(MOST_WORDS));
         let whole = producer.buffer().capacity();

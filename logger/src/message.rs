@@ -16,7 +16,7 @@ pub(crate) const MESSAGE_HEAD: usize = 4;
 /// The most bytes of a target: the rest is the text's.
 const MOST_TARGET: usize = 96;
 
-/// What stands where a text was cut.
+/// The mark of a text that was cut.
 const CUT: &str = "…";
 
 /// Records a message from `target`, a part of the program.

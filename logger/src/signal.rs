@@ -118,7 +118,7 @@ impl<T: Sample> SignalBuilder<T> {
         }
     }
 
-    /// What the signal is, in a few words.
+    /// A short description of the signal.
     pub fn description(mut self, text: &str) -> Self {
         self.description = text.into();
         self
@@ -144,11 +144,11 @@ impl<T: Sample> SignalBuilder<T> {
                 let entry = hub.declare(declared)?;
                 (hub, entry)
             }
-            // What is wrong with it is wrong anywhere.
+            // The checks do not depend on the system.
             None => {
                 declared.check()?;
                 declared.losses.join();
-                (Hub::of_nobody(), (0, declared.losses))
+                (Hub::without_system(), (0, declared.losses))
             }
         };
         Ok(Signal {

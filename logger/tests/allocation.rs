@@ -16,7 +16,7 @@ fn count() {
     COUNTED.set(COUNTED.get() + 1);
 }
 
-// SAFETY: all is passed on to the system's allocator as it came.
+// SAFETY: each call is passed on unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();

@@ -232,7 +232,7 @@ fn of_two_hubs_each_has_its_own_events_and_executors() {
 }
 
 #[test]
-fn names_come_in_order_and_only_as_long_as_somebody_listens() {
+fn names_come_in_order_and_only_during_a_recording() {
     let names = events::listen();
     // Numbers that have no name.
     let first = 4_000_000_000;

@@ -8,7 +8,7 @@ use luna_logger::{Hub, Level, Logging, Recorder, message};
 use luna_platform::current;
 use std::sync::Arc;
 
-/// On a thread of its own, which is on the path: so many messages.
+/// Writes this many messages on a thread of its own, which is on the path.
 fn on_the_path(hub: Option<&Arc<Hub>>, messages: u32) {
     let hub = hub.cloned();
     let thread = std::thread::spawn(move || {

@@ -100,7 +100,7 @@ fn records_to_a_disk_that_becomes_full() {
 
 #[test]
 #[ignore = "another test starts it as a program of its own"]
-fn records_while_nobody_reads_standard_error() {
+fn records_while_standard_error_is_not_read() {
     // Until the other one has closed it.
     std::io::read_to_string(std::io::stdin()).unwrap();
     // Nothing records yet: it goes to standard error.
@@ -184,9 +184,9 @@ fn what_was_moved_on_before_a_kill_can_be_read() {
 }
 
 #[test]
-fn who_closes_standard_error_ends_no_recording() {
+fn a_closed_standard_error_ends_no_recording() {
     let file = Temporary::new("unread");
-    let mut child = program("records_while_nobody_reads_standard_error", &file.0)
+    let mut child = program("records_while_standard_error_is_not_read", &file.0)
         .stdin(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -199,7 +199,7 @@ fn who_closes_standard_error_ends_no_recording() {
 }
 
 #[test]
-fn who_does_not_read_standard_error_ends_no_recording() {
+fn an_unread_standard_error_ends_no_recording() {
     let file = Temporary::new("unread-full");
     let mut child = program("records_while_standard_error_is_full", &file.0)
         .stderr(Stdio::piped())

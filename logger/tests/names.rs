@@ -15,7 +15,7 @@ fn is_asked() -> bool {
 }
 
 #[test]
-fn nobody_collects_names_when_the_recording_has_ended() {
+fn no_names_are_collected_after_the_recording() {
     let to_nowhere = || Logging::to_sink(WriterSink::new(std::io::sink()));
     let hub = Hub::new("pump", Default::default());
     assert!(!is_asked());

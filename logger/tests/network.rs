@@ -133,7 +133,7 @@ fn tcp_of(test: u8) -> (Arc<Office>, Receiving) {
     tcp_at(&format!("127.{}.{high}.{low}:0", 64 + test))
 }
 
-/// A recording under way, into which this thread records.
+/// A running recording of this thread.
 struct Run {
     recorder: Recorder,
     signal: Signal<u64>,
@@ -240,7 +240,7 @@ fn a_receiver_that_was_started_again_gets_a_recording_of_its_own() {
     receiving.stop();
     assert!(!first.state.lock().unwrap().gone[0].1.has_ended);
     let (second, receiving) = tcp_at(&address);
-    // Until it is there, what is recorded may be lost.
+    // Until then, samples may be lost.
     while second.state.lock().unwrap().kept.is_empty() {
         run.record(1);
         std::thread::yield_now();
@@ -342,7 +342,7 @@ fn read_hello(stream: &mut TcpStream) {
 }
 
 #[test]
-fn a_peer_that_stalls_keeps_nobody_and_all_is_counted() {
+fn a_stalled_peer_delays_nothing_and_all_is_counted() {
     let mut open = Vec::new();
     let (address, has_come) = peer(move |stream| open.push(stream));
     let mut run = Run::start(Logging::to_tcp(address).end_within(Duration::from_millis(50)));
@@ -377,7 +377,7 @@ fn wrong_peers_are_reported_as_such() {
         (answer(1, 1), "damaged"),
     ] {
         let error = loop {
-            let error = error_of_a_peer_that_says(bytes.clone());
+            let error = error_of_a_peer_that_sends(bytes.clone());
             // A peer that the machine has left no time is another matter.
             if !error.contains("in time") {
                 break error;
@@ -387,7 +387,7 @@ fn wrong_peers_are_reported_as_such() {
     }
 }
 
-fn error_of_a_peer_that_says(bytes: Vec<u8>) -> String {
+fn error_of_a_peer_that_sends(bytes: Vec<u8>) -> String {
     let (address, has_answered) = peer(move |mut stream| {
         read_hello(&mut stream);
         let _ = stream.write_all(&bytes);
@@ -485,7 +485,7 @@ fn senders_that_are_none_disturb_no_others() {
 }
 
 #[test]
-fn a_receiver_takes_so_many_senders_and_no_more() {
+fn the_number_of_senders_is_limited() {
     let (office, receiving) = tcp();
     let mut there = Vec::new();
     for n in 0..64 {

@@ -91,7 +91,7 @@ fn while_nothing_records_there_is_nothing() {
 }
 
 #[test]
-fn a_signal_of_a_thread_without_a_system_is_recorded_by_nobody() {
+fn a_signal_of_a_thread_without_a_system_is_not_recorded() {
     let outside = Signal::<f64>::register("flow").unwrap();
     let twice = Signal::<f64>::register("flow").unwrap();
     let hub = Hub::new("pump", Default::default());
@@ -112,7 +112,7 @@ fn a_signal_of_a_thread_without_a_system_is_recorded_by_nobody() {
 #[test]
 fn bad_registrations_say_what_to_do() {
     let register = |name: &str, unit: &str| Signal::<f32>::with_unit(name, unit).register();
-    // What is wrong is wrong without a system too.
+    // Errors do not depend on a system.
     assert_eq!(register("", "").unwrap_err(), RegisterError::NoName);
     let long = "x".repeat(64);
     assert!(matches!(
@@ -352,7 +352,7 @@ fn a_burst_of_messages_costs_no_samples() {
 }
 
 #[test]
-fn a_sink_that_never_comes_back_keeps_nobody_for_ever() {
+fn a_sink_that_never_returns_delays_the_end_for_a_limited_time() {
     let kept = Kept::default();
     let hub = Hub::new("stuck", Default::default());
     let (open, waiting, sink) = gated(&kept);
@@ -428,7 +428,7 @@ impl Sink for Unacknowledged {
 }
 
 #[test]
-fn a_sink_that_panics_says_what_it_had_taken_and_lost() {
+fn a_sink_that_panics_reports_what_it_had_taken_and_lost() {
     let (taken, takes) = channel();
     let sink = Unacknowledged {
         held: Tally::default(),

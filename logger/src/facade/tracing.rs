@@ -57,7 +57,7 @@ impl Subscriber for TracingSubscriber {
     }
 
     fn new_span(&self, _: &Attributes<'_>) -> Id {
-        // None is enabled; a number is to be given all the same.
+        // No span is enabled; a number is required nevertheless.
         Id::from_u64(1)
     }
 

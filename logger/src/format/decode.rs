@@ -4,7 +4,7 @@ use super::record::{Event, Record, RunsOn, SignalInfo, Subject};
 use super::types::{ClockBase, Level, Losing, Type, Values};
 use super::{MOST_ELEMENTS, MOST_SIGNALS, kind};
 
-/// What is wrong with a record.
+/// The text of a record's error.
 type Wrong = &'static str;
 
 /// Pieces of a record's body, first to last.

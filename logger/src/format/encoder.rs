@@ -67,12 +67,12 @@ impl Encoder {
         }
     }
 
-    /// What stands before the first block.
+    /// The bytes before the first block.
     pub fn head() -> [u8; 16] {
         head()
     }
 
-    /// Whether a block begins with the session, after which all is declared.
+    /// Whether a block begins with the session, after which everything is declared.
     pub(crate) fn is_session(block: &[u8]) -> bool {
         block.get(BLOCK_START) == Some(&kind::SESSION)
     }
@@ -87,7 +87,7 @@ impl Encoder {
         self.block.len()
     }
 
-    /// Whether the block is to be taken before more is put into it.
+    /// Whether the block has to be taken before more records are added.
     pub fn is_full(&self) -> bool {
         self.block.len() >= self.full
     }
@@ -101,7 +101,7 @@ impl Encoder {
         self.block.extend_from_slice(&self.body);
     }
 
-    /// The block as it is to be written, with its header. Empty if it has no records.
+    /// The finished block, with its header. Empty if it has no records.
     pub fn block(&mut self) -> &[u8] {
         if self.is_empty() {
             return &[];

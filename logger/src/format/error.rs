@@ -1,4 +1,4 @@
-//! What is wrong with a recording.
+//! Errors of recordings.
 
 use std::fmt;
 use std::io;
@@ -20,7 +20,7 @@ pub struct ReadError {
     kind: ReadErrorKind,
 }
 
-/// What is wrong with a recording.
+/// The kind of an error.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadErrorKind {
@@ -75,7 +75,7 @@ impl ReadError {
         self.offset
     }
 
-    /// What is wrong.
+    /// The kind of the error.
     pub fn kind(&self) -> &ReadErrorKind {
         &self.kind
     }

@@ -64,7 +64,7 @@ pub(crate) const HEAD: usize = 16;
 /// Bytes of a block's start: magic, sequence, length, checksum.
 pub(crate) const BLOCK_START: usize = 16;
 
-/// Kinds of records, as they stand in the file.
+/// Kinds of records, by their numbers in the file.
 pub(crate) mod kind {
     pub(crate) const SESSION: u8 = 1;
     pub(crate) const THREAD: u8 = 2;

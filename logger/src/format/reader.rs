@@ -50,7 +50,7 @@ pub struct Reader<R> {
     missing: u64,
 }
 
-/// Where the next record's kind and body lie in the block.
+/// The position of the next record's kind and body in the block.
 struct Located {
     kind: u8,
     at: usize,

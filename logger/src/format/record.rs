@@ -55,7 +55,7 @@ pub enum Record<'a> {
     Event(Event),
     /// A name for the numbers in events and messages.
     Name {
-        /// What is named.
+        /// The named subject.
         subject: Subject,
         /// Its number.
         number: u32,
@@ -66,7 +66,7 @@ pub enum Record<'a> {
         /// For a process: where it runs, if known.
         runs_on: Option<RunsOn>,
     },
-    /// So many were lost, from the beginning of the recording until here.
+    /// The losses from the beginning of the recording until here.
     Losses {
         /// Of what.
         of: Losing,

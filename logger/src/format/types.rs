@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// The type of a signal's elements, as it stands in the file.
+/// The type of a signal's elements, by its number in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[non_exhaustive]
@@ -154,7 +154,7 @@ impl<'a> Values<'a> {
         Self::new(of, &bytes[..bytes.len() - bytes.len() % of.size()])
     }
 
-    /// Their bytes, as they stand in a recording.
+    /// Their bytes, as in a recording.
     ///
     /// ```
     /// use luna_logger::format::{Type, Values};
@@ -189,7 +189,7 @@ impl<'a> Values<'a> {
     }
 }
 
-/// How much a message matters, as it stands in the file.
+/// A message's level, by its number in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Level {

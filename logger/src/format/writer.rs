@@ -71,7 +71,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes what is left, and gives the output back.
+    /// Writes the rest, and returns the output.
     ///
     /// # Errors
     ///

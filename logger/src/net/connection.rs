@@ -181,7 +181,7 @@ impl Stream<'_> {
         })
     }
 
-    /// Calls `step` until it is done, at most so long.
+    /// Calls `step` until it is done, or the limit has passed.
     fn go_on<T>(
         &self,
         within: Duration,

@@ -54,7 +54,7 @@ pub struct Departure {
     pub error: Option<String>,
 }
 
-/// What is done with senders. Called from several threads.
+/// Callbacks for senders. Called from several threads.
 ///
 /// ```
 /// use luna_logger::{Handler, Hub, Logging, Peer, Receiver, Recorder, Sink, WriterSink};
@@ -451,7 +451,7 @@ impl Known {
         self.visit == Some(visit)
     }
 
-    /// Gives a whole block to the sink, with a number of the sink's own.
+    /// Passes a complete block to the sink, with a number of the sink's own.
     pub(super) fn block(&mut self, block: &mut [u8]) -> io::Result<()> {
         let Some(sink) = &mut self.sink else {
             return Err(io::Error::other("the recording has ended before"));

@@ -7,7 +7,7 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
-/// A search that is under way.
+/// A running search.
 #[derive(Debug)]
 pub(super) struct Search {
     answer: Receiver<io::Result<SocketAddr>>,
@@ -41,7 +41,7 @@ impl Search {
         })
     }
 
-    /// What it has found. None while it goes on.
+    /// The search's result. None while it runs.
     pub(super) fn found(&self) -> Option<io::Result<SocketAddr>> {
         match self.answer.try_recv() {
             Ok(found) => Some(found),

@@ -113,7 +113,7 @@ impl State {
     }
 
     /// For a receiver that does not know the earlier blocks.
-    fn begin_anew(&mut self) {
+    fn begin_again(&mut self) {
         self.lose_all();
         self.first = 0;
         self.part = self.part.wrapping_add(1);
@@ -127,7 +127,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for a change, at most so long.
+    /// Waits for a change, or until `most` has passed.
     fn wait<'a>(&self, state: MutexGuard<'a, State>, most: Duration) -> MutexGuard<'a, State> {
         let waited = self.changes.wait_timeout(state, most);
         waited.unwrap_or_else(PoisonError::into_inner).0
@@ -385,7 +385,7 @@ impl Link {
         let mut state = self.shared.state();
         let Some(is_on) = state.acknowledge(next) else {
             // It does not know the recording, or knows another one.
-            state.begin_anew();
+            state.begin_again();
             // The next hello starts a new part.
             let what = "the recorder was started again";
             return Err(io::Error::new(ErrorKind::ConnectionReset, what).into());

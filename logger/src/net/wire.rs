@@ -242,7 +242,7 @@ pub(super) fn read_ack(bytes: &[u8; ACK]) -> Result<u32, PeerError> {
     }
 }
 
-/// What stands in front of a datagram's block.
+/// The header before a datagram's block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Datagram {
     pub(super) key: Key,
@@ -337,7 +337,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_said_is_understood(
+        fn messages_are_decoded_as_encoded(
             session: u64, part: u32, next: u32, started: i64, process: u32, system in ".{0,80}",
             at: prop::sample::Index, change in 1u8..=255,
         ) {

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
-/// What stands for something with a name: its kind and its number.
+/// Identifies a named subject: its kind and its number.
 type Key = u64;
 
 fn key(kind: Kind, number: u64) -> Key {
@@ -38,7 +38,7 @@ impl Hasher for Spread {
     }
 }
 
-/// The names of so many processes of other systems are kept.
+/// How many names of processes of other systems are kept.
 const MOST_STRANGERS: usize = 4096;
 
 type Build = BuildHasherDefault<Spread>;
@@ -291,7 +291,7 @@ impl Events {
             }
         }
         if has_failed {
-            self.declare_anew();
+            self.declare_again();
         }
         for key in self.ended.drain(..) {
             self.known.remove(&key);
@@ -300,7 +300,7 @@ impl Events {
     }
 
     /// Everything that was recorded is recorded again.
-    pub(super) fn declare_anew(&mut self) {
+    pub(super) fn declare_again(&mut self) {
         self.declared.clear();
         self.are_codes_declared = false;
     }

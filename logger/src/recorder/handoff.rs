@@ -121,7 +121,7 @@ fn deadline(limit: Instant, asked_to_end: Option<Instant>) -> Instant {
 }
 
 impl Handoff {
-    /// Gives `sink` a thread.
+    /// Starts a thread for `sink`.
     pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
         let shared = Arc::<Shared>::default();
         let theirs = shared.clone();

@@ -410,7 +410,7 @@ pub enum StartError {
     Sink {
         /// Where that is.
         to: String,
-        /// The system's words.
+        /// The system's error.
         error: String,
     },
     /// The recorder's thread could not be made.

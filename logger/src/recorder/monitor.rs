@@ -38,7 +38,7 @@ impl<T> Monitor<T> {
         waited.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits while the state is so, at most so long.
+    /// Waits while the condition holds, at most `limit`.
     pub(super) fn wait_while_within<'a>(
         &self,
         state: MutexGuard<'a, T>,

@@ -283,7 +283,7 @@ impl Output {
         if std::mem::take(&mut self.is_asked_to_declare) {
             self.progress = Progress::default();
             #[cfg(feature = "events")]
-            self.events.declare_anew();
+            self.events.declare_again();
         }
         if !self.declare() {
             return;
@@ -342,7 +342,7 @@ impl Output {
         let refused = self.sink.block(block).err();
         let has_failed = refused.is_some();
         if let Some(error) = refused {
-            // What it declared is to be declared again.
+            // Its declarations have to be repeated.
             self.encoder.discard();
             self.progress = Progress::default();
             self.fail(&error);
@@ -379,7 +379,7 @@ impl Output {
         }
     }
 
-    /// Asks what the sink has to say, also if there was no block for it.
+    /// Collects the sink's reports without a block.
     pub(super) fn ask(&mut self) {
         self.sink.ask();
         self.heed();

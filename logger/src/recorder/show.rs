@@ -79,7 +79,7 @@ impl Show {
         });
     }
 
-    /// Waits until all is shown, at most so long. Says whether it is.
+    /// Waits until all is shown, or the limit has passed. Returns whether all is.
     pub(super) fn end(&self, limit: Duration) -> bool {
         let state = self.shared.lock();
         let waited = self
@@ -121,7 +121,7 @@ mod tests {
     use std::sync::mpsc::channel;
 
     #[test]
-    fn who_does_not_read_keeps_nobody_and_what_has_no_room_is_counted() {
+    fn a_slow_reader_delays_nothing_and_omitted_lines_are_counted() {
         let (begins, begun) = channel();
         let (open, gate) = channel::<()>();
         let shown = Arc::new(Mutex::new(Vec::new()));

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// The blocks that it takes are the recording; the contents of blocks that it refuses are lost and
 /// counted.
 pub trait Sink: Send {
-    /// Takes what stands before the first block.
+    /// Takes the bytes before the first block.
     ///
     /// # Errors
     ///

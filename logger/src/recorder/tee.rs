@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A recording to several sinks: a file and a scope, say.
+/// A recording to several sinks, such as a file and a scope.
 ///
 /// The first sink decides what is recorded: what it refuses is lost, counted in the report, and not
 /// passed to the others. A block that another sink refuses is missing only there, and counted by

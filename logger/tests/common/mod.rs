@@ -1,4 +1,4 @@
-//! A sink that keeps what it takes, and what is in it.
+//! A sink that keeps what it takes, and a parser for that.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -57,7 +57,7 @@ pub(crate) struct Message {
     pub(crate) truncated: bool,
 }
 
-/// What is in a recording.
+/// The contents of a recording.
 #[derive(Debug, Default)]
 pub(crate) struct Content {
     pub(crate) system: String,

@@ -101,7 +101,7 @@ fn visit(office: &Office) -> Result<bool, Refusal> {
 }
 
 #[test]
-fn of_a_sender_whose_file_is_full_it_is_said_once() {
+fn a_sender_without_room_is_reported_once() {
     let said = Arc::new(Said::default());
     let mut office = office(&said);
     said.opens.store(true, Ordering::Relaxed);
@@ -127,7 +127,7 @@ fn of_a_sender_whose_file_is_full_it_is_said_once() {
 }
 
 #[test]
-fn who_gets_no_sink_does_not_ask_for_another_at_once() {
+fn a_sender_without_a_sink_waits_before_it_gets_another() {
     let said = Arc::new(Said::default());
     let mut office = office(&said);
     said.takes.store(true, Ordering::Relaxed);

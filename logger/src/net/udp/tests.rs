@@ -3,7 +3,7 @@ use crate::format::Record;
 use std::sync::mpsc::channel;
 
 #[test]
-fn nobody_waits_for_who_knows_the_names_of_hosts() {
+fn a_slow_resolver_delays_nothing() {
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let there = receiver.local_addr().unwrap();
     let (answer, gate) = channel();
