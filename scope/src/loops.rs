@@ -15,7 +15,7 @@ const UNKNOWN: u64 = 0;
 
 /// More loops than that are not counted.
 const MOST_LOOPS: usize = 1024;
-/// So many late cycles are remembered, the last ones.
+/// How many late cycles are kept: the last ones.
 const MOST_LATE: usize = 256;
 
 #[derive(Debug, Default)]

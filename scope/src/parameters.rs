@@ -32,7 +32,7 @@ use serde_json::Value;
 /// # Ok::<(), String>(())
 /// ```
 pub trait Parameters: Send + Sync {
-    /// All of them, in the order in which they are to be shown.
+    /// All of them, in the order of presentation.
     fn list(&self) -> Vec<Parameter>;
 
     /// Sets one.

@@ -99,7 +99,7 @@ pub(crate) struct Budget {
 /// The shortest span, and the longest.
 const SHORTEST: u64 = 200_000;
 const LONGEST: u64 = 1_000_000_000;
-/// So many bytes of samples in a second are too many: spans then double.
+/// The limit of bytes of samples in a second: beyond it, spans double.
 const MOST_SAMPLE_BYTES: u64 = 6 << 20;
 /// This many events pass in a second. Jiwy's 51 processes at 1 kHz make about half as many.
 pub(crate) const MOST_EVENTS: u64 = 500_000;
@@ -114,7 +114,7 @@ impl Budget {
         }
     }
 
-    /// The span that `time` lies in.
+    /// The span that contains `time`.
     pub(crate) fn span(&mut self, time: u64) -> u64 {
         self.advance(time);
         time / self.span
@@ -128,7 +128,7 @@ impl Budget {
         }
     }
 
-    /// Whether one more event may go on.
+    /// Whether one more event may pass.
     pub(crate) fn has_event(&mut self, time: u64) -> bool {
         self.advance(time);
         self.events += 1;

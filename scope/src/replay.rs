@@ -21,7 +21,7 @@ impl Speed {
     /// As fast as it can be read.
     pub const AT_ONCE: Speed = Speed(f64::INFINITY);
 
-    /// So many times as fast as it was recorded: more than 0, else it is once.
+    /// A factor of the recorded speed. Values that are not above 0 count as 1.
     pub fn times(factor: f64) -> Speed {
         Speed(if factor > 0.0 { factor } else { 1.0 })
     }

@@ -64,7 +64,7 @@ impl Settings {
         self
     }
 
-    /// At most so many viewers at a time, 8 if not stated; others are refused.
+    /// The limit of viewers at a time, default 8; others are refused.
     pub fn viewers(mut self, most: usize) -> Self {
         self.viewers = most;
         self

@@ -59,10 +59,10 @@ impl Recording {
     pub(crate) const NONE: Recording = Recording(1);
 }
 
-/// What a viewer has not got yet.
+/// The blocks that a viewer does not have yet.
 pub(crate) struct News {
     pub(crate) blocks: Vec<Arc<[u8]>>,
-    /// So many of them, the first ones, repeat what was declared.
+    /// The number of blocks at the beginning that repeat declarations.
     pub(crate) declarations: usize,
     /// How many blocks were gone before it got them.
     pub(crate) missed: u64,
@@ -97,7 +97,7 @@ impl Store {
         }
     }
 
-    /// A recording begins: what is known of another is forgotten.
+    /// A recording begins: the data of the previous one is dropped.
     pub(crate) fn begin(&mut self) -> Recording {
         let recording = Recording(self.recording.0 + 1);
         let first = self.first + self.blocks.len() as u64;
@@ -238,7 +238,7 @@ impl Store {
         self.recording
     }
 
-    /// What is counted of loops, with a number that changes with it.
+    /// The loops' statistics, with a version that changes with them.
     pub(crate) fn loops(&self) -> &Loops {
         &self.loops
     }

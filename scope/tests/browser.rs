@@ -121,7 +121,7 @@ fn a_trigger_holds_the_plot_where_the_level_is_crossed() {
     let share = browser.run("(() => { const s = scope.views.signals; const [from, to] = s.window(); return (s.trigger.at - from) / (to - from); })()");
     assert!((number(&share) - 0.25).abs() < 1e-6, "{share}");
 
-    // Once, and falling: then it stands.
+    // Once, and falling: then the plot is held.
     browser.run("(() => { const e = document.querySelector('#trigger-edge'); e.value = '-1'; e.dispatchEvent(new Event('change')); const m = document.querySelector('#trigger-mode'); m.value = 'single'; m.dispatchEvent(new Event('change')); })()");
     browser.wait("!scope.clock.live");
     let sides = browser.run("(() => { const { signals } = scope.views, { series } = signals.rows.get('pan/setpoint').signal; const index = series.find(signals.trigger.at); return [series.value(index - 1), series.value(index)]; })()");

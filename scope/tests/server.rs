@@ -158,7 +158,7 @@ fn foreign_origins_and_hosts_get_no_data() {
 }
 
 #[test]
-fn there_are_only_so_many_viewers() {
+fn the_number_of_viewers_is_limited() {
     let scope = Scope::open(settings().viewers(2)).unwrap();
     let mut first = view(&scope);
     let mut second = view(&scope);
@@ -173,7 +173,7 @@ fn there_are_only_so_many_viewers() {
 }
 
 #[test]
-fn what_a_viewer_says_has_a_limit() {
+fn the_size_of_a_viewers_messages_is_limited() {
     let scope = Scope::open(settings()).unwrap();
     let long = json!({"type": "token", "token": "x".repeat(5000)}).to_string();
     for rude in [
@@ -189,7 +189,7 @@ fn what_a_viewer_says_has_a_limit() {
     until(|| scope.viewers() == 0);
 }
 
-/// A recording of so many cycles, as the recorder gives it.
+/// A recording of this many cycles, as blocks of a recorder.
 struct Recording {
     encoder: Encoder,
     machine: Machine,
@@ -230,7 +230,7 @@ impl Recording {
 }
 
 #[test]
-fn a_stalled_viewer_holds_nobody_up_and_is_dropped() {
+fn a_stalled_viewer_delays_nothing_and_is_disconnected() {
     let scope = Scope::open(settings().patience(Duration::from_millis(300))).unwrap();
     let mut sink = scope.sink().unwrap();
     let mut recording = Recording::begin(&mut sink);
@@ -262,7 +262,7 @@ fn the_sink_never_waits() {
 }
 
 #[test]
-fn a_replayed_recording_is_there_for_who_comes_later() {
+fn a_late_viewer_gets_a_replayed_recording() {
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
     Machine::new()
         .emergency_at(900)
@@ -346,7 +346,7 @@ fn parameters_are_set_with_the_token_alone() {
 }
 
 #[test]
-fn a_token_cannot_be_guessed_often_and_none_is_none() {
+fn wrong_tokens_are_limited_and_no_token_is_invalid() {
     let gain = Arc::new(Gain(Mutex::new(1.0)));
     let guarded = settings().parameters(gain.clone()).allow_setting().unwrap();
     for settings in [guarded, settings().parameters(gain.clone())] {

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// The limit of connections for files of the page, beside the viewers.
 const ASKING: usize = 32;
-/// A request's line and headers have at most so many bytes.
+/// The limit of the bytes of a request's line and headers.
 const LONGEST: usize = 8 << 10;
 /// A request is there as a whole within this time, and an answer is taken.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_sends_for_ever_is_read_for_a_limited_time() {
+    fn an_endless_request_is_read_for_a_limited_time() {
         let mut left = [200, 140, 80, 20, 0].map(Duration::from_millis).into_iter();
         let mut limits = Vec::new();
         let byte = |limit: Duration| {
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_said_all_is_not_waited_for() {
+    fn a_complete_request_is_answered_at_once() {
         let mut pieces = [4096, 7, 0].into_iter();
         drain(|_| Ok(pieces.next().unwrap()), || BRIEF).unwrap();
         assert_eq!(pieces.next(), None);

@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-/// A request has at most so many headers. Browsers send about fifteen.
+/// The limit of a request's headers. Browsers send about fifteen.
 const MOST_HEADERS: usize = 64;
 
 /// Why a request is refused. Its `Display` is the answer's text.
@@ -122,7 +122,7 @@ impl Request {
     }
 }
 
-/// The value of a header that stands there once at most.
+/// The value of a header that may occur only once.
 fn one<'a>(headers: &[httparse::Header<'a>], name: &str) -> Result<Option<&'a str>, Refusal> {
     let mut found = headers
         .iter()

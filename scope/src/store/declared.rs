@@ -40,7 +40,7 @@ pub(super) struct Declared {
     emergency: Option<Event>,
 }
 
-/// Room for so many bytes.
+/// Room for `BYTES` bytes.
 #[derive(Debug, Default)]
 struct Room<const BYTES: usize> {
     bytes: usize,
@@ -305,7 +305,7 @@ mod tests {
                 subject: huge(number),
                 arguments: [u64::MAX; 2],
             };
-            // Far from each other, so that what is between them needs all its bytes.
+            // Far from each other, so that their differences have the largest size.
             let far = [0, u64::MAX][number as usize % 2];
             declared.event(&event(far));
             let lost = u64::MAX;
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_has_so_many_bytes_at_most() {
+    fn the_kept_bytes_are_limited() {
         for texts in ["", "x", &"x".repeat(200), &"x".repeat(5000)] {
             let mut declared = Declared::default();
             let long = "x".repeat(5000);

@@ -91,7 +91,7 @@ fn memory_is_bounded_whatever_comes() {
 }
 
 #[test]
-fn who_comes_late_gets_the_declarations() {
+fn a_late_viewer_gets_the_declarations() {
     let mut store = begun();
     for n in 0..200_000u64 {
         sample(&mut store, n * 1_000_000, 0.5);
@@ -148,7 +148,7 @@ fn what_was_declared_is_within_what_a_viewer_gets_at_once() {
 }
 
 #[test]
-fn a_new_recording_begins_anew_for_all() {
+fn a_new_recording_restarts_all_viewers() {
     let mut store = begun();
     let mut position = Position::default();
     assert!(store.news(&mut position, usize::MAX).begins);

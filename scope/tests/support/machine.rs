@@ -148,7 +148,7 @@ impl Machine {
         self
     }
 
-    /// What happens until so many nanoseconds after the start.
+    /// Computes all events up to this many nanoseconds after the start.
     pub fn until(&mut self, nanos: u64, put: &mut Put<'_>) {
         if !self.is_declared {
             self.is_declared = true;
@@ -209,7 +209,7 @@ impl Machine {
             );
         }
         if is_late {
-            // It was under way when the slot came.
+            // It was running when the slot came.
             trace.time = slot - 120_000;
             trace.event(8, CONTROL, 0, 0);
             trace.turn(13, 760_000 + (self.cycle % 7) * 31_000, (3, 3));
