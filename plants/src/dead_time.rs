@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_shorter_than_said_are_told_and_nothing_is_lost_before() {
+    fn steps_shorter_than_stated_are_an_error_and_nothing_is_lost_before() {
         let mut plant = dead_time(Duration::from_nanos(1000), Duration::from_nanos(500));
         let outcome: Vec<_> = (1..=5)
             .map(|n| {

@@ -90,7 +90,7 @@ pub enum PlantError {
 }
 
 impl PlantError {
-    /// A failure of a model of your own, in words.
+    /// A failure of a model of your own, as text.
     ///
     /// ```
     /// let error = luna_plants::PlantError::model("the tank has run over");

@@ -217,7 +217,7 @@ impl Motor {
 
     /// By sub-steps alone.
     fn drive_by(&mut self, voltage: f64, time: f64, max_sub_step: f64) {
-        // A cast of what is not positive, or not a number, gives 0.
+        // A cast of a negative value or NaN gives 0.
         let sub_steps = (time / max_sub_step).ceil() as u64;
         let coefficients = self.coefficients(time / sub_steps as f64);
         for _ in 0..sub_steps {

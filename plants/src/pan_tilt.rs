@@ -161,7 +161,7 @@ mod tests {
                 );
             }
         }
-        // Tilt lies at its stop.
+        // Tilt is at its stop.
         assert!(camera.plant().states()[1].angle < -TILT.end_stop);
     }
 }

@@ -69,7 +69,7 @@ pub trait Plant {
     /// The model cannot: a step of zero or too long, no solution.
     fn step(&mut self, time: Duration) -> Result<(), PlantError>;
 
-    /// Gives the values of all outputs at this moment. Takes no time.
+    /// Writes the values of all outputs at this moment. Takes no time.
     ///
     /// # Errors
     ///

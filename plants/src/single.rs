@@ -2,7 +2,7 @@
 
 use crate::Port;
 
-/// The input and the output of such a plant, and what is there now.
+/// The input and the output of such a plant, and their values.
 #[derive(Debug, Clone)]
 pub(crate) struct Single {
     pub(crate) input: Port,

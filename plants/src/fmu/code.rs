@@ -44,7 +44,7 @@ macro_rules! demand {
 
 /// # Safety
 ///
-/// What the code gives is null, or a text that ends.
+/// `said` is null, or a string terminated by a zero.
 unsafe fn check_version(description: Version, said: *const c_char) -> Result<(), FmuError> {
     if said.is_null() {
         return Err(FmuError::Library {
@@ -364,7 +364,7 @@ impl Three {
         Ok(match kind {
             Kind::Real => real,
             Kind::Integer => integer.into(),
-            // The port's range refuses what is neither.
+            // The port's range refuses other values.
             Kind::Boolean => byte.into(),
         })
     }

@@ -230,7 +230,7 @@ mod tests {
         let (least, greatest) = (f64::NEG_INFINITY, f64::INFINITY);
         assert_eq!(of(1), ("1", least, greatest, Some(Kind::Real), "local"));
         assert_eq!(of(2).3, None);
-        // What is handed on can be read again.
+        // The passed-on description can be read again.
         assert!(description.for_loader().contains("guid=\"{&amp;}\""));
         Document::parse(&description.for_loader()).unwrap();
     }
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_said() {
+    fn malformed_descriptions_are_reported() {
         let reason = |text: Result<Description, FmuError>| text.err().unwrap().to_string();
         let variable = |text: &str| reason(two(text));
         assert!(

@@ -36,7 +36,7 @@ impl fmt::Display for FmuStatus {
     }
 }
 
-/// Why an FMU does not go on. Making one allocates nothing.
+/// Why an FMU cannot go on. Creating one allocates nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuFault {
@@ -71,7 +71,7 @@ pub enum FmuError {
         /// Why.
         reason: String,
     },
-    /// Its modelDescription.xml is missing or makes no sense.
+    /// Its modelDescription.xml is missing or malformed.
     #[error("the FMU's description: {reason}")]
     Description {
         /// Why.

@@ -9,7 +9,7 @@ use fmi::fmi3::import::Fmi3Import;
 use std::mem::ManuallyDrop;
 use tempfile::TempDir;
 
-/// What a call gives.
+/// A call's result.
 pub(super) type Called<T = ()> = Result<T, FmuStatus>;
 
 /// A loaded and instantiated FMU.

@@ -184,7 +184,7 @@ impl Fmu {
             value,
             reason,
         };
-        // Also what is not a number.
+        // Including NaN.
         if !(variable.min <= value && value <= variable.max && value.is_finite()) {
             return Err(refused(format!(
                 "it is within {} to {}",

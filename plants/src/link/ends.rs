@@ -69,7 +69,7 @@ macro_rules! whole {
             const NAME: &str = stringify!($type);
 
             fn from_value(value: f64) -> Option<Self> {
-                // A cast saturates, and drops what is behind the point.
+                // A cast saturates, and truncates.
                 let cast = value as $type;
                 (f64::from(cast) == value).then_some(cast)
             }
@@ -78,7 +78,7 @@ macro_rules! whole {
 }
 whole!(i8, u8, i16, u16, i32, u32);
 
-/// Where a value lies between a plant and the operation of its channel.
+/// The place of a value between a plant and its channel's operation.
 pub(super) type Slot = Cell<Option<f64>>;
 
 /// Why an end is of no use any more.
@@ -93,7 +93,7 @@ pub(super) enum Gone {
 pub(super) type Pump<'a> = Pin<Box<dyn Future<Output = Gone> + 'a>>;
 
 pub(super) trait ActuatorEnd: Send {
-    /// The newest of what has come, if anything has.
+    /// The newest value received, if any.
     fn newest(&self) -> Result<Option<f64>, Gone>;
 
     /// Fills the slot whenever it is empty.

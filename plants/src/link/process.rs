@@ -338,7 +338,7 @@ fn checked<'p, P: Plant>(
     plant.outputs()
 }
 
-/// The operations under way, one for each channel.
+/// The pending operations, one for each channel.
 #[derive(Default)]
 struct Pumps<'a> {
     actuators: Vec<Pump<'a>>,

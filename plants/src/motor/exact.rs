@@ -253,7 +253,7 @@ mod tests {
             for part in 1..=200 {
                 let time = time * f64::from(part) / 200.0;
                 let exact = Exact::new(&p, time).expect("as before");
-                // Unchecked: what the equations say, whether they hold or not.
+                // Without a check that the equations hold.
                 let unbounded = MotorParameters { end_stop: 10.0, stop_stiffness: 0.0, stiction: 1e9, current_limit: f64::INFINITY, ..p };
                 let Some(to) = exact.step(&unbounded, from, voltage) else {
                     return Err(TestCaseError::fail(format!("it reverses within {time} s")));

@@ -90,7 +90,7 @@ fn errors_of_step_and_measure_are_final() {
 }
 
 #[test]
-fn an_output_that_is_no_number_is_none() {
+fn an_output_that_is_no_number_is_refused() {
     for value in [f64::INFINITY, f64::NEG_INFINITY] {
         let error = PlantError::NotFinite {
             side: Side::Output,

@@ -9,7 +9,7 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What is different from a model that is in order.
+/// Deviations from a valid model.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Odd {
     /// For the compiler: "-DNO_STEP".

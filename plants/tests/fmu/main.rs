@@ -122,7 +122,7 @@ fn one_that_takes_steps_of_one_length_is_given_such() {
 }
 
 #[test]
-fn what_does_not_go_on_says_which_call_and_why() {
+fn a_failure_names_its_call_and_status() {
     let call = |call, status| PlantError::Fmu(FmuFault::Call { call, status });
     let out_of_range = PlantError::OutOfRange {
         side: Side::Output,

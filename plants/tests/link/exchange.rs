@@ -203,7 +203,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
 }
 
 #[test]
-fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
+fn the_order_of_reads_and_writes_does_not_matter() {
     let (system, main) = system("orders");
     let [(a, on_a), (b, on_b), (time, times), (sum, sums)] =
         std::array::from_fn(|_| luna::channel::<f64>());
@@ -291,7 +291,7 @@ fn the_enable_line_leaves_actuators_without_effect() {
 }
 
 #[test]
-fn what_cannot_be_connected_is_said() {
+fn wrong_connections_are_reported() {
     let (_, receiver) = luna::channel::<f64>();
     let (sender, _) = luna::channel::<f64>();
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());
