@@ -69,7 +69,7 @@ impl Agreement {
         })
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }
@@ -102,7 +102,7 @@ impl Agreement {
         let neutral = self.neutral;
         let a_is_nearer = (a - neutral).abs() <= (b - neutral).abs();
         Verdict::Pass(match self.vote {
-            // Neutral lies between them.
+            // Neutral is between them.
             Vote::OneOutOfTwo if (a < neutral) != (b < neutral) && a != neutral && b != neutral => {
                 neutral
             }

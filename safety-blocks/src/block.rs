@@ -108,7 +108,7 @@ pub trait Block {
         let _ = value;
     }
 
-    /// Whether `neutral` may be put out in the place of what it refuses.
+    /// Checks that `neutral` may replace a refused value.
     ///
     /// # Errors
     ///

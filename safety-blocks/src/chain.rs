@@ -79,7 +79,7 @@ impl Chain {
         Ok(self)
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }
@@ -132,7 +132,7 @@ impl Chain {
         out
     }
 
-    /// Puts out neutral, whatever the blocks say.
+    /// Puts out neutral, independent of the blocks' verdicts.
     pub(crate) fn put_out_neutral(&mut self) -> f64 {
         self.put_out(self.neutral)
     }

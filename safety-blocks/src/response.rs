@@ -1,4 +1,4 @@
-//! What is done about a verdict.
+//! Responses to verdicts.
 
 use crate::block::Verdict;
 use crate::fault::{Fault, Finding};
@@ -147,7 +147,7 @@ impl Reactor {
         &self.name
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }

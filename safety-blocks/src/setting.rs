@@ -13,7 +13,7 @@ pub struct SettingError {
     pub parameter: &'static str,
     /// What was given.
     pub given: Given,
-    /// What is allowed, in words.
+    /// The allowed values, as text.
     pub allowed: &'static str,
 }
 

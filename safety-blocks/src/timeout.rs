@@ -71,7 +71,7 @@ impl Timeout {
         self.repeat
     }
 
-    /// What is put out when nothing comes.
+    /// The value to put out without set-points.
     pub fn fallback(&self) -> f64 {
         self.fallback
     }

@@ -119,7 +119,7 @@ fn found(
 }
 
 #[test]
-fn a_frozen_encoder_is_found_by_each_who_can() {
+fn a_frozen_encoder_is_found_by_each_block_that_can() {
     // Driven it moves by more than this in 30 ms. At 1100 it is driven hard.
     let frozen = Frozen::new(2e-3, 30 * MS)
         .unwrap()
@@ -203,7 +203,7 @@ fn a_channel_that_sticks_is_found_and_neither_drives_the_axis_alone() {
 }
 
 #[test]
-fn the_motor_stands_still_when_nobody_holds_the_key() {
+fn the_motor_stands_still_while_the_key_is_not_held() {
     let mut grip = DeadMan::new(50 * MS).unwrap().must_change();
     let mut motor = Motor::new(PAN);
     let mut let_go = None;

@@ -311,7 +311,7 @@ proptest! {
 
     /// The output of two channels lies between their values, or between neutral and one of them.
     #[test]
-    fn two_channels_let_nothing_pass_that_none_has_said(
+    fn the_output_of_two_channels_lies_between_their_values(
         rounds in prop::collection::vec((prop::option::of(any_number()), prop::option::of(any_number()), any_elapsed()), 1..50),
         vote in prop::sample::select(vec![Vote::OneOutOfTwo, Vote::TwoOutOfTwo]), neutral in -1.0..1.0f64, tolerance in 0.0..1.0f64,
     ) {
@@ -402,7 +402,7 @@ proptest! {
 }
 
 #[test]
-fn a_reset_lets_it_go_on_and_a_fault_that_is_still_there_is_found_anew() {
+fn a_reset_clears_a_fault_and_a_lasting_fault_is_found_again() {
     let mut chain = Chain::new(0.0)
         .unwrap()
         .then(

@@ -205,12 +205,12 @@ pub(crate) const APART: Duration = Duration::from_millis(5);
 /// A duty that moves the axis if it is free, and how long it may take.
 const DRIVEN: f64 = 0.3;
 pub(crate) const BLOCKED: Duration = Duration::from_millis(50);
-/// How long the controller may say nothing.
+/// How long the controller may be silent.
 pub(crate) const SILENT: Duration = Duration::from_millis(5);
 /// How long the operator may demand too much, and the controller may drive into a stop.
 pub(crate) const ASKED: Duration = Duration::from_millis(20);
 pub(crate) const PRESSED: Duration = Duration::from_millis(40);
-/// Samples over which noise is looked at.
+/// The number of samples for noise.
 pub(crate) const NOISE: u32 = 20;
 
 fn set_points() -> luna::Result<Chain> {
@@ -299,7 +299,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
             .report_to(reports),
     )?;
 
-    // What they stand between.
+    // The processes around the blocks.
     let start = Arc::new(Mutex::new(None));
     let at_start = start.clone();
     main.process("operator").priority(13).spawn(async move {

@@ -164,7 +164,7 @@ impl AgreementProcess {
         Ok(())
     }
 
-    /// What the two say in one round, or neither until `end`.
+    /// The two values of one round, or none of them until `end`.
     async fn round(
         &mut self,
         end: Instant,

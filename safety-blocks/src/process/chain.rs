@@ -181,8 +181,8 @@ impl<T: Signal> ChainProcess<T> {
         Ok(self)
     }
 
-    /// Sends each fault that begins to `reports`, if there is room, without waiting: use a buffer that
-    /// overwrites.
+    /// Sends each fault that begins to `reports`, if there is room, without waiting: use a buffer
+    /// that overwrites.
     pub fn report_to(mut self, reports: Sender<Finding>) -> Self {
         self.alarms.report_to(reports);
         self
@@ -252,7 +252,7 @@ impl<T: Signal> ChainProcess<T> {
                     front.reactor.rearm();
                 }
             }
-            // The time of the clock goes on in any case.
+            // The clock's time advances in any case.
             let by_clock = steps.elapsed(now);
             let feedback = &mut self.feedback;
             let sample = Sample {
@@ -286,7 +286,7 @@ impl<T: Signal> ChainProcess<T> {
     /// What comes next, or the fall-back; nothing when the writers are gone.
     async fn next(&mut self, entered: Entered<'_>) -> luna::Result<Option<Came<T>>> {
         let deadline = self.timeout.as_ref().map(|front| front.deadline);
-        // Of the newest signal, all but the value goes on.
+        // The newest signal: all of it but the value is used again.
         let last = self.last.filter(|_| !self.is_of_sensor);
         let awaited = entered.filter(|_| self.alarms.awaits_safe_state() && last.is_some());
         let came = match (self.offered.take(), awaited, deadline) {

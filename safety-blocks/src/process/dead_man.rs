@@ -201,7 +201,7 @@ impl DeadManProcess {
     }
 }
 
-/// Begins to count, and gives the instant of it.
+/// Starts to count, and returns the present instant.
 fn steps_from(steps: &mut Steps) -> Instant {
     let now = luna::now();
     steps.elapsed(now);

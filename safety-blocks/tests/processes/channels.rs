@@ -85,7 +85,7 @@ fn one_out_of_two_stops_for_a_channel_that_is_silent_or_wrong() {
 #[test]
 fn two_out_of_two_goes_on_with_one_channel_for_as_long_as_it_may() {
     let (alarms, ..) = voted(Vote::TwoOutOfTwo, |_| None);
-    // Its response gives it 100 ms from the first round on, that it lacked.
+    // Its response allows a missing channel for 100 ms, from the first such round on.
     assert_eq!((alarms.len(), alarms[0].0), (1, 400));
     let (alarms, ..) = voted(Vote::TwoOutOfTwo, |duty| Some(-duty + 1.0));
     assert!((310..320).contains(&alarms[0].0), "{alarms:?}");

@@ -178,7 +178,7 @@ fn a_safe_state_reaches_the_output_of_two_channels_at_once() {
 /// An offer that was not taken is withdrawn for the next value: a process that sends and reads in
 /// turn gets one for each.
 #[test]
-fn a_safe_state_keeps_the_step_of_who_sends_and_reads_in_turn() {
+fn a_safe_state_keeps_the_step_of_a_process_that_sends_and_reads_in_turn() {
     let (system, main) = system();
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();

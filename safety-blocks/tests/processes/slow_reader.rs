@@ -108,7 +108,7 @@ fn a_safe_state_withdraws_what_a_slow_reader_has_not_taken() {
     assert_eq!(of_a_slow_reader(chain, 5, true), afterwards);
     assert_eq!(of_a_slow_reader(spawn_dead_man, 5, true), afterwards);
     assert_eq!(of_a_slow_reader(spawn_vote, 5, true), afterwards);
-    // What is measured stays, and is not made up.
+    // A measurement stays, and is not replaced.
     let sensor = |main: &luna::Executor, output| spawn_chain(main, output, true);
     assert_eq!(of_a_slow_reader(sensor, 5, false), [(10, 0.5), (20, 0.6)]);
 }
