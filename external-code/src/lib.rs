@@ -15,11 +15,11 @@
 //!
 //! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t), and sum_step likewise.
 //! unsafe extern "C" fn sum_initialize(_u: *const f64, _y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // Sound: the caller gives one state and one parameter.
+//!     // Sound: the caller passes one state and one parameter.
 //!     unsafe { (*x, *p) = (0.0, 2.0) }
 //! }
 //! unsafe extern "C" fn sum_step(u: *const f64, y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // Sound: the caller gives two inputs, one output, one state and one parameter.
+//!     // Sound: the caller passes two inputs, one output, one state and one parameter.
 //!     unsafe {
 //!         *x += *u + *u.add(1);
 //!         *y = *p * *x;
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_that_is_not_finite_or_not_computed_is_none() {
+    fn an_output_that_is_not_finite_or_not_computed_is_an_error() {
         let mut divides = submodel(divide);
         assert_eq!(divides.step([1.0, 4.0], 0.5), Ok([0.25, 0.5]));
         let infinite = NotFinite {

@@ -46,7 +46,7 @@ impl Pid {
         }
     }
 
-    /// The duty for what is wanted and measured at `time`.
+    /// The duty for the target and the measurement at `time`.
     pub fn step(&mut self, set_point: f64, angle: f64, time: f64) -> f64 {
         let h = time - self.last_time;
         let error = set_point - angle;

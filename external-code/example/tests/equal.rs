@@ -56,7 +56,7 @@ fn over_ten_thousand_random_steps() {
         }
     }
     println!("at most {widest} apart; {limited} at the limit");
-    // It was no matter of constants.
+    // Both ranges were covered.
     assert!(limited > 200 && free > 200, "{limited}, {free}");
 }
 
