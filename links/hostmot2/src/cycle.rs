@@ -38,7 +38,7 @@ impl Outputs {
     }
 }
 
-/// What an encoder's registers say.
+/// The registers of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RawEncoder {
     /// The count, which wraps.
@@ -88,7 +88,7 @@ pub enum EchoState {
     /// It was an earlier one: a write packet was lost or overtaken, and its outputs are not in
     /// effect.
     Behind,
-    /// It was none of ours: the card was restarted, or has another master.
+    /// It is a foreign one: the card was restarted, or has another master.
     Foreign,
 }
 
@@ -128,7 +128,7 @@ impl Layout {
             scratch::READ_SEQUENCE,
             &sequence.to_le_bytes(),
         )?;
-        // All three numbers, which lie side by side.
+        // All three numbers, which are adjacent.
         packet.read(timers, wide, scratch::READ_SEQUENCE, 6)?;
         let mut read = |address| {
             packet
@@ -252,7 +252,7 @@ impl Layout {
 }
 
 impl Answer<'_> {
-    /// What an encoder's registers say; none if it is not read.
+    /// The registers of an encoder; none if it is not read.
     pub fn encoder(&self, number: usize) -> Option<RawEncoder> {
         let at = number.checked_mul(8)?;
         let mut reader = Reader::new(self.encoders.get(at..)?);

@@ -59,7 +59,7 @@ pub struct Module {
     pub clock: u32,
     /// How many units there are.
     pub instances: u8,
-    /// Where its first register lies.
+    /// The address of its first register.
     pub base: u16,
     /// How many different registers it has.
     pub registers: u8,

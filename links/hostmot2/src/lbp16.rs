@@ -160,7 +160,7 @@ impl<'a> Reader<'a> {
         Reader(bytes)
     }
 
-    /// The next `N` bytes, if there are so many.
+    /// The next `N` bytes, if there are that many.
     pub fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (taken, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
@@ -177,7 +177,7 @@ impl<'a> Reader<'a> {
         self.take().map(u32::from_le_bytes)
     }
 
-    /// What is left.
+    /// The rest.
     pub const fn rest(&self) -> &'a [u8] {
         self.0
     }

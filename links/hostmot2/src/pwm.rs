@@ -21,7 +21,7 @@ pub const MODE: u32 = pwm::BITS_12 | pwm::SYMMETRICAL | pwm::DOUBLE_BUFFERED;
 /// assert_eq!(duty(value(2.0)), 4095.0 / 4096.0);
 /// ```
 pub fn value(duty: f64) -> u32 {
-    // A cast saturates, and makes 0 of what is not a number.
+    // A cast saturates, and makes 0 of NaN.
     let magnitude = ((duty.abs() * 4096.0).round() as u32).min((1 << BITS) - 1);
     let direction = match duty < 0.0 && magnitude > 0 {
         true => pwm::DIRECTION,

@@ -47,7 +47,7 @@ impl Default for Selection {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// The card's configuration has not so many units.
+    /// The card's configuration has too few units.
     #[error(
         "the card has {there} {tag}, {asked} are requested: request fewer, or give it another configuration"
     )]
@@ -59,7 +59,7 @@ pub enum LayoutError {
         /// How many there are.
         there: u8,
     },
-    /// A register of a module lies where none can.
+    /// The description has an impossible address for a module's register.
     #[error("the card's description of its {tag} has no place for all registers")]
     NoRegister {
         /// Of what.
@@ -83,7 +83,7 @@ pub enum LayoutError {
         /// Which.
         pwm: u8,
     },
-    /// The card's clock cannot count so long, or so short a time.
+    /// The card's clock cannot count this time: it is too long, or too short.
     #[error(
         "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
     )]

@@ -74,7 +74,7 @@ impl Counts {
         self.0.connections.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A transaction that took so long.
+    /// Counts a transaction of this time.
     pub(crate) fn took(&self, time: Duration, late_after: Duration) {
         self.record();
         let nanos = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);

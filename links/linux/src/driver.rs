@@ -138,7 +138,7 @@ struct Work<D, Q, A> {
     /// None after a panic of `serve`: that ends the link, and the driver stays for its emergency
     /// function.
     done: Option<Sender<luna::Result<A>>>,
-    /// Whether the emergency function has come to its end; nothing before.
+    /// Whether the emergency function has ended; none before.
     is_safe: Sender<bool>,
 }
 

@@ -19,7 +19,7 @@ pub enum OnBad {
     /// It ends with the record as its error. The device is not lost by that.
     #[default]
     End,
-    /// It drops the record, and goes on with the next.
+    /// It drops the record, and continues with the next.
     Drop,
 }
 
@@ -76,7 +76,7 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
                 counts.one_bad();
                 match (T::from_bad(splitter.bad(fault)), on_bad) {
                     (Ok(value), _) => value,
-                    // What is cut off because the other side has hung up: that is the cause.
+                    // A record that was cut off by hanging up: the hang-up is the cause.
                     (Err(_), _) if is_at_end => continue,
                     (Err(_), OnBad::Drop) => continue,
                     (Err(bad), OnBad::End) => return Stop::Record(bad),

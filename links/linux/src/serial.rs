@@ -65,7 +65,7 @@ impl Settings {
         }
     }
 
-    /// So many bits a character.
+    /// The number of bits a character.
     #[must_use]
     pub fn char_size(mut self, char_size: CharSize) -> Self {
         self.char_size = char_size;
@@ -79,7 +79,7 @@ impl Settings {
         self
     }
 
-    /// So many stop bits.
+    /// The number of stop bits.
     #[must_use]
     pub fn stop_bits(mut self, stop_bits: StopBits) -> Self {
         self.stop_bits = stop_bits;

@@ -44,7 +44,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// With a clock of at most so many hertz.
+    /// The limit of the clock, in hertz.
     ///
     /// ```
     /// let settings = luna_links::spi::Settings::new(500_000).mode(embedded_hal::spi::MODE_3);

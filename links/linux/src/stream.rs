@@ -1,4 +1,4 @@
-//! Links to what is read and written as a file.
+//! Links to files.
 
 use crate::Counts;
 use crate::end::{Lose, Stop};

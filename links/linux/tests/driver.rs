@@ -165,7 +165,7 @@ fn what_takes_too_long_is_counted() {
 }
 
 #[test]
-fn in_an_emergency_the_driver_makes_it_safe_and_serves_nobody_after() {
+fn in_an_emergency_the_driver_makes_it_safe_and_serves_no_calls_after() {
     let _watch = watchdog();
     let mut system = System::new("safe");
     let bus = bus(&system);

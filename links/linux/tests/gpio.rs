@@ -66,7 +66,7 @@ fn simulated(system: &System, is_broken: bool) -> (Device<Pins>, Record, PipeWri
 const SAFE: Levels = Levels::NONE.with(0, false).with(1, true);
 
 #[test]
-fn an_emergency_sets_the_outputs_and_nobody_changes_them_any_more() {
+fn after_an_emergency_the_outputs_do_not_change_any_more() {
     let _watch = watchdog();
     let mut system = System::new("press");
     let devices = system.devices();
@@ -123,7 +123,7 @@ fn a_chip_that_has_gone_is_lost() {
     drop(pins);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("the GPIO chip `chip` is lost"), "{error}");
-    // Its outputs are where they were, and the report does not say otherwise.
+    // Its outputs are unchanged, and the report agrees.
     let safety = system.report().unwrap().safety;
     assert_eq!(safety.functions[0].outcome, FunctionOutcome::Panicked);
     assert_eq!(safety.failed().count(), 1);

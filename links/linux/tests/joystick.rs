@@ -13,7 +13,7 @@ use std::io::{self, PipeReader, PipeWriter, Write};
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex};
 
-/// Two axes, and where it stands.
+/// Two axes, and their positions.
 struct Simulated {
     events: PipeReader,
     stands: Arc<Mutex<Snapshot>>,
@@ -80,7 +80,7 @@ fn controls_come_in_order_and_are_right_after_lost_events() {
     let axis = |axis, position| Control::Axis { axis, position };
     main.process("user")
         .spawn(async move {
-            // Where it stands at first, if that is not in the middle.
+            // The initial position, if it is not the middle.
             assert_eq!(controls.recv().await?, axis(1, 1.0));
             let mut events = event(3, 0, 150);
             events.extend(event(1, 300, 1));

@@ -148,7 +148,7 @@ fn a_port_that_hangs_up_is_an_emergency_and_is_closed() {
     let main = system.executor("main").build().unwrap();
     let input = reader(&port, sender, Framing::lines(8)).unwrap();
     main.process("in").spawn(input).unwrap();
-    // Would go on for ever.
+    // It would run for ever.
     main.process("control")
         .spawn(std::future::pending::<luna::Result<()>>())
         .unwrap();

@@ -93,7 +93,7 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
         drop(first);
         let (mut second, _) = listener.accept().unwrap();
         second.write_all(b"reset me\n").unwrap();
-        // What is closed with something unread is reset.
+        // Closing a socket with unread data resets the connection.
         second.peek(&mut [0]).unwrap();
         drop(second);
         let (mut third, _) = listener.accept().unwrap();

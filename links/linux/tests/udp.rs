@@ -18,7 +18,7 @@ fn any() -> SocketAddr {
 }
 
 #[test]
-fn packets_are_values_and_broken_ones_are_told_in_their_order() {
+fn packets_are_values_and_broken_ones_are_reported_in_order() {
     let _watch = watchdog();
     if !COMPLETE {
         return skip("the portable layer cannot wait for files");
@@ -60,7 +60,7 @@ fn packets_are_values_and_broken_ones_are_told_in_their_order() {
 }
 
 #[test]
-fn nobody_there_is_counted_and_no_loss() {
+fn a_missing_peer_is_counted_and_no_loss() {
     let _watch = watchdog();
     if !COMPLETE {
         return skip("the portable layer cannot wait for files");

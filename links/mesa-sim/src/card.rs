@@ -174,7 +174,7 @@ impl Card {
             && (0..PINS).all(|pin| self.driven_level(pin).is_none())
     }
 
-    /// Sets the level that the machine gives a pin. It is high without.
+    /// Sets the level of a pin from the machine. The default is high.
     pub fn set_level(&mut self, pin: usize, level: bool) {
         self.ports.set_external(pin, level);
     }
@@ -187,7 +187,7 @@ impl Card {
         }
     }
 
-    /// Gives an encoder an index each `counts`.
+    /// Sets an encoder's index, which occurs each `counts`.
     pub fn set_index(&mut self, encoder: usize, counts: u32) {
         if let Some(encoder) = self.encoders.get_mut(encoder) {
             encoder.set_index(counts);

@@ -13,7 +13,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often the card and the machine go on without a packet.
+/// The period of steps of the card and the machine without packets.
 const TICK: Duration = Duration::from_micros(500);
 
 /// How a card is served.
@@ -21,7 +21,7 @@ pub struct Settings {
     /// The address to listen on; default any free port of loopback. Mesa's tool uses
     /// [`PORT`](hostmot2::PORT).
     pub address: SocketAddr,
-    /// What is behind the card.
+    /// The machine behind the card.
     pub world: Box<dyn World>,
     /// What the network does.
     pub faults: Faults,
@@ -162,12 +162,12 @@ impl Server {
         self.shared.lock().network.set_faults(faults);
     }
 
-    /// Loses all that comes and goes for so long.
+    /// Loses all datagrams in both directions for this time.
     pub fn silence(&self, time: Duration) {
         self.shared.lock().silent_until = now().saturating_add(time.as_nanos() as u64);
     }
 
-    /// Takes the card's power away and gives it back: it forgets everything.
+    /// Powers the card off and on: it loses its state.
     pub fn power_cycle(&self) {
         self.shared.lock().card = Card::new();
     }
@@ -223,7 +223,7 @@ fn listen(shared: &Shared) {
     }
 }
 
-/// The thread that lets time go on.
+/// The thread that advances time.
 fn tick(shared: &Shared) {
     let mut state = shared.lock();
     while !shared.is_over.load(Ordering::Acquire) {

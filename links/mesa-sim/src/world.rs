@@ -1,4 +1,4 @@
-//! What is on the other side of the card's pins.
+//! The machine on the other side of the card's pins.
 
 use crate::card::{Card, ENCODERS, PWMS};
 use luna_plants::{Checked, Plant, PlantError};

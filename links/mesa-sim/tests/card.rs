@@ -258,7 +258,7 @@ proptest! {
 
     /// A card's answer to a packet of any layout is an answer of that layout.
     #[test]
-    fn answers_are_as_long_as_is_said(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn answers_have_the_announced_length(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let (mut card, layout, mut packet) = driven();
         let mut answer = Vec::new();
         let _ = card.handle(&bytes, MS, &mut answer);

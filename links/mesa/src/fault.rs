@@ -42,7 +42,7 @@ pub enum Fault {
     Overdue {
         /// To which.
         actuator: Actuator,
-        /// The cycles in which no new set-point has come.
+        /// The cycles without a new set-point.
         cycles: u32,
     },
     /// The socket cannot be waited for.

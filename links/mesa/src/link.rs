@@ -41,7 +41,7 @@ pub enum LinkError {
     /// The system refuses what the socket needs.
     #[error("no socket to the card: {0}")]
     Socket(#[source] io::Error),
-    /// A setting makes no sense.
+    /// A setting is invalid.
     #[error("{0}")]
     Setting(&'static str),
     /// The card's emergency function cannot be registered.

@@ -20,11 +20,11 @@ fn run(
     cycles: u32,
     at_cycle: impl FnMut(u32) + Send + 'static,
 ) -> (luna::Result<Report>, Truth, Arc<Health>, u32) {
-    run_told(FASTEST, link, cycles, at_cycle)
+    run_with(FASTEST, link, cycles, at_cycle)
 }
 
 /// As [`run`], with another greatest speed.
-fn run_told(
+fn run_with(
     fastest: f64,
     mut link: Link,
     cycles: u32,
@@ -335,7 +335,7 @@ fn a_silence_in_which_the_counter_may_wrap_ends_it() {
     let link = patient(&server);
     let breaker = server.clone();
     // It may wrap within 0.55 s.
-    let (outcome, ..) = run_told(60_000.0, link, 2_000, move |cycle| {
+    let (outcome, ..) = run_with(60_000.0, link, 2_000, move |cycle| {
         if cycle == 20 {
             breaker.silence(Duration::from_millis(700));
         }
@@ -348,7 +348,7 @@ fn a_silence_in_which_the_counter_may_wrap_ends_it() {
 }
 
 #[test]
-fn a_card_that_is_gone_is_told_as_the_network_says_it() {
+fn an_absent_card_is_reported_with_the_networks_error() {
     let mut server = Some(turning());
     let mut link = patient(server.as_ref().unwrap());
     link.tolerance(Bucket::new(1, 1, 250));
@@ -363,7 +363,7 @@ fn a_card_that_is_gone_is_told_as_the_network_says_it() {
 }
 
 #[test]
-fn who_asks_too_early_is_told_that_nobody_is_there() {
+fn opening_an_absent_card_fails() {
     let address = turning().address();
     // The server has ended with the statement above.
     let error = Card::open(address).unwrap_err();

@@ -1,4 +1,4 @@
-//! What is connected to what, and how it begins and ends.
+//! The connections of a link, its begin and its end.
 
 mod common;
 
@@ -138,7 +138,7 @@ fn the_index_is_latched_once() {
 }
 
 #[test]
-fn an_index_that_was_passed_before_the_start_is_none() {
+fn an_index_passed_before_the_start_is_ignored() {
     let server = Arc::new(Server::start(Settings::default()).unwrap());
     server.with_card(|card, now| {
         card.turn_encoder(3, 990, now);
@@ -211,7 +211,7 @@ fn an_emergency_takes_the_outputs_away_for_good() {
 }
 
 #[test]
-fn what_cannot_be_is_told_at_set_up() {
+fn impossible_selections_are_reported_at_set_up() {
     let server = turning();
     let open = || Card::open(server.address()).unwrap().link("card", PERIOD);
     let refused = |link: luna_mesa::Link| link.process().unwrap_err();

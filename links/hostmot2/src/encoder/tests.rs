@@ -181,7 +181,7 @@ fn the_rate_is_never_beyond_the_greatest_speed() {
 }
 
 #[test]
-fn an_index_that_was_latched_long_before_the_first_reading_is_not_told() {
+fn an_index_latched_long_before_the_first_reading_is_not_reported() {
     let latched = |count| RawEncoder {
         index: Some(0),
         ..raw(count, 0)

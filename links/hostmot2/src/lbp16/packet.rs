@@ -37,7 +37,7 @@ impl Packet {
         self.answer_len = 0;
     }
 
-    /// What is to be sent.
+    /// The bytes to send.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }

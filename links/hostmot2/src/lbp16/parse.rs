@@ -5,7 +5,7 @@ use super::{Command, Reader};
 /// One command of a packet with its data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Operation<'a> {
-    /// What is to be done.
+    /// The command.
     pub command: Command,
     /// The data to be written: as long as [`Command::data_len`], empty if it reads.
     pub data: &'a [u8],

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_kernel_never_says_is_refused() {
+    fn malformed_events_are_refused() {
         let mut bytes = [0; 48];
         assert!(Edge::from_bytes(&bytes).is_err(), "kind 0");
         bytes[8..12].copy_from_slice(&2_u32.to_ne_bytes());

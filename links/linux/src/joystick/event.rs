@@ -6,7 +6,7 @@ use luna::external::{Framing, FromBytes, Malformed};
 const TIME: usize = 2 * size_of::<usize>();
 const SIZE: usize = TIME + 8;
 
-/// How events lie in what is read: records of one `struct input_event`.
+/// The framing of events: records of one `struct input_event`.
 pub const FRAMING: Framing = Framing::fixed(SIZE);
 
 /// An event of an input device: `struct input_event`, without its time. The numbers are those of

@@ -36,7 +36,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// Where `value` lies, from -1 to 1. An axis of one value is at rest.
+    /// The position of `value`, from -1 to 1. An axis with a range of one value is at rest.
     ///
     /// ```
     /// use luna_links::joystick::Range;
@@ -55,7 +55,7 @@ impl Range {
     }
 }
 
-/// Where all controls of a device stand.
+/// The state of all controls of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Snapshot {
     /// The axes' values, by their numbers.
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_and_buttons_are_told_when_they_change() {
+    fn axes_and_buttons_are_reported_when_they_change() {
         let mut state = state();
         assert_eq!(state.take(event(3, 0, 50)), axis(0, 0.5));
         assert_eq!(state.take(event(3, 0, 50)), Meaning::Nothing);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn after_lost_events_the_device_is_asked_and_only_differences_told() {
+    fn after_lost_events_only_differences_are_reported() {
         let mut state = state();
         state.take(event(3, 0, 50));
         state.take(event(1, 700, 1));

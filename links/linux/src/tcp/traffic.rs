@@ -1,4 +1,4 @@
-//! Connection after connection, and what is carried over each.
+//! One connection after the other, and the traffic over each.
 
 use super::{Origin, Reconnect};
 use crate::Counts;

@@ -205,7 +205,7 @@ impl Memory {
     }
 }
 
-/// What lies at `at`; zeroes where nothing does.
+/// The bytes at `at`; zeroes where nothing is.
 fn copy(from: &[u8], at: u16, to: &mut [u8]) {
     to.fill(0);
     let from = from.get(usize::from(at)..).unwrap_or_default();

@@ -5,11 +5,11 @@ use hostmot2::registers::port;
 
 const REGISTERS: usize = 5;
 
-/// The ports' registers, and what is on the other side of the pins.
+/// The ports' registers, and the levels from the machine.
 #[derive(Debug, Clone)]
 pub(super) struct Ports {
     registers: [[u32; PORTS]; REGISTERS],
-    /// The levels that the machine gives.
+    /// The levels from the machine.
     external: [u32; PORTS],
 }
 

@@ -1,4 +1,4 @@
-//! What has come from a channel last, and how long ago.
+//! The last value from a channel, and its age.
 
 use luna::{Receiver, TryRecvError};
 
@@ -77,7 +77,7 @@ mod tests {
             let value = input.take(is_driving);
             (value, input.overdue())
         };
-        // Nothing has come: nothing is driven.
+        // Without a value nothing is driven.
         for _ in 0..10 {
             assert_eq!(cycle(true), (None, None));
         }

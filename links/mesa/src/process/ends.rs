@@ -43,7 +43,7 @@ impl Sensors {
         self.inputs.push(InputEnd { pin, channel });
     }
 
-    /// What makes no sense, in words.
+    /// Returns an error's text for an invalid setting.
     pub(crate) fn wrong(&self) -> Option<&'static str> {
         let is_positive = |end: &EncoderEnd| end.fastest > 0.0 && end.fastest.is_finite();
         if !self.encoders.iter().all(is_positive) {
@@ -120,7 +120,7 @@ impl Actuators {
         });
     }
 
-    /// What makes no sense, in words.
+    /// The text of an error for an invalid setting.
     pub(crate) fn wrong(&self) -> Option<&'static str> {
         is_doubled(self.pwms.iter().map(|end| end.number))
             .then_some("a PWM generator is connected twice")

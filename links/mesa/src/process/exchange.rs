@@ -24,7 +24,7 @@ pub(super) struct Exchange {
 pub(super) enum Outcome {
     /// No answer came in time.
     Missed,
-    /// It lies in [`Exchange::answer`].
+    /// The answer is in [`Exchange::answer`].
     Answered { asked: Instant, answered: Instant },
 }
 
@@ -49,7 +49,7 @@ impl Exchange {
         }
     }
 
-    /// The answer that has come.
+    /// The received answer.
     pub(super) fn answer(&self) -> &[u8] {
         &self.answer[..self.answer.len() - 1]
     }
