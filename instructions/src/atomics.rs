@@ -38,7 +38,7 @@ pub(crate) struct Objects {
 }
 
 struct File {
-    /// What is loaded, by the addresses that it has in the file's own tables.
+    /// Its loaded segments, by the addresses in its own tables.
     segments: Vec<(Range<u64>, &'static [u8])>,
     /// Its debug information, if there is any.
     lines: Option<Context<EndianSlice<'static, LittleEndian>>>,

@@ -192,7 +192,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What is left lies in the system's folder for it.
+        // On failure, the files stay in the system's temporary folder.
         let _ = fs::remove_dir_all(&self.0);
     }
 }

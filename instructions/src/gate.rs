@@ -1,4 +1,4 @@
-//! Holds what was counted against what is recorded.
+//! Compares counts with the recorded ones.
 
 use crate::recorded::Figures;
 

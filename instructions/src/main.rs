@@ -78,7 +78,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Does what the arguments say. Whether what was counted may be.
+/// Executes the command line. Returns whether the counts are within their limits.
 fn run(command: &str, parts: &[String]) -> Result<bool, String> {
     let examine = match command {
         "gate" | "events" => judge,
@@ -157,7 +157,7 @@ fn record(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, Str
     table::comparison(outcomes, &recorded);
     recorded.compiler = operations.compiler.clone();
     recorded.c_library = operations.c_library.clone();
-    // What is not an operation any more goes.
+    // Operations that do not exist any more are removed.
     let is_one = |name: &String| operations.all.iter().any(|one| one.name == *name);
     recorded.figures.retain(|name, _| is_one(name));
     for outcome in outcomes {

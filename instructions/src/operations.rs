@@ -89,7 +89,7 @@ impl Operations {
     }
 }
 
-/// Why counts on this machine would say nothing.
+/// Why counts on this machine would be meaningless.
 pub(crate) fn hindrance() -> Option<&'static str> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
         Some("the figures are those of x86-64 Linux")

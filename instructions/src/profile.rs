@@ -11,7 +11,7 @@ pub(crate) struct Place {
     pub(crate) address: u64,
 }
 
-/// What is known of an instruction.
+/// An instruction's data.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Executed {
     /// The function that it is part of; others may be inlined there.

@@ -1,4 +1,4 @@
-//! What is printed.
+//! The printed tables.
 
 use crate::Outcome;
 use crate::compiled_in::Pair;
