@@ -127,7 +127,7 @@ pub(crate) fn open() {
     IS_OPEN.store(true, Ordering::SeqCst);
 }
 
-/// Notes no more; gives what was noted, each with how often it was.
+/// Ends the noting; returns the violations, each with its count.
 pub(crate) fn close() -> Vec<(Raw, u64)> {
     IS_OPEN.store(false, Ordering::SeqCst);
     let first = FIRST.load(Ordering::Relaxed).min(SLOTS);

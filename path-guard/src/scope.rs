@@ -1,4 +1,4 @@
-//! What is watched, and what comes of it.
+//! Scopes in which the rules are enforced.
 
 use crate::{Coverage, Violation};
 

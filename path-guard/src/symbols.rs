@@ -6,7 +6,7 @@ use luna_platform::current::ProcessId;
 use luna_platform::path;
 use std::fmt::Write;
 
-/// What was noted, in words.
+/// Converts a noted violation, with the names of its process, thread and functions.
 pub(crate) fn violation(raw: &Raw, times: u64) -> Violation {
     Violation {
         kind: raw.kind,

@@ -16,7 +16,7 @@ static THREADS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 ///
 /// It has no destructor, so that it can be read, also by the kernel, as long as the thread lives.
 struct Here {
-    /// What the kernel looks at on each system call, once it is armed.
+    /// Read by the kernel on each system call, once the thread is armed.
     selector: Selector,
     is_armed: Cell<bool>,
     /// The guard itself is at work: it may allocate and call the system.

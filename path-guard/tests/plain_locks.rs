@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const SOURCES: [&str; 4] = ["platform/src", "channels/src", "executors/src", "src"];
 const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
 
-/// Where the words mean the framework's own locks.
+/// Files in which these words mean the framework's own locks.
 const OWN: [&str; 4] = [
     "channels/src/lock_sync",
     "src/csp/composition.rs",

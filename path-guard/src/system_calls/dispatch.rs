@@ -90,7 +90,7 @@ fn installed() -> &'static Result<u64, String> {
     })
 }
 
-/// Where the C library returns from handlers: only the kernel can say.
+/// The address of the C library's code that returns from handlers, as the kernel has it.
 fn restorer() -> Result<u64, String> {
     #[repr(C)]
     #[derive(Default)]

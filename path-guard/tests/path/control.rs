@@ -16,7 +16,7 @@ use std::time::Duration;
 /// Where a careless process is.
 const PLACES: [&str; 2] = ["an executor", "a thread"];
 
-/// Runs a process called `careless`; gives what was seen.
+/// Runs a process called `careless`; returns the violations.
 fn careless<F>(place: &str, body: F) -> Vec<Violation>
 where
     F: Future<Output = luna::Result<()>> + Send + 'static,
@@ -103,8 +103,8 @@ fn memory_that_grows_or_is_the_bodys_own_is_seen() {
 }
 
 #[test]
-fn the_same_place_is_told_once_and_counted() {
-    let _watch = watchdog("the_same_place_is_told_once_and_counted");
+fn the_same_place_is_reported_once_and_counted() {
+    let _watch = watchdog("the_same_place_is_reported_once_and_counted");
     let violations = careless("an executor", async {
         for _ in 0..1000 {
             drop(allocates());
@@ -122,8 +122,8 @@ fn the_same_place_is_told_once_and_counted() {
 }
 
 #[test]
-fn a_test_fails_with_what_was_done_by_whom_and_where() {
-    let _watch = watchdog("a_test_fails_with_what_was_done_by_whom_and_where");
+fn a_test_fails_with_the_violation_its_process_and_its_place() {
+    let _watch = watchdog("a_test_fails_with_the_violation_its_process_and_its_place");
     let failed = catch_unwind(|| {
         check(|| {
             run("an executor", async {
@@ -221,9 +221,9 @@ fn a_contended_lock_of_the_standard_library_is_seen() {
 
 #[test]
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
-fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
-    let _watch = watchdog("a_system_call_is_seen_whoever_makes_it_and_does_what_it_does");
-    if !sees_system_calls("a_system_call_is_seen_whoever_makes_it_and_does_what_it_does") {
+fn any_codes_system_call_is_detected_and_has_its_effect() {
+    let _watch = watchdog("any_codes_system_call_is_detected_and_has_its_effect");
+    if !sees_system_calls("any_codes_system_call_is_detected_and_has_its_effect") {
         return;
     }
     for place in PLACES {
@@ -365,13 +365,13 @@ fn what_is_off_the_path_is_not_seen() {
         });
         assert_eq!(violations, []);
     }
-    // A thread of one's own is on no path.
+    // A plain thread is not on the path.
     check(|| drop(allocates()));
 }
 
 #[test]
-fn a_panic_is_told_as_such_alone() {
-    let _watch = watchdog("a_panic_is_told_as_such_alone");
+fn a_panic_is_reported_only_as_such() {
+    let _watch = watchdog("a_panic_is_reported_only_as_such");
     for place in PLACES {
         let (report, violations) = collect(|| run(place, async { panic!("on purpose") }));
         assert!(report.unwrap_err().to_string().contains("on purpose"));

@@ -34,7 +34,7 @@ impl Placement {
 pub(crate) struct Places {
     pub(crate) system: System,
     pub(crate) placement: Placement,
-    /// What the system's end is to be, unless it is to succeed.
+    /// The expected end of the system, if not success.
     pub(crate) error: Option<&'static str>,
     executors: Vec<Executor>,
     processes: usize,

@@ -15,7 +15,7 @@ pub(crate) fn files_that_become_ready(places: &mut Places) {
         let mut byte = [0];
         for n in 0..ROUNDS {
             luna::readable(&near).await.map_err(luna::Error::other)?;
-            // The standard library's call is the process' own: it stands for itself.
+            // The standard library's call is the process' own.
             luna::off_path(|| near.read_exact(&mut byte)).unwrap();
             assert_eq!(u64::from(byte[0]), n % 200);
         }

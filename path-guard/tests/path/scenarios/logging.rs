@@ -65,6 +65,6 @@ pub(crate) fn signals_without_room(places: &mut Places) {
     record(places);
 }
 
-pub(crate) fn signals_that_nobody_records(places: &mut Places) {
+pub(crate) fn signals_without_a_recording(places: &mut Places) {
     record(places);
 }

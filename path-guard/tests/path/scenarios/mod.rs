@@ -6,7 +6,7 @@
 
 use super::places::{Places, hold_to_the_rules};
 
-/// How often most of what is shown is done.
+/// The number of repetitions of most operations.
 const ROUNDS: u64 = 200;
 
 /// Makes a test of each function.
@@ -36,6 +36,6 @@ scenarios! {
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,
         a_favour_that_ends;
     files: files_that_become_ready, links;
-    logging: signals_and_messages, signals_without_room, signals_that_nobody_records;
+    logging: signals_and_messages, signals_without_room, signals_without_a_recording;
     parameters: parameters_that_are_replaced, parameters_that_are_recorded;
 }
