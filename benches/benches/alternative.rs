@@ -35,7 +35,7 @@ const OUTPUT: &str = "alternative, output";
 const STRESSED_OUTPUT: &str = "alternative, output, stressed";
 const UNIT: &str = "ns/message";
 
-/// Threads are so many at most.
+/// The limit of threads.
 const MOST_THREADS: usize = 64;
 
 /// How many channels an alternative is over.
@@ -57,7 +57,7 @@ struct Record {
 }
 
 impl Record {
-    /// For so many messages after a warm-up, over so many channels.
+    /// For a number of messages after a warm-up, over a number of channels.
     fn new(channels: usize, messages: u64) -> Self {
         Record {
             counts: vec![0; channels],

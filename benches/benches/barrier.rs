@@ -28,7 +28,7 @@ fn sizes() -> &'static [u64] {
     }
 }
 
-/// Threads are so many at most.
+/// The limit of threads.
 const MOST_THREADS: u64 = 100;
 
 /// A peer's barrier.
@@ -67,7 +67,7 @@ impl Meeting for Arc<std::sync::Barrier> {
     }
 }
 
-/// How many meetings make so many comings of one party.
+/// The number of synchronizations for this many arrivals of one party.
 fn meetings(comings: u64, parties: u64) -> u64 {
     comings.div_ceil(parties)
 }

@@ -32,7 +32,7 @@ const NAMES: [[&str; 2]; 2] = [
 ];
 const SLEEPER: &str = "sleeping thread of that priority";
 
-/// The goal: so many times the sleeping thread's wake-up.
+/// The goal, as a multiple of the sleeping thread's wake-up.
 const FACTOR: f64 = 1.2;
 /// How urgent the process is that triggers, and the load.
 const PRIORITY: u8 = 80;

@@ -17,7 +17,7 @@ const IN: &str = "fan-in";
 const OUT: &str = "fan-out";
 const UNIT: &str = "ns/message";
 
-/// How many share the channel; threads are so many at most.
+/// How many share the channel; the limit of threads.
 fn sizes() -> &'static [u64] {
     if is_quick() {
         &[1, 8, 64]

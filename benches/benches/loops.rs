@@ -246,7 +246,7 @@ fn plain_loop(number: usize, origin: u64) -> Notes {
     let mut slot = 0;
     for _ in 0..ticks() {
         let mut expired = 0_u64;
-        // SAFETY: the number has the eight bytes that a timer gives.
+        // SAFETY: the number has the eight bytes that reading a timer writes.
         let read = unsafe { libc::read(timer, (&raw mut expired).cast(), 8) };
         assert_eq!(read, 8, "a timer gives its count");
         slot += expired;
@@ -258,7 +258,7 @@ fn plain_loop(number: usize, origin: u64) -> Notes {
     log.0
 }
 
-/// The cases of a peer: one run gives all figures of a round.
+/// The cases of a peer: one run returns all figures of a round.
 fn cases(
     peer: &'static str,
     goals: &[(&'static str, Goal)],

@@ -19,7 +19,7 @@ use luna_benches::{
 const NAME: &str = "spawn and join";
 const UNIT: &str = "ns/process";
 
-/// Times so many of `operation`, after a warm-up.
+/// Times this many calls of `operation`, after a warm-up.
 async fn timed(operations: u64, mut operation: impl AsyncFnMut(u64)) -> Duration {
     let warm_up = warm_up(operations);
     for number in 0..warm_up {

@@ -1,4 +1,4 @@
-//! Where what is measured runs: threads that are pinned.
+//! Pinned threads for the measurements.
 
 use std::{panic, thread};
 

@@ -168,7 +168,7 @@ pub fn cases(
         .collect()
 }
 
-/// As [`cases`], of a scenario that gives a figure.
+/// As [`cases`], for a scenario that returns a figure.
 pub fn figures(
     name: &'static str,
     unit: &'static str,

@@ -123,7 +123,7 @@ struct Word {
     turn: AtomicU32,
 }
 
-/// `pass(me)` waits for the turn of `me`, and gives it to the other.
+/// `pass(me)` waits for the turn of `me`, and passes it to the other.
 fn back_and_forth(cores: [CoreId; 2], round_trips: u64, pass: impl Fn(u32) + Sync) -> Duration {
     let warm_up = round_trips / 16 + 1;
     on_cores(

@@ -19,7 +19,7 @@ pub fn finish(elapsed: Duration) {
     finish_with(elapsed.as_secs_f64() * 1e9);
 }
 
-/// As [`finish`], of a block that gives a figure.
+/// As [`finish`], for a block that returns a figure.
 pub fn finish_with(figure: f64) {
     if APART.load(Ordering::Relaxed) {
         println!("{figure}");

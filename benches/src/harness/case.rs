@@ -1,4 +1,4 @@
-//! What is measured.
+//! A measured case.
 
 use std::{fmt, time::Duration};
 
@@ -6,7 +6,7 @@ use super::goal::Goal;
 
 /// One scenario with one peer.
 pub struct Case {
-    /// The scenario; cases of the same name stand in one table.
+    /// The scenario; cases of the same name are in one table.
     pub name: &'static str,
     /// The measured peer and configuration.
     pub peer: &'static str,
@@ -24,11 +24,11 @@ pub struct Case {
     pub(super) most_blocks: usize,
 }
 
-/// What is called many times.
+/// The measured function.
 pub(super) enum Block {
     /// Performs this many operations, and returns how long they took.
     Timed(Box<dyn FnMut(u64) -> Duration>),
-    /// Gives a figure.
+    /// Returns a figure.
     Once(Box<dyn FnMut() -> f64>),
 }
 
@@ -91,14 +91,14 @@ impl Case {
         self
     }
 
-    /// With just so many operations in each block, however long they take.
+    /// With exactly this many operations in each block, however long they take.
     pub fn exactly(mut self, operations: u64) -> Self {
         self.first = operations;
         self.fixed = true;
         self
     }
 
-    /// With at most so many blocks.
+    /// The limit of blocks.
     pub fn blocks(mut self, most: usize) -> Self {
         self.most_blocks = most;
         self

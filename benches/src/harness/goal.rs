@@ -1,4 +1,4 @@
-//! What a figure is to be, and what came of it.
+//! Goals of figures, and their outcomes.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,15 +21,15 @@ pub enum Goal {
         peer: &'static str,
         /// The other case's size.
         size: Option<u64>,
-        /// What the multiple is of, in words.
+        /// The base of the multiple, as text.
         of: &'static str,
     },
 }
 
-/// What came of a goal, as it stands in the JSON file.
+/// The outcome of a goal, as in the JSON file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
-    /// The goal in words, such as `at most 34 ns/cycle`.
+    /// The goal as text, such as `at most 34 ns/cycle`.
     pub goal: String,
     /// The result divided by the goal: met up to 1. The median of the rounds' ratios if the goal is
     /// a multiple of another case.

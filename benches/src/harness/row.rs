@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Case, LUNA, goal::Outcome, median};
 
-/// A line of the table, as it stands in the JSON file.
+/// A line of the table, as in the JSON file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Row {
     /// The scenario.

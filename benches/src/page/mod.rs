@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::harness::{LUNA, Row, scenarios};
 use svg::{Bar, Line, short};
 
-/// What stands above the figures: where they come from.
+/// The origin of the figures, for the page's head.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Origin {
     /// The lines of [`machine::facts`](crate::machine::facts).
@@ -66,7 +66,7 @@ pub fn write(docs: &Path, origin: &Origin, benches: &[Found]) -> io::Result<()> 
         for scenario in scenarios(rows) {
             let name = &scenario[0].name;
             let _ = write!(page, "\n### {}\n\n{}", capital(name), table(scenario));
-            // Two bars say no more than the table.
+            // Two bars show no more than the table.
             if scenario.len() > 2 {
                 let file = format!("{bench}-{}.svg", slug(name));
                 fs::write(plots.join(&file), plot(scenario))?;

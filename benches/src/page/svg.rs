@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-/// A bar: what it stands for, how long, and whether it is one of ours.
+/// A bar: its label, its length, and whether it is one of ours.
 #[derive(Debug)]
 pub(super) struct Bar {
     pub(super) label: String,
@@ -172,7 +172,7 @@ pub(super) fn lines(title: &str, unit: &str, lines: &[Line]) -> String {
     const ROW: f64 = 20.0;
     let points = || lines.iter().flat_map(|line| line.points.iter().copied());
     let (low, high) = decades(points().map(|(_, figure)| figure));
-    // A size of nothing has no logarithm: it stands at one.
+    // A size of 0 has no logarithm: it is drawn at 1.
     let size = |size: f64| size.max(1.0);
     let (first, last) = decades(points().map(|(of, _)| size(of)));
     let x = |of: f64| {
