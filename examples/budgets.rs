@@ -78,7 +78,7 @@ fn is_overrun(error: &Error) -> bool {
 }
 
 fn main() -> luna::Result<()> {
-    // Count: all go on, and the report has the culprit, and the victim.
+    // Count: all continue, and the report has the culprit, and the victim.
     let (outcome, report, stopped) = run(OnOverrun::Count);
     outcome?;
     let budget = &report.processes[0].budgets[0];

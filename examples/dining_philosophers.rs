@@ -88,7 +88,7 @@ async fn philosopher(
     Ok(())
 }
 
-/// A dinner of so many meals each, at which so many may sit.
+/// A dinner of `meals` each, at which at most `seats` may sit.
 fn dinner(meals: u32, seats: usize) -> luna::Result<()> {
     let mut system = System::new("college");
     system.strict(); // a deadlock is an error

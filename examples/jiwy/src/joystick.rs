@@ -153,7 +153,7 @@ pub enum Error {
     Line {
         /// Counted from 1, as editors do.
         line: u64,
-        /// What is wrong there.
+        /// The fault.
         fault: Fault,
     },
 }
@@ -164,7 +164,7 @@ impl Error {
     }
 }
 
-/// What is wrong with a line.
+/// A fault of a line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// The header, or this line, ends before it.
@@ -175,7 +175,7 @@ pub enum Fault {
     NotANumber {
         /// Where.
         column: &'static str,
-        /// What stands there.
+        /// The field's text.
         field: String,
     },
     /// A NaN or an infinity.
@@ -189,7 +189,7 @@ pub enum Fault {
     OutOfRange {
         /// Where.
         column: &'static str,
-        /// What stands there.
+        /// The value.
         value: f64,
     },
     /// Not later than the line before.

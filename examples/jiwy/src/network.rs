@@ -197,7 +197,7 @@ pub fn build(
         .process("safety")
         .priority(level::SAFETY)
         .spawn(keep_safe(faults, [pan_stop, tilt_stop]))?;
-    // A set-up may let a real one stand in for it.
+    // A set-up may replace it by a real one.
     executors.operator.process(JOYSTICK).replaceable(
         Sticks([pan_stick, tilt_stick]),
         |Sticks(sticks)| Joystick {

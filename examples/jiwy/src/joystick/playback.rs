@@ -43,7 +43,7 @@ impl Playback {
             self.next = 0;
         }
         let now = first.time + within;
-        // What is passed stays passed, unless time went back.
+        // Samples before this one are not searched again, unless time went back.
         if self.next > 0 && samples[self.next - 1].time > now {
             self.next = 0;
         }

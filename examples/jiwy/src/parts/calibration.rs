@@ -15,7 +15,7 @@ const LONGEST: f64 = 20.0;
 /// The tolerance for the distance between the stops, in rad.
 const TOLERANCE: f64 = 0.05;
 
-/// Which stop is looked for, and what is known.
+/// The stop that it drives to, and the results so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
     Lower,
@@ -23,7 +23,7 @@ enum State {
     Done { zero: f64 },
 }
 
-/// What is to be done with the axis.
+/// The next action for the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Drive it by this duty, whatever the set-point is.
@@ -97,7 +97,7 @@ impl Calibration {
         };
         self.time += sample_time;
         let (at, since) = self.still;
-        // A comparison with what is no number yet is false.
+        // A comparison with the initial NaN is false.
         if (raw - at).abs() <= STILL {
             self.still.1 = since + sample_time;
         } else {

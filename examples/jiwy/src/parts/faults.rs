@@ -5,7 +5,7 @@ use luna_safety_blocks::{Blocked, Fault as Found, MaxRate, SettingError};
 use std::fmt;
 use std::time::Duration;
 
-/// What is wrong with an axis.
+/// A fault of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// What a safety block found.

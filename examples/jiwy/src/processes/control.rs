@@ -11,7 +11,7 @@ use luna::prelude::*;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What is wanted of an axis.
+/// The target of an axis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Goal {
     /// To be driven by this duty: it is being calibrated.
@@ -20,7 +20,7 @@ pub(crate) enum Goal {
     Be(f64),
 }
 
-/// What is wanted of an axis, and where it is.
+/// The target of an axis, and its position.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Demand {
     goal: Goal,

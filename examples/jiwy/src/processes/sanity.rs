@@ -37,7 +37,7 @@ impl<B: Block + Clone> Process for Checking<B> {
     }
 }
 
-/// What is written to a bridge.
+/// The values for a bridge.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Drive {
     duty: f64,
@@ -64,7 +64,7 @@ pub(crate) async fn gate(
     Ok(())
 }
 
-/// Gives each writer its part.
+/// Sends each writer its part.
 pub(crate) async fn write_motor(
     drives: Receiver<Drive>,
     enables: Sender<bool>,
