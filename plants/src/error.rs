@@ -65,7 +65,7 @@ pub enum PlantError {
         into: &'static str,
     },
     /// A step is zero or longer than the plant can take.
-    #[error("a step of {step:?} was asked for; it takes more than zero and at most {longest:?}")]
+    #[error("a step of {step:?} was requested; it must be above zero and at most {longest:?}")]
     Step {
         /// How long it was to be.
         step: Duration,
@@ -164,7 +164,7 @@ pub enum ConnectError {
         error: PlantError,
     },
     /// A step of zero.
-    #[error("plant `{plant}` is to be stepped by zero; give it a time")]
+    #[error("plant `{plant}` has a step of zero; give it a time above zero")]
     ZeroStep {
         /// The plant's name.
         plant: String,

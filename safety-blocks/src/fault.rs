@@ -74,7 +74,7 @@ pub enum Fault {
         stop: f64,
     },
     /// A sensor has returned the same value for too long.
-    #[error("it has been {value} for {time:?}; look at the sensor and its cable")]
+    #[error("it has been {value} for {time:?}; check the sensor and its cable")]
     Frozen {
         /// The value.
         value: f64,
@@ -83,7 +83,7 @@ pub enum Fault {
     },
     /// A sensor is too noisy.
     #[error(
-        "its noise is {level}, at most {limit} is allowed; look at the sensor, its shield and its supply"
+        "its noise is {level}, at most {limit} is allowed; check the sensor, its shield and its supply"
     )]
     Noisy {
         /// The mean size of the second difference.
@@ -105,7 +105,7 @@ pub enum Fault {
     },
     /// An actuator is driven and does not move.
     #[error(
-        "driven by {output} it has stayed at {position:.4} for {time:?}; look what blocks it, at its motor and at its encoder"
+        "driven by {output} it has stayed at {position:.4} for {time:?}; check what blocks it, its motor and its encoder"
     )]
     Blocked {
         /// By what it is driven.

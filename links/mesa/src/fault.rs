@@ -62,7 +62,7 @@ fn too_many_errors(in_a_row: u32) -> String {
     match in_a_row {
         0 => "too many packets to or from the card were lost".to_owned(),
         _ => format!(
-            "too many answers of the card did not come in time, {in_a_row} in a row at last: look at its power and cable"
+            "too many answers of the card did not come in time, {in_a_row} in a row at last: check its power and cable"
         ),
     }
 }

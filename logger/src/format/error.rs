@@ -57,7 +57,7 @@ pub enum ReadErrorKind {
         found: u32,
     },
     /// A record is malformed, although its block's checksum is correct.
-    #[error("a record makes no sense: {0}")]
+    #[error("a record is malformed: {0}")]
     Record(&'static str),
     /// The file could not be read.
     #[error("cannot read: {0}")]

@@ -31,7 +31,7 @@ impl fmt::Display for FmuStatus {
             FmuStatus::Error => "returns an error",
             FmuStatus::Fatal => "returns a fatal error",
             FmuStatus::Ended => "asks for the end of the simulation",
-            FmuStatus::Unknown => "gives no valid status",
+            FmuStatus::Unknown => "returns an invalid status",
         })
     }
 }

@@ -37,13 +37,13 @@ pub enum Step {
 pub enum CalibrationError {
     /// The axis still moved after the longest time that the way to a stop can take.
     #[error(
-        "no end stop was reached within {LONGEST} s; look whether the motor is coupled to the axis"
+        "no end stop was reached within {LONGEST} s; check that the motor is coupled to the axis"
     )]
     NoStop,
     /// The distance between the stops is wrong: something blocks the axis, or the encoder counts
     /// wrong.
     #[error(
-        "the end stops are {found:.3} rad apart instead of {expected:.3}; look what blocks the axis, and at the encoder"
+        "the end stops are {found:.3} rad apart instead of {expected:.3}; check what blocks the axis, and the encoder"
     )]
     Travel {
         /// From stop to stop, in rad.

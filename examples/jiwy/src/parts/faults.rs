@@ -19,12 +19,12 @@ impl fmt::Display for Fault {
         match self {
             Self::Found(Found::Blocked { time, .. }) => write!(
                 f,
-                "it was driven for {:.2} s and did not move; look what blocks it, at its motor and at its encoder",
+                "it was driven for {:.2} s and did not move; check what blocks it, its motor and its encoder",
                 time.as_secs_f64()
             ),
             Self::Found(Found::TooFast { rate, .. }) => write!(
                 f,
-                "its encoder measures {rate:.1} rad/s, which the motor cannot reach; look at the encoder and its cable"
+                "its encoder measures {rate:.1} rad/s, which the motor cannot reach; check the encoder and its cable"
             ),
             Self::Found(fault) => fault.fmt(f),
             Self::Calibration(error) => error.fmt(f),
