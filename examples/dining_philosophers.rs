@@ -1,7 +1,7 @@
 //! Five philosophers dine: once into a deadlock, once with a footman that prevents it.
 //!
 //! ```text
-//!     fork 0 -- philosopher 0 -- fork 1 -- philosopher 1 -- fork 2 -- ... -- philosopher 4 -- fork 0
+//!     fork 0 -- philosopher 0 -- fork 1 -- philosopher 1 -- fork 2 -- ... -- fork 0
 //! ```
 //!
 //! A philosopher needs the fork to the left and the fork to the right, and takes the left one

@@ -13,8 +13,15 @@
 //! ```
 //! use luna_external_code::Submodel;
 //!
-//! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t), and sum_step likewise.
-//! unsafe extern "C" fn sum_initialize(_u: *const f64, _y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
+//! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t),
+//! // and sum_step likewise.
+//! unsafe extern "C" fn sum_initialize(
+//!     _u: *const f64,
+//!     _y: *mut f64,
+//!     x: *mut f64,
+//!     p: *mut f64,
+//!     _t: f64,
+//! ) {
 //!     // Sound: the caller passes one state and one parameter.
 //!     unsafe { (*x, *p) = (0.0, 2.0) }
 //! }
@@ -49,7 +56,7 @@ pub type Function =
 pub struct NotFinite {
     /// Which, from 0.
     pub output: usize,
-    /// What it is.
+    /// Its value: NaN or an infinity.
     pub value: f64,
 }
 

@@ -34,7 +34,8 @@ pub struct SubmodelProcess<const U: usize, const Y: usize, const X: usize, const
 }
 
 impl<const U: usize, const Y: usize, const X: usize, const P: usize> SubmodelProcess<U, Y, X, P> {
-    /// Of `submodel`, which computes each step as one of this length.
+    /// A process of `submodel` with these channels. The code's time increases by `step` in each
+    /// step.
     pub fn new(
         submodel: Submodel<U, Y, X, P>,
         step: Duration,

@@ -342,7 +342,7 @@ impl Hub {
         (number, writer)
     }
 
-    /// Names something that was there before the recording.
+    /// Names a subject that existed before the recording: its kind and number. Allocates.
     #[cfg(feature = "events")]
     pub fn name(&self, kind: events::Kind, number: u32, name: String) {
         if let Some(names) = self.names.get().and_then(|heard| heard.names.upgrade()) {

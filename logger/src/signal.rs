@@ -22,9 +22,12 @@ use std::sync::Arc;
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
 ///
 /// let hub = Hub::new("arm", Default::default());
-/// let recorder = Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
+/// let recorder =
+///     Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
 /// let _inside = hub.enter();
-/// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m").description("of the gripper").register()?;
+/// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m")
+///     .description("of the gripper")
+///     .register()?;
 /// position.record([0.1, 0.2, 0.3]);
 /// assert!(Signal::<f64>::register("arm/position").is_err());
 /// assert_eq!(recorder.finish().signals[0].recorded, 1);

@@ -24,7 +24,12 @@ use std::time::Duration;
 /// let belt = DeadTime::new(Port::new("put", "kg"), Port::new("arrived", "kg"), ms(30), ms(10));
 /// let mut belt = Checked::new(belt);
 /// belt.set("put", 2.0).unwrap();
-/// let seen: Vec<f64> = (0..4).map(|_| { belt.step(ms(10)).unwrap(); belt.get("arrived").unwrap() }).collect();
+/// let seen: Vec<f64> = (0..4)
+///     .map(|_| {
+///         belt.step(ms(10)).unwrap();
+///         belt.get("arrived").unwrap()
+///     })
+///     .collect();
 /// assert_eq!(seen, [0.0, 0.0, 2.0, 2.0]);
 /// ```
 #[derive(Debug, Clone)]
@@ -63,7 +68,7 @@ impl DeadTime {
         }
     }
 
-    /// With `value` all along it at first.
+    /// With `value`, in the unit of the signal, as the output until the first change has passed.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
         self.single.value = value;

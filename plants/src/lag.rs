@@ -15,7 +15,12 @@ use std::time::Duration;
 /// use luna_plants::{Checked, FirstOrderLag, Port};
 /// use std::time::Duration;
 ///
-/// let oven = FirstOrderLag::new(Port::new("power", "W"), Port::new("temperature", "K"), 0.5, Duration::from_secs(10));
+/// let oven = FirstOrderLag::new(
+///     Port::new("power", "W"),
+///     Port::new("temperature", "K"),
+///     0.5,
+///     Duration::from_secs(10),
+/// );
 /// let mut oven = Checked::new(oven);
 /// oven.set("power", 200.0).unwrap();
 /// oven.step(Duration::from_secs(10)).unwrap();
@@ -50,7 +55,7 @@ impl FirstOrderLag {
         }
     }
 
-    /// At `value` instead of 0.
+    /// With the output at `value`, in its unit, instead of 0.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
         self.single.value = value;

@@ -48,21 +48,21 @@ pub struct MotorParameters {
     pub supply: f64,
     /// The bridge's limit of the current, in A; infinity if it has none.
     pub current_limit: f64,
-    /// Of the armature, in Ω.
+    /// Resistance of the armature, in Ω.
     pub resistance: f64,
-    /// Of the armature, in H.
+    /// Inductance of the armature, in H.
     pub inductance: f64,
     /// Torque per current at the rotor, in N·m/A; the back-EMF in V·s/rad is the same number.
     pub torque_constant: f64,
     /// Rotor turns for one turn of the joint.
     pub gear_ratio: f64,
-    /// Of the rotor, in kg·m².
+    /// Inertia of the rotor, in kg·m².
     pub rotor_inertia: f64,
-    /// Of what the joint carries, in kg·m².
+    /// Inertia of the load at the joint, in kg·m².
     pub load_inertia: f64,
     /// At the joint, in N·m·s/rad.
     pub viscous_friction: f64,
-    /// At the joint while it moves, in N·m. The losses of the gear are in it.
+    /// Coulomb friction at the joint while it moves, in N·m, including the losses of the gear.
     pub coulomb_friction: f64,
     /// The torque at the joint that breaks it loose from rest, in N·m; at least the Coulomb
     /// friction.
@@ -81,7 +81,7 @@ impl MotorParameters {
         self.torque_constant * self.gear_ratio
     }
 
-    /// All that turns, seen from the joint, in kg·m².
+    /// The inertia of all moving parts, seen from the joint, in kg·m².
     pub fn inertia(&self) -> f64 {
         self.load_inertia + self.rotor_inertia * self.gear_ratio * self.gear_ratio
     }
@@ -99,7 +99,7 @@ pub struct MotorState {
     pub angle: f64,
     /// Of the joint, in rad/s.
     pub speed: f64,
-    /// In the armature, in A.
+    /// Current in the armature, in A.
     pub current: f64,
 }
 

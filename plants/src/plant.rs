@@ -177,7 +177,7 @@ impl<P: Plant> Checked<P> {
     ///
     /// # Errors
     ///
-    /// As that.
+    /// As [`set_input`](Self::set_input).
     ///
     /// # Panics
     ///

@@ -78,12 +78,12 @@ impl Port {
         &self.unit
     }
 
-    /// The least value; negative infinity if unlimited.
+    /// The least value, in its unit; negative infinity if unlimited.
     pub fn min(&self) -> f64 {
         self.min
     }
 
-    /// The greatest value; infinity if unlimited.
+    /// The greatest value, in its unit; infinity if unlimited.
     pub fn max(&self) -> f64 {
         self.max
     }

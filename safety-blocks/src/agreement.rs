@@ -69,7 +69,7 @@ impl Agreement {
         })
     }
 
-    /// The value that replaces refused ones.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }

@@ -17,7 +17,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// `value`, and nothing to compare it with.
+    /// A sample of `value` without feedback, `elapsed` after the one before.
     pub const fn new(value: f64, elapsed: Duration) -> Self {
         Self {
             value,
@@ -26,7 +26,7 @@ impl Sample {
         }
     }
 
-    /// Beside `feedback`.
+    /// With `feedback`, in the unit that its block states.
     #[must_use]
     pub const fn beside(mut self, feedback: f64) -> Self {
         self.feedback = Some(feedback);

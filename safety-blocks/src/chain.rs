@@ -79,7 +79,7 @@ impl Chain {
         Ok(self)
     }
 
-    /// The value that replaces refused ones.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }

@@ -32,7 +32,8 @@
 //! system.virtual_clock();
 //! let main = system.executor("main").build()?;
 //! let register = || luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-//! let ((measured, angles), (safe, duties), (asked, wanted)) = (register(), register(), luna::channel());
+//! let ((measured, angles), (safe, duties), (asked, wanted)) =
+//!     (register(), register(), luna::channel());
 //!
 //! let mut motor = PlantLink::new("motor", Motor::new(PAN));
 //! motor.actuator("duty", duties)?;

@@ -147,7 +147,7 @@ impl Reactor {
         &self.name
     }
 
-    /// The value that replaces refused ones.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }

@@ -71,7 +71,7 @@ impl Timeout {
         self.repeat
     }
 
-    /// The value to put out without set-points.
+    /// The value to put out without set-points, in the unit of the signal.
     pub fn fallback(&self) -> f64 {
         self.fallback
     }

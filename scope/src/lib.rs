@@ -1,7 +1,7 @@
 //! The scope of LUNA: shows a running system live in a browser.
 //!
 //! ```text
-//!   recorder's thread ── blocks ──> [sink] ── bounded queue ──> feed ──> store ──> viewers (WebSocket)
+//!   recorder's thread ── blocks ──> [sink] ── bounded queue ──> feed ──> store ──> viewers
 //!   a recording's file ── records, at their pace ──────────────────────────^
 //! ```
 //!

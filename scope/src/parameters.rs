@@ -19,7 +19,9 @@ use serde_json::Value;
 ///     }
 ///
 ///     fn set(&self, name: &str, value: &Value) -> Result<(), String> {
-///         let gain = value.as_f64().filter(|gain| name == "pan/gain" && (0.0..=50.0).contains(gain));
+///         let gain = value
+///             .as_f64()
+///             .filter(|gain| name == "pan/gain" && (0.0..=50.0).contains(gain));
 ///         *self.0.lock().unwrap() = gain.ok_or("a gain is a number from 0 to 50")?;
 ///         Ok(())
 ///     }
@@ -55,10 +57,10 @@ pub struct Parameter {
     pub unit: String,
     /// What it is; may be empty.
     pub description: String,
-    /// The least value that it may have.
+    /// The least value that it may have, in its unit; none if unlimited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least: Option<f64>,
-    /// The greatest.
+    /// The greatest value that it may have, in its unit; none if unlimited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub greatest: Option<f64>,
 }
@@ -88,7 +90,7 @@ impl Parameter {
         self
     }
 
-    /// What it may be, both included.
+    /// Sets its range, in its unit, both ends included.
     pub fn range(mut self, least: f64, greatest: f64) -> Self {
         (self.least, self.greatest) = (Some(least), Some(greatest));
         self

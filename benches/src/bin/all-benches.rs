@@ -1,7 +1,8 @@
 //! Runs every bench, and makes a page of the results.
 //!
 //! ```text
-//! cargo run --release -p luna-benches --bin all-benches [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
+//! cargo run --release -p luna-benches --bin all-benches
+//!     [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
 //! ```
 //!
 //! The page is `docs/benchmarks.md`, with its plots in `docs/benchmarks`; a short run's (`--quick`)

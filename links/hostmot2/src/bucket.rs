@@ -48,7 +48,7 @@ impl Bucket {
         self.level >= self.limit
     }
 
-    /// How much is in it.
+    /// The present level, from 0.
     pub const fn level(&self) -> u32 {
         self.level
     }

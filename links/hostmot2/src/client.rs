@@ -20,7 +20,14 @@ const CHUNK: u8 = 64;
 /// let mut client = Client::connect("192.168.1.121:27181".parse()?)?;
 /// let description = client.describe()?;
 /// println!("{description}");
-/// let layout = Layout::new(&description, &Selection { encoders: 2, pwms: 2, ..Selection::default() })?;
+/// let layout = Layout::new(
+///     &description,
+///     &Selection {
+///         encoders: 2,
+///         pwms: 2,
+///         ..Selection::default()
+///     },
+/// )?;
 /// for packet in layout.set_up()? {
 ///     client.confirmed(&packet)?;
 /// }

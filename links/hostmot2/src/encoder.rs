@@ -49,7 +49,11 @@ pub enum Lost {
 /// use hostmot2::encoder::{Lost, Stamps, Tracker};
 /// use std::time::Duration;
 ///
-/// let (mut tracker, mut stamps, ms) = (Tracker::new(100_000.0), Stamps::new(1e6), Duration::from_millis(1));
+/// let (mut tracker, mut stamps, ms) = (
+///     Tracker::new(100_000.0),
+///     Stamps::new(1e6),
+///     Duration::from_millis(1),
+/// );
 /// let says = |count, stamp| RawEncoder { count, stamp, index: None, quadrature_error: false };
 /// stamps.update(0, ms);
 /// assert_eq!(tracker.update(says(65_530, 0), &stamps, ms)?.position, 0);

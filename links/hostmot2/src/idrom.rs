@@ -111,7 +111,7 @@ pub struct Idrom {
     pub board: String,
     /// The FPGA's size, in thousands of gates or cells.
     pub fpga_size: u32,
-    /// The FPGA's pins.
+    /// The number of the FPGA's pins.
     pub fpga_pins: u32,
     /// How many ports there are.
     pub ports: u32,

@@ -33,7 +33,13 @@ const STAMPS_PER_SECOND: u32 = 1_000_000;
 /// use hostmot2::{EchoState, Layout, SequenceWindow};
 ///
 /// /// One cycle: `send` sends packets, and `receive` receives the answer.
-/// fn cycle(layout: &Layout, number: u32, duty: f64, send: fn(&[u8]), receive: fn(&mut [u8]) -> usize) -> Option<u16> {
+/// fn cycle(
+///     layout: &Layout,
+///     number: u32,
+///     duty: f64,
+///     send: fn(&[u8]),
+///     receive: fn(&mut [u8]) -> usize,
+/// ) -> Option<u16> {
 ///     let (mut packet, mut outputs) = (Packet::new(), layout.outputs_at_rest());
 ///     outputs.set_duty(0, duty);
 ///     outputs.set_enabled(0, true);

@@ -26,7 +26,7 @@ struct Inner {
 }
 
 impl Counts {
-    /// Records, events or transactions that went through whole.
+    /// The number of complete records, events or transactions.
     pub fn records(&self) -> u64 {
         self.0.records.load(Ordering::Relaxed)
     }
@@ -42,12 +42,12 @@ impl Counts {
         self.0.refused.load(Ordering::Relaxed)
     }
 
-    /// TCP connections that there were.
+    /// The number of TCP connections made.
     pub fn connections(&self) -> u64 {
         self.0.connections.load(Ordering::Relaxed)
     }
 
-    /// Transactions that took longer than they should have.
+    /// The number of transactions that took longer than the driver's `late_after`.
     pub fn late(&self) -> u64 {
         self.0.late.load(Ordering::Relaxed)
     }

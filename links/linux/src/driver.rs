@@ -16,7 +16,9 @@
 //! // With an I2C bus: `i2c::open(...)`, and the crate's driver made with `I2c::new(&bus)`.
 //! let bus = system.devices().open("bus", "bus", Sharing::Shared, || Ok(()))?;
 //! let (thermometer, calls) = luna::call_channel::<(), f32>();
-//! let link = driver(&bus, Thermometer, calls, |sensor, ()| sensor.read_celsius().map_err(luna::Error::other));
+//! let link = driver(&bus, Thermometer, calls, |sensor, ()| {
+//!     sensor.read_celsius().map_err(luna::Error::other)
+//! });
 //! let counts = link.counts();
 //! let main = system.executor("main").build()?;
 //! main.process("thermometer").spawn(link)?;

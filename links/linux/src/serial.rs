@@ -15,7 +15,8 @@
 //! let (answers, replies) = luna::channel::<Frame<32>>();
 //! let (commands, orders) = luna::channel::<Frame<32>>();
 //! let main = system.executor("main").build()?;
-//! main.process("from motors").spawn(reader(&port, answers, Framing::lines(32))?.on_bad(OnBad::Drop))?;
+//! main.process("from motors")
+//!     .spawn(reader(&port, answers, Framing::lines(32))?.on_bad(OnBad::Drop))?;
 //! main.process("to motors").spawn(writer(&port, orders, Framing::lines(32))?)?;
 //! # drop((replies, commands, port));
 //! // and the processes that use them

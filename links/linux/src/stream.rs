@@ -74,7 +74,9 @@ fn kind(transport: &impl Transport) -> Kind {
 ///
 /// let mut system = System::new("machine");
 /// let (near, mut far) = std::io::pipe()?;
-/// let sensor = system.devices().open("sensor", "sensor", Sharing::Exclusive, || Ok(Sensor(near)))?;
+/// let sensor = system
+///     .devices()
+///     .open("sensor", "sensor", Sharing::Exclusive, || Ok(Sensor(near)))?;
 /// let (sender, lines) = luna::channel::<Frame<80>>();
 /// let main = system.executor("main").build()?;
 /// main.process("sensor").spawn(reader(&sensor, sender, Framing::lines(80))?)?;
@@ -115,8 +117,12 @@ pub fn reader<D: Transport, T: FromBytes + Send>(
 /// fails, or nothing could be written for the time of [`patience`](Writer::patience); without that
 /// it waits for ever, while the senders wait for it.
 ///
-/// Real-time path, cancellation and errors are as for [`reader`]; a record in progress is cut off
-/// when the process is cancelled.
+/// Real-time path and cancellation are as for [`reader`]; a record in progress is cut off when the
+/// process is cancelled.
+///
+/// # Errors
+///
+/// As for [`reader`].
 ///
 /// ```
 /// use luna::devices::Sharing;

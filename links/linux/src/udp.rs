@@ -17,7 +17,11 @@
 //!
 //! let robot = UdpSocket::bind("127.0.0.1:0")?;
 //! let mut system = System::new("remote");
-//! let port = udp::open(&system.devices(), "127.0.0.1:0".parse().unwrap(), Some(robot.local_addr()?))?;
+//! let port = udp::open(
+//!     &system.devices(),
+//!     "127.0.0.1:0".parse().unwrap(),
+//!     Some(robot.local_addr()?),
+//! )?;
 //! let (speeds, receiver) = luna::channel::<[u8; 4]>();
 //! let main = system.executor("main").build()?;
 //! main.process("to robot").spawn(writer(&port, receiver, Framing::packets(4))?)?;

@@ -52,22 +52,23 @@ impl Watchdog {
         self.has_bitten
     }
 
-    /// When it expired, if it has.
+    /// When it expired (ns on the card's clock), if it has.
     pub fn bitten_at(&self) -> Option<u64> {
         self.bitten.map(|[due, _]| due)
     }
 
-    /// When the simulation noticed that: it checks at each packet, and about each half millisecond.
+    /// When the simulation noticed that (ns): it checks at each packet, and about each half
+    /// millisecond.
     pub fn seen_to_bite_at(&self) -> Option<u64> {
         self.bitten.map(|[_, seen]| seen)
     }
 
-    /// When it was fed or set last.
+    /// When it was restarted or set last (ns).
     pub fn fed_at(&self) -> Option<u64> {
         self.fed_at
     }
 
-    /// When it will expire, if it is on.
+    /// When it will expire (ns), if it is on.
     pub fn deadline(&self) -> Option<u64> {
         self.deadline
     }

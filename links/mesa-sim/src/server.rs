@@ -25,7 +25,7 @@ pub struct Settings {
     pub world: Box<dyn World>,
     /// What the network does.
     pub faults: Faults,
-    /// By which seed.
+    /// The seed of its random sequence.
     pub seed: u64,
     /// The policy of its threads, if the system grants it: a real card is never late.
     pub policy: Policy,
@@ -61,9 +61,9 @@ pub struct Traffic {
     pub requests: u64,
     /// Packets that made no sense to it.
     pub malformed: u64,
-    /// Answers that left.
+    /// The number of answers sent.
     pub answers: u64,
-    /// Datagrams that were lost, both ways.
+    /// The number of datagrams lost, both ways.
     pub lost: u64,
 }
 

@@ -14,7 +14,10 @@
 //! use std::time::Duration;
 //!
 //! // A simulated card, with a pan-tilt camera behind it.
-//! let camera = Settings { world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))), ..Settings::default() };
+//! let camera = Settings {
+//!     world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))),
+//!     ..Settings::default()
+//! };
 //! let server = Server::start(camera).unwrap();
 //!
 //! let mut system = System::new("pan");

@@ -18,7 +18,13 @@ use std::io::{ErrorKind, Read};
 ///
 /// let mut writer = Writer::new(Vec::new())?;
 /// writer.put(&Record::Message {
-///     thread: 0, time: 5, level: Level::Info, process: 0, truncated: false, target: "arm", text: "homed",
+///     thread: 0,
+///     time: 5,
+///     level: Level::Info,
+///     process: 0,
+///     truncated: false,
+///     target: "arm",
+///     text: "homed",
 /// })?;
 /// let mut file = writer.finish()?;
 ///

@@ -31,7 +31,7 @@ pub enum Record<'a> {
         signal: u32,
         /// When.
         time: u64,
-        /// What.
+        /// The values of its elements.
         values: Values<'a>,
     },
     /// A message.
@@ -118,7 +118,7 @@ pub struct SignalInfo<'a> {
 pub struct Event {
     /// The number of the thread on which it happened.
     pub thread: u32,
-    /// When.
+    /// When, in nanoseconds on the recording's clock.
     pub time: u64,
     /// What happened: `docs/logger.md` lists the codes. A reader shows unknown codes by number.
     pub code: u16,

@@ -11,7 +11,13 @@ use std::collections::BTreeMap;
 ///
 /// let mut encoder = Encoder::new();
 /// encoder.put(&Record::Message {
-///     thread: 0, time: 5, level: Level::Info, process: 0, truncated: false, target: "arm", text: "homed",
+///     thread: 0,
+///     time: 5,
+///     level: Level::Info,
+///     process: 0,
+///     truncated: false,
+///     target: "arm",
+///     text: "homed",
 /// });
 /// let mut tally = Tally::default();
 /// tally.add(encoder.block());

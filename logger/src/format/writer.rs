@@ -12,10 +12,19 @@ use std::io::{self, Write};
 ///
 /// let mut writer = Writer::new(Vec::new())?;
 /// writer.put(&Record::Signal(SignalInfo {
-///     number: 0, element_type: Type::F64, elements: 1, name: "arm/angle", unit: "rad", description: "",
+///     number: 0,
+///     element_type: Type::F64,
+///     elements: 1,
+///     name: "arm/angle",
+///     unit: "rad",
+///     description: "",
 /// }))?;
 /// let angle = 0.5f64.to_le_bytes();
-/// writer.put(&Record::Sample { signal: 0, time: 1_000, values: Values::from_bytes(Type::F64, &angle) })?;
+/// writer.put(&Record::Sample {
+///     signal: 0,
+///     time: 1_000,
+///     values: Values::from_bytes(Type::F64, &angle),
+/// })?;
 /// let file = writer.finish()?;
 ///
 /// let mut reader = Reader::new(&file[..])?;

@@ -47,7 +47,8 @@ const NO_ROOM: Duration = Duration::from_secs(30);
 ///
 /// ```no_run
 /// use luna_logger::{FileSink, Logging, TcpSink, Tee};
-/// let both = Tee::new(FileSink::create("run.luna".as_ref())?).and(TcpSink::new("recorder.lan:7411"));
+/// let both =
+///     Tee::new(FileSink::create("run.luna".as_ref())?).and(TcpSink::new("recorder.lan:7411"));
 /// let recording = Logging::to_sink(both);
 /// # drop(recording);
 /// # Ok::<(), std::io::Error>(())

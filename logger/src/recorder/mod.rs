@@ -122,7 +122,9 @@ impl Logging {
     ///
     /// ```
     /// use luna_logger::Logging;
-    /// assert!(format!("{:?}", Logging::to_udp("localhost:9000")).contains("udp://localhost:9000"));
+    /// assert!(
+    ///     format!("{:?}", Logging::to_udp("localhost:9000")).contains("udp://localhost:9000")
+    /// );
     /// ```
     pub fn to_udp(address: impl Into<String>) -> Self {
         let address = address.into();

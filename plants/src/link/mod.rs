@@ -45,7 +45,12 @@ use std::time::Duration;
 /// })?;
 ///
 /// // Chosen here: an oven that is not there.
-/// let oven = FirstOrderLag::new(Port::new("power", "W"), Port::new("temperature", "K"), 1.0, Duration::from_secs(20));
+/// let oven = FirstOrderLag::new(
+///     Port::new("power", "W"),
+///     Port::new("temperature", "K"),
+///     1.0,
+///     Duration::from_secs(20),
+/// );
 /// let mut link = PlantLink::new("oven", oven);
 /// link.actuator("power", heating)?;
 /// link.sensor("temperature", measured)?;

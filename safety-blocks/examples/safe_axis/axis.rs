@@ -6,7 +6,9 @@
 //!                                 ~            ╰~~~~~~~~~┤
 //!                              encoder <~~~~~~~~~~~~~~~~~╯
 //!
-//!  set-points: limit, rate limit        encoder: largest rate, noise, disagreement        output: timeout, limit, rate limit, end stop, motion
+//!  set-points: limit, rate limit
+//!  encoder: largest rate, noise, disagreement
+//!  output: timeout, limit, rate limit, end stop, motion
 //!  ──> rendezvous   ~> register
 //! ```
 //!

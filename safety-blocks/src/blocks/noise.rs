@@ -28,7 +28,8 @@ const FEWEST: u32 = 10;
 /// let ms = Duration::from_millis(1);
 /// let mut encoder = Noise::new(0.01, 20)?; // rad
 /// let mut noisy = (0..).map(|n| if n % 2 == 0 { 0.01 } else { -0.01 });
-/// let found = noisy.position(|x| matches!(encoder.step(&Sample::new(x, ms)), Verdict::Refused(_)));
+/// let found =
+///     noisy.position(|x| matches!(encoder.step(&Sample::new(x, ms)), Verdict::Refused(_)));
 /// assert!(found.unwrap() < 20);
 /// # Ok::<(), luna_safety_blocks::SettingError>(())
 /// ```

@@ -130,7 +130,10 @@ impl Block for MaxRate {
 ///
 /// let ms = Duration::from_millis(1);
 /// let mut pressure = Frozen::new(0.0, 20 * ms)?;
-/// assert_eq!((0..).find(|_| pressure.step(&Sample::new(1.5, ms)) != Verdict::Pass(1.5)), Some(20));
+/// assert_eq!(
+///     (0..).find(|_| pressure.step(&Sample::new(1.5, ms)) != Verdict::Pass(1.5)),
+///     Some(20)
+/// );
 /// # Ok::<(), luna_safety_blocks::SettingError>(())
 /// ```
 #[derive(Debug, Clone)]

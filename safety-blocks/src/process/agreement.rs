@@ -40,7 +40,15 @@ use std::time::Duration;
 /// let ((a, from_a), (b, from_b)) = (luna::channel(), luna::channel());
 /// let (safe, torques) = luna::channel();
 /// let both = Agreement::new(Vote::OneOutOfTwo, 0.0, 0.1, Duration::ZERO)?;
-/// main.process("vote").spawn(AgreementProcess::new("vote", both, Reaction::Neutral, [from_a, from_b], safe, 5 * ms, 20 * ms)?)?;
+/// main.process("vote").spawn(AgreementProcess::new(
+///     "vote",
+///     both,
+///     Reaction::Neutral,
+///     [from_a, from_b],
+///     safe,
+///     5 * ms,
+///     20 * ms,
+/// )?)?;
 /// for (name, channel, second) in [("controller a", a, 0.35), ("controller b", b, 0.8)] {
 ///     main.process(name).spawn(async move {
 ///         for torque in [0.3, second] {
@@ -72,7 +80,7 @@ pub struct AgreementProcess {
 }
 
 impl AgreementProcess {
-    /// Called `name`, from the two `channels`, A and B, to `output`.
+    /// An agreement called `name`, from the two `channels`, A and B, to `output`.
     ///
     /// # Errors
     ///

@@ -39,7 +39,15 @@ use std::pin::pin;
 /// let (key, keys) = luna::channel();
 /// let (safe, outputs) = luna::channel();
 /// let grip = DeadMan::new(Duration::from_millis(50))?;
-/// main.process("dead-man").spawn(DeadManProcess::new("grip", grip, 0.0, Reaction::Neutral, speeds, keys, safe)?)?;
+/// main.process("dead-man").spawn(DeadManProcess::new(
+///     "grip",
+///     grip,
+///     0.0,
+///     Reaction::Neutral,
+///     speeds,
+///     keys,
+///     safe,
+/// )?)?;
 /// main.process("operator").spawn(async move {
 ///     key.send(1).await?;
 ///     speed.send(0.2).await?; // held

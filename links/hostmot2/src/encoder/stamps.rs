@@ -55,7 +55,7 @@ impl Stamps {
         self.now = self.now.saturating_add(part + turns * Self::TURN);
     }
 
-    /// When the last answer was read, in stamps.
+    /// The time of the last answer, in units of the stamps' counter, without wraps.
     pub const fn now(&self) -> u64 {
         self.now
     }

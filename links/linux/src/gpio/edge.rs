@@ -14,7 +14,7 @@ pub struct Edge {
     pub offset: u32,
     /// From low to high; else from high to low.
     pub rising: bool,
-    /// When the kernel saw it, by the monotonic clock.
+    /// When the kernel saw it, on the monotonic clock (ns resolution).
     pub time: Duration,
     /// Its number among the edges of all lines of the request, from 1. A gap is the number of edges
     /// that the kernel dropped for lack of room.

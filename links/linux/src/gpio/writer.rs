@@ -38,11 +38,17 @@ use std::io;
 /// let mut system = System::new("press");
 /// let set = Arc::new(Mutex::new(Vec::new()));
 /// let chip = Simulated(set.clone());
-/// let pins = gpio::open_chip(&system.devices(), "valves", &Lines::new("press").output(17, false), || Ok(chip))?;
+/// let pins = gpio::open_chip(
+///     &system.devices(),
+///     "valves",
+///     &Lines::new("press").output(17, false),
+///     || Ok(chip),
+/// )?;
 /// let (levels, receiver) = luna::channel();
 /// let main = system.executor("main").build()?;
 /// main.process("valves").spawn(gpio::writer(&pins, receiver))?;
-/// main.process("control").spawn(async move { Ok(levels.send(Levels::NONE.with(0, true)).await?) })?;
+/// main.process("control")
+///     .spawn(async move { Ok(levels.send(Levels::NONE.with(0, true)).await?) })?;
 /// drop(pins);
 /// system.run()?;
 /// // And the safe level when it was closed.

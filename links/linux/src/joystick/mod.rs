@@ -10,7 +10,10 @@
 //! use luna_links::joystick::{self, Control};
 //!
 //! let mut system = System::new("camera");
-//! let joystick = joystick::open(&system.devices(), "/dev/input/by-id/usb-joystick-event-joystick")?;
+//! let joystick = joystick::open(
+//!     &system.devices(),
+//!     "/dev/input/by-id/usb-joystick-event-joystick",
+//! )?;
 //! joystick.on_loss(OnLoss::Fail); // its user stops the camera when the channel closes
 //! let (sender, controls) = luna::channel();
 //! let main = system.executor("main").build()?;

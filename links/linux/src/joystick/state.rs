@@ -42,7 +42,7 @@ impl Range {
     /// use luna_links::joystick::Range;
     /// let range = Range { least: 0, most: 255, flat: 15 };
     /// assert_eq!((range.position(0), range.position(255), range.position(300)), (-1.0, 1.0, 1.0));
-    /// assert_eq!((range.position(130), range.position(128)), (0.0, 0.0)); // near enough to the middle
+    /// assert_eq!((range.position(130), range.position(128)), (0.0, 0.0)); // near the middle
     /// ```
     pub fn position(self, value: i32) -> f64 {
         let (least, most) = (f64::from(self.least), f64::from(self.most));

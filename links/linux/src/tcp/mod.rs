@@ -126,7 +126,8 @@ impl TcpPort {
 /// use luna_links::tcp::Reconnect;
 /// use std::time::Duration;
 ///
-/// let patient = Reconnect::backing_off(Duration::from_millis(10), Duration::from_secs(1)).attempts(100);
+/// let patient =
+///     Reconnect::backing_off(Duration::from_millis(10), Duration::from_secs(1)).attempts(100);
 /// # let _ = patient;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
