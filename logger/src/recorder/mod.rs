@@ -42,7 +42,8 @@ use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 /// Where a recording goes, and how much room there is on the way.
@@ -259,7 +260,7 @@ pub struct Recorder {
     hub: Arc<Hub>,
     to: String,
     thread: Option<Thread<LoggingReport>>,
-    ending: Arc<Ending>,
+    running: Option<mpsc::Sender<()>>,
     limiter: Limiter,
     end_within: Duration,
 }
@@ -317,25 +318,27 @@ impl Recorder {
             StartError::Thread(error)
         })?;
         let limiter = sink.limiter();
-        let ending = Arc::new(Ending::default());
+        // The thread ends when the sender is dropped.
+        let (running, stopped) = mpsc::channel::<()>();
         let way = Way {
             sink,
             block_size,
             begun,
         };
         let drain = Drain::new(hub.clone(), to.clone(), way, show);
-        let awaited = ending.clone();
         let started = spawn(
             Attributes::framework("luna-recorder", Policy::Other),
             move |_| Ok::<_, Infallible>(drain),
-            move |drain| drain.run(|| awaited.wait(period)),
+            move |drain| {
+                drain.run(|| stopped.recv_timeout(period) == Err(RecvTimeoutError::Disconnected))
+            },
         );
         match started {
             Ok(thread) => Ok(Recorder {
                 hub: hub.clone(),
                 to,
                 thread: Some(thread),
-                ending,
+                running: Some(running),
                 limiter,
                 end_within,
             }),
@@ -361,7 +364,7 @@ impl Recorder {
         let thread = self.thread.take()?;
         self.hub.end_recording();
         self.limiter.end_within(self.end_within);
-        self.ending.end();
+        self.running = None;
         thread.join().ok()
     }
 }
@@ -377,29 +380,6 @@ impl fmt::Debug for Recorder {
         f.debug_struct("Recorder")
             .field("to", &self.to)
             .finish_non_exhaustive()
-    }
-}
-
-/// Stops the thread.
-#[derive(Default)]
-struct Ending {
-    has_come: Mutex<bool>,
-    comes: Condvar,
-}
-
-impl Ending {
-    fn end(&self) {
-        *self.has_come.lock().unwrap_or_else(PoisonError::into_inner) = true;
-        self.comes.notify_all();
-    }
-
-    /// Waits for `period` or until the end. Returns whether the end has come.
-    fn wait(&self, period: Duration) -> bool {
-        let has_come = self.has_come.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self
-            .comes
-            .wait_timeout_while(has_come, period, |has_come| !*has_come);
-        *waited.unwrap_or_else(PoisonError::into_inner).0
     }
 }
 
