@@ -26,6 +26,8 @@
 //! let (duty, duties) = luna::buffered(Buffer::overwrite_oldest(1));
 //! let mut link = card.link("card", Duration::from_millis(2));
 //! link.watchdog(Duration::from_millis(500));
+//! # // A busy machine keeps the simulated card from answering in time.
+//! # link.tolerance(hostmot2::Bucket::new(1, 1, 1_000));
 //! link.encoder(0, 1e6, count).pwm(0, duties);
 //! let process = link.process().map_err(luna::Error::other)?;
 //!
