@@ -1,11 +1,12 @@
 //! A bounded buffer as a process: one alternative with a guard on either side.
 //!
-//! The buffer offers to receive while it has room and, at the same time, to send while it holds something. A guard whose precondition is
-//! false is not there. The portion on offer stays in its slot until the consumer takes it (`send_from`): until then the offer is nothing
-//! but an offer.
+//! The buffer offers to receive while it has room and, at the same time, to send while it is not
+//! empty. A guard with a false precondition is not offered. The portion on offer stays in its slot
+//! until the consumer takes it (`send_from`).
 //!
-//! From C. A. R. Hoare, Communicating Sequential Processes (1978), 5.1, for ten portions. There, and in occam, output cannot be a guard: the consumer
-//! first has to ask for each portion. With guards on both sides the processes around the buffer need not know that it is one.
+//! From C. A. R. Hoare, Communicating Sequential Processes (1978), 5.1, for ten portions. There,
+//! and in occam, output cannot be a guard: the consumer first has to request each portion. With
+//! guards on both sides the processes around the buffer need not know about it.
 
 use luna::prelude::*;
 use std::collections::VecDeque;
@@ -26,7 +27,7 @@ async fn buffer<T: Send>(input: Receiver<T>, output: Sender<T>) -> luna::Result<
         alt! {
             portion = input.recv(), if open && behind.len() < CAPACITY - 1 => match portion {
                 Ok(portion) => behind.push_back(portion),
-                Err(_) => open = false, // the producer has ended: hand out what is left
+                Err(_) => open = false, // the producer has ended: send the rest
             },
             sent = output.send_from(&mut next), if next.is_some() => sent?,
         }
@@ -38,7 +39,7 @@ async fn buffer<T: Send>(input: Receiver<T>, output: Sender<T>) -> luna::Result<
 async fn producer(output: Sender<Portion>, filled: Sender<()>) -> luna::Result<()> {
     let capacity = CAPACITY as u32;
     for n in 0..capacity {
-        output.send(Portion(n)).await?; // nobody consumes yet
+        output.send(Portion(n)).await?; // the consumer does not run yet
     }
     let one_more = output.send_timeout(Portion(capacity), Duration::from_millis(5));
     let refused = one_more.await.expect_err("the buffer is full");

@@ -1,11 +1,12 @@
-//! Budgets: a machine whose path planner now and then computes for too long. It is counted, then ended, then an emergency; and the loop that it
-//! made late says who ran instead.
+//! Budgets: a machine with a path planner that sometimes computes for too long. It is counted, then
+//! ended, then an emergency; and the loop that it delayed reports which process ran instead.
 //!
 //! ```text
 //!   planner ----> drive (a loop of 10 ms, more urgent, on the same executor)
 //! ```
 //!
-//! A process runs until it awaits something, however urgent the others are. So whoever shares an executor with a loop states how long it may keep it.
+//! A process runs until it awaits something, regardless of the others' priorities. So each process
+//! that shares an executor with a loop states how long it may run.
 
 use luna::prelude::*;
 use luna::{BudgetKind, End, Error, OnOverrun, Report};
@@ -40,7 +41,7 @@ async fn drive(input: Receiver<u32>) -> luna::Result<()> {
     }
 }
 
-/// Runs the machine; what becomes of a planner that takes too long is `policy`.
+/// Runs the machine; `policy` determines what happens to a planner that takes too long.
 fn run(policy: OnOverrun) -> (luna::Result<Report>, Report, bool) {
     let stopped = Arc::new(AtomicBool::new(false));
     let brake = stopped.clone();
@@ -77,7 +78,7 @@ fn is_overrun(error: &Error) -> bool {
 }
 
 fn main() -> luna::Result<()> {
-    // Count: all go on, and the report has the culprit, and the victim.
+    // Count: all continue, and the report has the culprit, and the victim.
     let (outcome, report, stopped) = run(OnOverrun::Count);
     outcome?;
     let budget = &report.processes[0].budgets[0];
@@ -97,10 +98,10 @@ fn main() -> luna::Result<()> {
     );
     println!("{report}");
 
-    // Warn: said on standard error as well, while the system runs.
+    // Warn: also reported on standard error, while the system runs.
     run(OnOverrun::Warn).0?;
 
-    // Poison: the planner is ended, and whoever waits for it is told that it will not come.
+    // Poison: the planner is ended, and processes that wait for it get an error.
     let (outcome, report, stopped) = run(OnOverrun::Poison);
     let error = outcome.expect_err("the planner was ended for cause");
     assert!(

@@ -1,4 +1,5 @@
-//! Commstime: four processes in a loop make the natural numbers. The first network of many a CSP course.
+//! Commstime: four processes in a loop make the natural numbers. The first network of many a CSP
+//! course.
 //!
 //! ```text
 //!            +--------+  a   +-------+  d
@@ -9,9 +10,10 @@
 //!            +--------+
 //! ```
 //!
-//! `prefix` lets a 0 in and then passes on what comes; `delta` gives each number to both its outputs, in parallel; `succ` adds one.
-//! A cycle is four rendezvous, and its time has been the measure of CSP systems for decades. Nobody in the loop knows an end: `consume`
-//! poisons its channel when it has seen enough, and that ends all four.
+//! `prefix` sends a 0 and then passes on what it receives; `delta` sends each number to both its
+//! outputs, in parallel; `succ` adds one. A cycle is four rendezvous, and its time has been the
+//! measure of CSP systems for decades. The processes in the loop run without an end condition:
+//! `consume` poisons its channel when it has received enough, and that ends all four.
 //!
 //! From the occam courses of P. H. Welch, University of Kent.
 

@@ -1,17 +1,19 @@
-//! Five philosophers dine, once into a deadlock, once with a footman who prevents it.
+//! Five philosophers dine: once into a deadlock, once with a footman that prevents it.
 //!
 //! ```text
-//!     fork 0 -- philosopher 0 -- fork 1 -- philosopher 1 -- fork 2 -- ... -- philosopher 4 -- fork 0
+//!     fork 0 -- philosopher 0 -- fork 1 -- philosopher 1 -- fork 2 -- ... -- fork 0
 //! ```
 //!
-//! A philosopher needs the fork to the left and the fork to the right, and takes the left one first. When all five have taken the left one,
-//! each waits for a neighbour who waits for the next: nobody will ever eat again. The system finds that out by itself and tells who waits
-//! for whom; a strict one ends with it as its error.
+//! A philosopher needs the fork to the left and the fork to the right, and takes the left one
+//! first. When all five have taken the left one, each waits for a neighbour, for ever. The system
+//! detects that by itself and reports which process waits for which; a strict one ends with it as
+//! its error.
 //!
-//! The footman shows philosophers to their seats. As long as he lets four of them sit, one gets both forks. The two dinners differ in
-//! that one number.
+//! The footman lets philosophers sit down. As long as he admits at most four, one gets both forks.
+//! The two dinners differ only in that number.
 //!
-//! The problem is E. W. Dijkstra's (1965), the footman C. S. Scholten's; after C. A. R. Hoare, Communicating Sequential Processes (1985), 2.5.
+//! The problem is E. W. Dijkstra's (1965), the footman C. S. Scholten's; after C. A. R. Hoare,
+//! Communicating Sequential Processes (1985), 2.5.
 
 use luna::prelude::*;
 use std::time::Duration;
@@ -26,7 +28,7 @@ enum Hand {
 }
 use Hand::{PicksUp, PutsDown};
 
-/// Lies between two hands. The one that picks it up is the one that puts it down.
+/// A fork between two hands. The hand that picks it up puts it down.
 async fn fork(one: Receiver<Hand>, other: Receiver<Hand>) -> luna::Result<()> {
     let (mut one_dines, mut other_dines) = (true, true);
     while one_dines || other_dines {
@@ -44,14 +46,14 @@ async fn fork(one: Receiver<Hand>, other: Receiver<Hand>) -> luna::Result<()> {
     Ok(())
 }
 
-/// The footman as the philosophers see him.
+/// The philosophers' connection to the footman.
 #[derive(Clone)]
 struct Footman {
     sit_down: Sender<()>,
     get_up: Sender<()>,
 }
 
-/// Lets no more than `seats` sit at a time: while all are taken he does not hear who wants to sit down.
+/// Admits no more than `seats` at a time: while all are taken he does not receive from `sit_down`.
 async fn footman(seats: usize, sit_down: Receiver<()>, get_up: Receiver<()>) -> luna::Result<()> {
     let mut seated = 0;
     loop {
@@ -86,7 +88,7 @@ async fn philosopher(
     Ok(())
 }
 
-/// A dinner of so many meals each, at which so many may sit.
+/// A dinner of `meals` each, at which at most `seats` may sit.
 fn dinner(meals: u32, seats: usize) -> luna::Result<()> {
     let mut system = System::new("college");
     system.strict(); // a deadlock is an error

@@ -1,6 +1,8 @@
-//! A control loop whose gains are parameters: they come from a TOML file and the command line, and are replaced while it runs.
+//! A control loop with gains as parameters: they come from a TOML file and the command line, and
+//! are replaced while it runs.
 //!
-//! `cargo run --example parameters -- --set cart/kp=30` begins with another gain; `--parameters FILE` with a file of your own.
+//! `cargo run --example parameters -- --set cart/kp=30` starts with another gain;
+//! `--parameters FILE` with a file of your own.
 use luna::parameters::{Choice, SetError};
 use luna::prelude::*;
 use std::time::Duration;
@@ -19,7 +21,7 @@ impl Choice for Goal {
         &[("left", Goal::Left), ("right", Goal::Right)];
 }
 
-/// What a cart's controller is told from outside.
+/// The settings of a cart's controller.
 struct Settings {
     kp: Parameter<f64>,
     kd: Parameter<f64>,

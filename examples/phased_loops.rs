@@ -1,5 +1,6 @@
-//! Two loops of one period that alternate exactly, half a period apart on different executors, and a third that follows a clock which is not
-//! ours: a bus whose beats drift by 50 ppm. Checks itself.
+//! Two loops of one period that alternate exactly, half a period apart on different executors, and
+//! a third that follows an external clock: a bus with beats that drift by 50 ppm. Checks its own
+//! results.
 
 use luna::prelude::*;
 use std::time::Duration;
@@ -7,7 +8,7 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(2);
 const CYCLES: u64 = 50;
 
-/// Gives the slot that each of its cycles began with, by the slot's number.
+/// Collects the slots of its cycles, by number.
 async fn slots(
     name: &str,
     phase: Duration,
@@ -15,7 +16,7 @@ async fn slots(
 ) -> luna::Result<()> {
     let mut tick = luna::periodic(name, PERIOD)?
         .phase(phase)?
-        .guard_spin(PERIOD / 32)?; // awake before each slot: late by much less than a wake-up takes
+        .guard_spin(PERIOD / 32)?; // awake before each slot, so the wake-up adds almost no lateness
     for _ in 0..CYCLES {
         let cycle = tick.next().await;
         cycles.send((cycle.number, cycle.deadline)).await?;
@@ -43,14 +44,14 @@ impl Bus {
     }
 }
 
-/// Follows the bus: corrects itself in each cycle by what it is off. Gives the offsets.
+/// Follows the bus: corrects its phase in each cycle. Collects the offsets.
 async fn follow(bus: Bus) -> luna::Result<Vec<(u64, i64)>> {
     let mut tick = luna::periodic("follower", PERIOD)?;
     let mut offsets = Vec::with_capacity(120);
     for _ in 0..120 {
         let cycle = tick.next().await;
         let offset = bus.offset(cycle.deadline);
-        tick.correct(offset); // at most 1 % of the period is taken
+        tick.correct(offset); // at most 1 % of the period is corrected
         offsets.push((cycle.missed, offset));
     }
     Ok(offsets)
@@ -97,7 +98,8 @@ fn main() -> luna::Result<()> {
         PERIOD / 2
     );
 
-    // From one cycle to the next at most 1 % of the period is taken off, and the bus drifts on: by 100 ns for each slot, also for those that were missed.
+    // From one cycle to the next at most 1 % of the period is corrected, and the bus drifts on: by
+    // 100 ns for each slot, also for missed ones.
     let offsets = offsets.try_recv()?;
     for pair in offsets.windows(2) {
         let [(_, before), (missed, after)] = [pair[0], pair[1]];

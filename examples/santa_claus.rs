@@ -1,15 +1,17 @@
 //! The Santa Claus problem: a prioritized alternative, and groups that form before they are served.
 //!
-//! Santa sleeps until all nine reindeer are back from their holidays or three of his ten elves want to consult him. With the reindeer he
-//! delivers the toys, with the elves he talks about toys; then he lets the group go. If both wait, the reindeer come first. Nobody
-//! slips into a group that he has begun with, and none of it goes before he says so.
+//! Santa sleeps until all nine reindeer are back from their holidays or three of his ten elves want
+//! to consult him. With the reindeer he delivers the toys, with the elves he discusses toys; then
+//! he lets the group go. If both wait, the reindeer come first. No helper joins a group that he has
+//! started with, and none leaves it before he ends.
 //!
-//! Each kind has a room where groups form (`gather`). A helper who knocks there brings the channel on which it then waits for Santa's word:
-//! a channel's end is a value as any other. Santa retires after some years, and that ends all: his channels close, then the rooms', then
-//! each helper finds nobody to knock at.
+//! Each kind has a room where groups form (`gather`). A helper sends there the end of a channel on
+//! which it then waits for Santa: a channel's end is an ordinary value. Santa retires after some
+//! years, and that ends all: his channels close, then the rooms', then each helper's send fails.
 //!
-//! From J. A. Trono, A new exercise in concurrency (1994); it is known for wrong solutions, his own with semaphores among them (M. Ben-Ari,
-//! How to solve the Santa Claus problem, 1998). An exercise of P. H. Welch's courses on occam-pi.
+//! From J. A. Trono, A new exercise in concurrency (1994); it is known for wrong solutions, his own
+//! with semaphores among them (M. Ben-Ari, How to solve the Santa Claus problem, 1998). An exercise
+//! of P. H. Welch's courses on occam-pi.
 
 use luna::prelude::*;
 use std::time::Duration;
@@ -19,13 +21,14 @@ const ELVES: usize = 10;
 const CONSULTING: usize = 3;
 const YEARS: usize = 5;
 
-/// One who waits for Santa.
+/// A helper that waits for Santa.
 struct Helper {
     number: usize,
     dismissed: Sender<()>,
 }
 
-/// Works (or is on holiday), goes to Santa, and comes back when he says so, until he has retired.
+/// Works (or is on holiday), goes to Santa, and comes back when he lets it go, until he has
+/// retired.
 async fn helper(number: usize, longest: Duration, room: Sender<Helper>) -> luna::Result<()> {
     let mut random = number as u32;
     loop {
@@ -38,7 +41,7 @@ async fn helper(number: usize, longest: Duration, room: Sender<Helper>) -> luna:
     }
 }
 
-/// Lets helpers in until there are `size`, then takes them to Santa. While he is busy, the next ones wait before the door.
+/// Collects helpers until there are `size`, then sends them to Santa. Meanwhile the next ones wait.
 async fn gather(
     size: usize,
     door: Receiver<Helper>,
@@ -95,7 +98,7 @@ fn main() -> luna::Result<()> {
     let (team, teams) = luna::channel();
     let (group, groups) = luna::channel();
 
-    // At the lowest priority Santa first looks when everyone else waits, for him.
+    // At the lowest priority, Santa runs only when all others wait for him.
     pole.process("santa")
         .priority(0)
         .spawn(santa(teams, groups))?;

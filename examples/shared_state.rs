@@ -1,12 +1,14 @@
 //! Shared state: when a lock is right, and when a channel is.
 //!
-//! A machine has a table of gains that its operator changes now and then, and that two control loops read in every cycle. Nobody owns the table, nothing goes from
-//! one to another, and each looks at it for a moment: a mutex. A loop that comes while the operator writes lends it its priority, so that nothing in
-//! between delays the loop. A condition tells the logger that the table has changed, and a semaphore lets at most two motors start at a
-//! time, since the supply stands no more.
+//! A machine has a table of gains that its operator changes now and then, and that two control
+//! loops read in every cycle. It belongs to none of them, is not passed on, and is used only for a
+//! moment: a mutex. A loop that waits while the operator writes boosts the operator to its own
+//! priority, so that no process in between delays the loop. A condition notifies the logger of
+//! changes, and a semaphore lets at most two motors start at a time, since the supply is limited.
 //!
-//! The setpoints go from the operator to a loop, each once and in order: a channel. With a lock they would need a flag, a condition and care;
-//! and the loop could not choose between a setpoint and its tick.
+//! The set-points go from the operator to a loop, each once and in order: a channel. With a lock
+//! they would need a flag and a condition; and the loop could not choose between a set-point and
+//! its tick.
 //!
 //! ```text
 //! cargo run --example shared_state
@@ -24,7 +26,7 @@ struct Gains {
 }
 
 impl Gains {
-    /// What holds whenever nobody is in the middle of a change.
+    /// The table's invariant, outside of a change.
     fn are_consistent(&self) -> bool {
         self.proportional == 2.0 * self.integral
     }
@@ -33,7 +35,7 @@ impl Gains {
 const CHANGES: u32 = 20;
 const CYCLES: u32 = 100;
 
-/// Changes the table in two steps, between which it waits: nobody sees one step alone.
+/// Changes the table in two steps, and waits in between: the intermediate state is never visible.
 async fn operate(
     table: Mutex<Gains>,
     changed: Condition,
@@ -52,7 +54,7 @@ async fn operate(
     Ok(())
 }
 
-/// A loop: starts its motor, then reads the table each cycle, and takes setpoints as they come.
+/// A loop: starts its motor, then reads the table in each cycle, and takes set-points as they come.
 async fn control(
     name: &'static str,
     table: Mutex<Gains>,
@@ -60,7 +62,7 @@ async fn control(
     setpoints: Option<Receiver<f64>>,
 ) -> luna::Result<()> {
     let permit = starts.acquire().await?;
-    luna::after(Duration::from_millis(2)).await; // the motor draws much while it starts
+    luna::after(Duration::from_millis(2)).await; // the motor needs a high current while it starts
     drop(permit);
 
     let mut received = Vec::new();
@@ -92,7 +94,7 @@ async fn log(table: Mutex<Gains>, changed: Condition) -> luna::Result<()> {
             gains = changed.blocking_wait(gains)?;
         }
         let copy = *gains;
-        drop(gains); // printing takes its time, and the loops want the table
+        drop(gains); // printing takes time, and the loops need the table
         seen = copy.version;
         println!("{copy:?}");
     }
@@ -134,7 +136,7 @@ fn main() -> luna::Result<()> {
     assert_eq!(table.try_lock()?.version, CHANGES);
     assert_eq!(starts.available(), 2);
 
-    // Who dies in the middle of a change leaves a mark, and the next one decides what to make of it.
+    // A panic in the middle of a change marks the mutex; the next holder decides how to continue.
     let broken = table.clone();
     let died = std::thread::spawn(move || {
         let mut gains = broken.blocking_lock().unwrap();

@@ -1,6 +1,8 @@
-//! How long a network takes on a virtual clock: 50 processes pass a value along in each cycle of a 1 kHz loop, about 100 context switches.
+//! Measures a network on a virtual clock: 50 processes pass a value along in each cycle of a 1 kHz
+//! loop, about 100 context switches.
 //!
-//! `cargo run --release --example simulated_hour -- 3600 1` simulates an hour on one executor; without arguments it is a minute on two.
+//! `cargo run --release --example simulated_hour -- 3600 1` simulates an hour on one executor;
+//! without arguments it is a minute on two.
 use luna::prelude::*;
 use std::time::Duration;
 

@@ -1,8 +1,10 @@
-//! The sort pump: a pipeline of cells that sorts while the values stream through it, in any number of groups.
+//! The sort pump: a pipeline of cells that sorts values streaming through it, in any number of
+//! groups.
 //!
-//! A cell holds the largest value that it has seen of a group and passes on the others. So what a pump of n - 1 cells gives out is sorted,
-//! smallest first, for groups of up to n values. All cells work at the same time: with a processor for each, n values take about
-//! 2n steps. While the end of one group is still leaving, the next one comes in.
+//! A cell holds the largest value of a group so far and passes on the others. So the output of a
+//! pump of n - 1 cells is sorted, smallest first, for groups of up to n values. All cells work at
+//! the same time: with a processor for each, n values take about 2n steps. While the end of one
+//! group is still leaving, the next one enters.
 //!
 //! From the occam course of P. H. Welch, University of Kent (1984).
 
@@ -19,7 +21,7 @@ enum Item {
     EndOfGroup,
 }
 
-/// Holds the largest, passes on the others, and lets go of it at the end of the group.
+/// Holds the largest value, passes on the others, and sends it at the end of the group.
 async fn cell(input: Receiver<Item>, output: Sender<Item>) -> luna::Result<()> {
     let mut held: Option<u32> = None;
     while let Ok(item) = input.recv().await {

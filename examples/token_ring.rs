@@ -1,10 +1,11 @@
 //! Ten thousand processes in a ring pass a token round, first on one executor, then on two.
 //!
-//! The time of a hop is that of a rendezvous and of the switch to the next process, with the memory of ten thousand processes going through
-//! the caches. On two executors each runs one half of the ring: all but two hops of a lap stay within their executor, and
-//! no line of a process is different.
+//! The time of a hop is that of a rendezvous and of the switch to the next process, with the memory
+//! of ten thousand processes going through the caches. On two executors each runs one half of the
+//! ring: all but two hops of a lap stay within their executor, and the processes' code is the same.
 //!
-//! A classic of languages with cheap processes: occam, Erlang, Go. The thesis behind LUNA went to 10 000 processes, too.
+//! A classic of languages with cheap processes: occam, Erlang, Go. The thesis behind LUNA went to
+//! 10 000 processes, too.
 
 use luna::prelude::*;
 use std::time::Instant;
@@ -17,12 +18,12 @@ async fn node(input: Receiver<u32>, output: Sender<u32>) -> luna::Result<()> {
     while let Ok(hops) = input.recv().await {
         output.send(hops + 1).await?;
     }
-    Ok(()) // the ring is opened: this closes it for the next one
+    Ok(()) // the ring is open now: this closes the next channel
 }
 
 /// Sends the token round, then opens the ring.
 async fn head(input: Receiver<u32>, output: Sender<u32>, executors: u32) -> luna::Result<()> {
-    output.send(1).await?; // a lap to start with: afterwards everybody waits for the token
+    output.send(1).await?; // a first lap: afterwards every process waits for the token
     assert_eq!(input.recv().await?, PROCESSES);
 
     let begin = Instant::now();

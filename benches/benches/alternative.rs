@@ -1,10 +1,12 @@
-//! `alternative`: a server offers to communicate over any of n channels, and one at a time happens; all on one core.
+//! `alternative`: a server communicates over any one of n channels at a time; all on one core.
 //!
-//! *Input*: one writer writes to the channels in turn, so that the server finds one ready at most. *Stressed*: a writer for each channel, so that nearly all
-//! are ready always (N. C. Brown, P. H. Welch, "An introduction to the Kent C++CSP library", 2003). *Output* is the same with a server that writes and a
-//! reader, or readers.
+//! *Input*: one writer writes to the channels in turn, so that the server finds at most one ready.
+//! *Stressed*: a writer for each channel, so that nearly all are always ready (N. C. Brown, P. H.
+//! Welch, "An introduction to the Kent C++CSP library", 2003). *Output* is the same with a server
+//! that writes and a reader, or readers.
 //!
-//! The server checks that the numbers of each channel come in sequence; LUNA's also that the choice was fair.
+//! The server checks that the numbers of each channel come in sequence; LUNA's also that the choice
+//! was fair.
 
 #[path = "alternative/ours.rs"]
 mod ours;
@@ -33,7 +35,7 @@ const OUTPUT: &str = "alternative, output";
 const STRESSED_OUTPUT: &str = "alternative, output, stressed";
 const UNIT: &str = "ns/message";
 
-/// Threads are so many at most.
+/// The limit of threads.
 const MOST_THREADS: usize = 64;
 
 /// How many channels an alternative is over.
@@ -45,7 +47,7 @@ fn sizes() -> &'static [usize] {
     }
 }
 
-/// What a server has seen: how far each channel is, and when the clock started.
+/// The state of a server: the next number of each channel, and when the clock started.
 #[derive(Debug)]
 struct Record {
     counts: Vec<u64>,
@@ -55,7 +57,7 @@ struct Record {
 }
 
 impl Record {
-    /// For so many messages after a warm-up, over so many channels.
+    /// For a number of messages after a warm-up, over a number of channels.
     fn new(channels: usize, messages: u64) -> Self {
         Record {
             counts: vec![0; channels],
@@ -70,11 +72,11 @@ impl Record {
         self.counts[channel]
     }
 
-    /// Notes a message, with its number; says whether there are to be more.
+    /// Notes a message, with its number. Returns whether more are expected.
     ///
     /// # Panics
     ///
-    /// When it is not the channel's next.
+    /// The number is not the channel's next.
     fn note(&mut self, channel: usize, number: u64) -> bool {
         assert_eq!(number, self.counts[channel], "out of sequence");
         self.counts[channel] += 1;
@@ -99,7 +101,7 @@ impl Record {
     }
 }
 
-/// Writes to the outputs in turn until nobody listens.
+/// Writes to the outputs in turn until the readers are gone.
 async fn in_turn(mut outputs: Vec<impl Sending>) {
     for number in 0.. {
         for output in &mut outputs {
@@ -110,7 +112,7 @@ async fn in_turn(mut outputs: Vec<impl Sending>) {
     }
 }
 
-/// Reads from the inputs in turn until nobody writes.
+/// Reads from the inputs in turn until the writers are gone.
 async fn out_of_turn(mut inputs: Vec<impl Receiving>) {
     use luna_benches::channels::Received;
     loop {

@@ -1,4 +1,5 @@
-//! `barrier`: n processes on one core meet again and again. The figure is per process and meeting.
+//! `barrier`: n processes on one core synchronize repeatedly. The figure is per process and
+//! synchronization.
 
 use std::{
     future::Future,
@@ -27,7 +28,7 @@ fn sizes() -> &'static [u64] {
     }
 }
 
-/// Threads are so many at most.
+/// The limit of threads.
 const MOST_THREADS: u64 = 100;
 
 /// A peer's barrier.
@@ -66,7 +67,7 @@ impl Meeting for Arc<std::sync::Barrier> {
     }
 }
 
-/// How many meetings make so many comings of one party.
+/// The number of synchronizations for this many arrivals of one party.
 fn meetings(comings: u64, parties: u64) -> u64 {
     comings.div_ceil(parties)
 }
@@ -103,7 +104,8 @@ fn barrier<E: Executor, M: Meeting>(parties: u64, comings: u64) -> Duration {
     })
 }
 
-/// The second level of LUNA's barrier, for processes of one executor: the barrier above has it as its only party.
+/// The second level of LUNA's barrier, for processes of one executor, which is the only party of
+/// the barrier above.
 fn local(parties: u64, comings: u64) -> Duration {
     let core = one_core();
     on_core(core, || {

@@ -1,6 +1,8 @@
-//! `buffered`: a producer sends numbers to a consumer through a buffer of 64, on one core and on two.
+//! `buffered`: a producer sends numbers to a consumer through a buffer of 64, on one core and on
+//! two.
 //!
-//! The producer waits when the buffer is full, the consumer when it is empty. Where a side *spins*, it looks for a bounded time before it sleeps, as crossbeam's threads do too.
+//! The producer waits when the buffer is full, the consumer when it is empty. A side that *spins*
+//! polls for a bounded time before it sleeps, as crossbeam's threads do too.
 
 use std::{future::Future, time::Duration};
 

@@ -1,4 +1,5 @@
-//! `commstime`: four processes on one core pass a number round, and a consumer sees each round.
+//! `commstime`: four processes on one core pass a number round, and a consumer receives it in each
+//! round.
 //!
 //! ```text
 //!   prefix ──a──▶ delta ──b──▶ successor
@@ -6,10 +7,12 @@
 //!     └──────────────c───────────────┘
 //! ```
 //!
-//! A cycle is four communications and little else. Delta is sequential (first to the consumer, then to the successor) or parallel, by hand.
+//! A cycle is four communications and little else. Delta is sequential (first to the consumer, then
+//! to the successor) or parallel, by hand.
 //!
-//! *As generated* is the network as a code generator makes it from a drawing (table 3 of the paper on LUNA, Wilterdink et al., 2011):
-//! readers and writers are processes of their own, joined by channels. There are ten: reader and writer of prefix; reader and two writers of delta; reader,
+//! *As generated* is the network that a code generator makes from a drawing (table 3 of the paper
+//! on LUNA, Wilterdink et al., 2011): readers and writers are separate processes, connected by
+//! channels. There are ten: reader and writer of prefix; reader and two writers of delta; reader,
 //! increment and writer of successor; reader and consumer. A cycle is ten communications.
 
 use std::{future::Future, time::Duration};
@@ -111,8 +114,9 @@ const KANAL: &str = "kanal bounded_async(0), tokio LocalSet";
 const ASYNC_CHANNEL: &str = "async-channel bounded(1), smol LocalExecutor";
 const CROSSBEAM: &str = "crossbeam bounded(0), threads";
 
-// For flume and kanal tokio's `LocalSet` is as good as plain `spawn`, and better than smol's executor, which takes 1.4
-// and 1.9 times as long. async-channel stands for the smol family, though it too is faster (1.3 times) on tokio.
+// For flume and kanal tokio's `LocalSet` is as fast as plain `spawn`, and faster than smol's
+// executor, which takes 1.4 and 1.9 times as long. async-channel represents the smol family,
+// although it is faster (1.3 times) on tokio too.
 fn main() {
     let mut cases = vec![
         sequential::<Luna, LunaChannel>("LUNA").goal(Goal::AtMost(34.0)),

@@ -1,7 +1,9 @@
-//! `emergency`: from a trigger until the first emergency function begins, for each kind of trigger, idle and under load, beside the wake-up of a thread of the same priority that sleeps until a deadline, as
-//! cyclictest measures it, in the same minutes.
+//! `emergency`: from a trigger until the first emergency function begins, for each kind of trigger,
+//! idle and under load. Measured in the same minutes: the wake-up of a thread of the same priority
+//! that sleeps until a deadline, as in cyclictest.
 //!
-//! Under SCHED_FIFO where it is given: as root, or with CAP_SYS_NICE. Each sample is a system of its own. A block is a second; a figure is the median of the blocks' percentiles.
+//! Under SCHED_FIFO where permitted: as root, or with CAP_SYS_NICE. Each sample is a system of its
+//! own. A block is a second; a figure is the median of the blocks' percentiles.
 
 use std::{
     cell::Cell,
@@ -30,7 +32,7 @@ const NAMES: [[&str; 2]; 2] = [
 ];
 const SLEEPER: &str = "sleeping thread of that priority";
 
-/// The goal: so many times the sleeping thread's wake-up.
+/// The goal, as a multiple of the sleeping thread's wake-up.
 const FACTOR: f64 = 1.2;
 /// How urgent the process is that triggers, and the load.
 const PRIORITY: u8 = 80;
@@ -51,7 +53,7 @@ enum Trigger {
     Process,
     Panic,
     Signal,
-    /// A signal by a thread without a real-time policy, as of who types `kill`.
+    /// A signal by a thread without a real-time policy, such as from the command `kill`.
     OrdinarySignal,
     /// A thread that is no process.
     Driver,
@@ -147,7 +149,8 @@ fn triggered(by: Trigger) -> u64 {
     began - before
 }
 
-/// As cyclictest: how late a thread of the emergency manager's priority wakes from an absolute sleep, a slice long.
+/// As cyclictest: how late a thread of the emergency manager's priority wakes from an absolute
+/// sleep, for a slice of time.
 fn sleeper() -> Vec<u64> {
     let attributes = Attributes::framework("sleeper", Policy::fifo(EMERGENCY_PRIORITY));
     let sleeps = |(): ()| {
@@ -159,7 +162,7 @@ fn sleeper() -> Vec<u64> {
                 tv_sec: (next.as_nanos() / 1_000_000_000) as libc::time_t,
                 tv_nsec: (next.as_nanos() % 1_000_000_000) as _,
             };
-            // SAFETY: the time is valid, and what remains is not asked for.
+            // SAFETY: the time is valid, and the pointer for the remaining time is null.
             unsafe {
                 libc::clock_nanosleep(
                     libc::CLOCK_MONOTONIC,
@@ -177,7 +180,8 @@ fn sleeper() -> Vec<u64> {
     thread.join().expect("it only sleeps")
 }
 
-/// Threads of lower priority that compute and use memory on every core, four fifths of the time, so that the kernel's share for ordinary threads is left.
+/// Threads of lower priority that compute and use memory on every core, four fifths of the time, so
+/// that the kernel's share for ordinary threads remains.
 struct Load {
     is_over: Arc<AtomicBool>,
     threads: Vec<Thread<()>>,
@@ -224,7 +228,8 @@ fn percentile(nanos: &mut [u64], percent: usize) -> f64 {
     nanos[(nanos.len() - 1) * percent / 100] as f64 / 1e3
 }
 
-/// The two cases of one measurement: a block of the second gives what the block of the first before it has found.
+/// The two cases of one measurement: a block of the second returns the result of the first's block
+/// before it.
 fn cases(
     names: [&'static str; 2],
     peer: &'static str,
@@ -260,9 +265,10 @@ fn cases(
 }
 
 fn main() {
-    // Of the threads that may take a signal the kernel does not choose the most urgent: threads of a program that is to end in time block those that ask it to.
+    // The kernel does not prefer the most urgent of the threads that may take a signal, so threads
+    // of a program that has to end in time block termination signals.
     let _held_back = luna_platform::signals::HeldBack::here();
-    // Those on purpose would be told each time; what a check says is told.
+    // Deliberate panics would be reported each time; those of checks still are.
     let hook = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
         if info.payload_as_str() != Some("bench") {

@@ -1,5 +1,5 @@
-//! `fan`: many senders share one channel to one receiver (fan-in), and one sender serves many receivers that share one channel (fan-out), all
-//! on one core.
+//! `fan`: many senders share one channel to one receiver (fan-in), and one sender serves many
+//! receivers of one channel (fan-out), all on one core.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ const IN: &str = "fan-in";
 const OUT: &str = "fan-out";
 const UNIT: &str = "ns/message";
 
-/// How many share the channel; threads are so many at most.
+/// How many share the channel; the limit of threads.
 fn sizes() -> &'static [u64] {
     if is_quick() {
         &[1, 8, 64]

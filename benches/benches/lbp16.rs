@@ -1,4 +1,5 @@
-//! `lbp16`: a cycle with a Mesa card, one write and one read packet against the simulated card on loopback, beside a bare round trip of a datagram.
+//! `lbp16`: a cycle with a Mesa card, one write and one read packet to the simulated card on
+//! loopback, and a bare round trip of a datagram.
 
 use std::{
     net::{Ipv4Addr, UdpSocket},
@@ -39,7 +40,8 @@ fn serve() -> Server {
     Server::start(luna_mesa_sim::Settings::default()).expect("loopback has a free port")
 }
 
-/// A datagram of the read packet's length there, one of its answer's back, between two threads that block.
+/// A round trip between two threads that block, with datagrams of the read packet's and the
+/// answer's length.
 fn bare() -> f64 {
     let (request, answer) = sizes();
     let far = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("loopback has a free port");
@@ -91,7 +93,8 @@ fn layout(client: &mut Client) -> Layout {
     layout
 }
 
-/// A cycle by hand: packets made, sent, the answer awaited in the system and read.
+/// A cycle without a framework: packets made and sent, the answer received by a blocking call and
+/// read.
 fn blocking() -> f64 {
     let server = serve();
     let mut client = Client::connect(server.address()).expect("loopback is there");
@@ -128,7 +131,8 @@ fn blocking() -> f64 {
     median(samples)
 }
 
-/// The link's whole cycle, as its loop's statistics have it: outputs taken, both packets made and sent, the answer awaited by the executor, checked and told.
+/// The link's whole cycle, by its loop's statistics: outputs received, both packets made and sent,
+/// the answer awaited by the executor, checked and reported.
 fn link() -> f64 {
     let server = serve();
     let card = Card::open(server.address()).expect("it answers");

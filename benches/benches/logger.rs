@@ -1,8 +1,10 @@
-//! `logger`: what recording one sample or event costs the thread that does it, on one core, and what commstime costs with every event recorded, not recording, and
-//! with events compiled out (the feature `events`, of all this).
+//! `logger`: the cost of recording one sample or event for its thread, on one core, and the cost of
+//! commstime with every event recorded, not recorded, and compiled out (all with the feature
+//! `events`).
 //!
-//! A block records as many samples as there is room for, so that none is lost, while the recorder writes a file on any core. Beside it a line through
-//! `tracing` to a file by its non-blocking appender, and the clocks alone.
+//! A block records as many samples as there is room for, so that none is lost, while the recorder
+//! writes a file on any core. Compared with a line through `tracing` to a file by its non-blocking
+//! appender, and with reading the clocks.
 
 use std::{
     hint::black_box,
@@ -31,7 +33,7 @@ fn file(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("luna-bench-{}-{name}", std::process::id()))
 }
 
-/// Times `record` for each number while a recording to a file is under way; nothing may be lost.
+/// Times `record` for each number during a recording to a file; nothing may be lost.
 fn recorded<T>(
     samples: u64,
     make: impl Fn() -> T + Sync,
@@ -110,7 +112,7 @@ fn tracing_to_file(samples: u64) -> Duration {
     })
 }
 
-/// An event, told with two numbers while a recording to a file is under way.
+/// An event with two numbers, during a recording to a file.
 #[cfg(feature = "events")]
 fn event(events: u64) -> Duration {
     use luna_platform::events::{code, tell};

@@ -1,8 +1,11 @@
-//! `logger_stalled`: a million samples a second for a minute (a second with `--quick`), to a disk that is slow, to a recorder over TCP that stalls, and to nobody there: nothing on the path
-//! waits, and what is lost is counted exactly.
+//! `logger_stalled`: a million samples a second for a minute (a second with `--quick`), to a slow
+//! disk, to a recorder over TCP that stalls, and to an absent recorder: the path never waits, and
+//! losses are counted exactly.
 //!
-//! It prints what was produced, recorded and lost, which must add up, and how long one `record` took at most, as its thread saw it: under SCHED_FIFO where that is given, so that it is mostly what
-//! interrupts took. Beside it the same loop where nothing is recorded: what the machine does to any loop.
+//! It prints the numbers of samples produced, recorded and lost, which must add up, and the longest
+//! `record`, as seen by its thread: under SCHED_FIFO where permitted, so that it mostly shows
+//! interrupts. Compared with the same loop without a recording, which shows the machine's
+//! influence.
 
 use std::{
     io,
@@ -160,7 +163,7 @@ fn main() {
         "TCP, the recorder takes no block",
         &produce(Some(Logging::to_tcp(address))),
     );
-    // Nobody accepts, though the kernel does.
+    // The program does not accept, but the kernel does.
     let listener = TcpListener::bind("127.0.0.1:0").expect("there is a loopback");
     let address = listener.local_addr().expect("it is bound").to_string();
     show(

@@ -1,6 +1,7 @@
-//! `loops`: six loops of one period, on one core: how far the last one begins behind the first, how late it is, and what a tick costs of the processor.
+//! `loops`: six loops of one period, on one core: the delay from the first to the last begin, the
+//! lateness, and the processor time of a tick.
 //!
-//! Under SCHED_FIFO where it is given: as root, or with CAP_SYS_NICE.
+//! Under SCHED_FIFO where permitted: as root, or with CAP_SYS_NICE.
 
 use std::{
     cell::RefCell,
@@ -135,7 +136,7 @@ enum On {
     Threads,
 }
 
-/// Who wakes them, and on which core that is.
+/// What wakes the loops, and on which core.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum By {
     TheirThreads,
@@ -195,7 +196,7 @@ fn ours(on: On, by: By) -> Figures {
     figures(std::mem::take(&mut logs))
 }
 
-/// Six threads with a timer of the kernel each: what is done without a framework.
+/// Six threads with a kernel timer each, as without a framework.
 #[cfg(target_os = "linux")]
 fn plain_threads() -> Figures {
     use luna_benches::cores::on_core;
@@ -226,7 +227,7 @@ fn plain_loop(number: usize, origin: u64) -> Notes {
     let scheduling = libc::sched_param {
         sched_priority: i32::from(PRIORITY) - number as i32,
     };
-    // SAFETY: all that is given lives through the calls, and the file is this thread's own.
+    // SAFETY: all pointers are valid during the calls, and the file belongs to this thread.
     let timer = unsafe {
         // Where it is not permitted, the others do without it too.
         libc::sched_setscheduler(0, libc::SCHED_FIFO, &scheduling);
@@ -245,19 +246,19 @@ fn plain_loop(number: usize, origin: u64) -> Notes {
     let mut slot = 0;
     for _ in 0..ticks() {
         let mut expired = 0_u64;
-        // SAFETY: the number has the eight bytes that a timer gives.
+        // SAFETY: the number has the eight bytes that reading a timer writes.
         let read = unsafe { libc::read(timer, (&raw mut expired).cast(), 8) };
         assert_eq!(read, 8, "a timer gives its count");
         slot += expired;
         let began = Instant::now().as_nanos();
         log.cycle(slot, origin + slot * period, began, number + 1 == LOOPS);
     }
-    // SAFETY: nobody uses it any more.
+    // SAFETY: the descriptor is open, and not used any more.
     unsafe { libc::close(timer) };
     log.0
 }
 
-/// The cases of a peer: one run gives all figures of a round.
+/// The cases of a peer: one run returns all figures of a round.
 fn cases(
     peer: &'static str,
     goals: &[(&'static str, Goal)],
@@ -269,7 +270,7 @@ fn cases(
         let unit = if name == COST { "us/tick" } else { "us" };
         let mut case = Case::once(name, peer, unit, move || {
             let mut last = last.borrow_mut();
-            // The first that asks measures; the others take the rest of what it saw.
+            // The first case measures; the others use its results.
             match last.iter().position(|(left, _)| *left == name) {
                 Some(place) => of(&last.swap_remove(place).1),
                 None => {

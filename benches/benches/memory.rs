@@ -1,8 +1,11 @@
-//! `memory`: what a process takes with its channel, in a ring of n that has passed a number round once.
+//! `memory`: the memory of a process with its channel, in a ring of n that has passed a number
+//! round once.
 //!
-//! *Allocated* is what the program holds, counted by its allocator. *Resident* is what the system has given it since before the ring was made, at its
-//! most: with what the allocator adds, and what was needed on the way. What a system takes but once is in there too: for LUNA room for the statistics of
-//! loops, so there is also a row without. Each figure is that of a process of the operating system of its own.
+//! *Allocated* is what the program holds, counted by its allocator. *Resident* is the peak of what
+//! the system has given it since before the ring was made, with the allocator's overhead and
+//! temporary memory. It includes the fixed memory of a system: for LUNA room for the statistics of
+//! loops, so there is also a row without. Each figure is measured in an operating-system process of
+//! its own.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},
@@ -25,7 +28,7 @@ struct Counting;
 
 static HELD: AtomicI64 = AtomicI64::new(0);
 
-// SAFETY: all is handed on to the system's allocator.
+// SAFETY: each call is passed on unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         HELD.fetch_add(layout.size() as i64, Ordering::Relaxed);
@@ -68,7 +71,7 @@ fn allocated() -> f64 {
 
 /// The most that has ever been resident.
 fn resident() -> f64 {
-    let status = fs::read_to_string("/proc/self/status").expect("Linux tells");
+    let status = fs::read_to_string("/proc/self/status").expect("Linux has this file");
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kibibytes = line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
     kibibytes.expect("it is a number of kB") * 1024.0

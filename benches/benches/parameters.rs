@@ -1,4 +1,5 @@
-//! `parameters`: what a process pays to read a parameter and to look for a new set, on one core, beside a plain atomic, a mutex and a reader-writer lock of std.
+//! `parameters`: the cost of reading a parameter and of checking for a new set, on one core,
+//! compared with a plain atomic, a mutex and a reader-writer lock of std.
 
 use std::{
     hint::black_box,
@@ -27,7 +28,7 @@ struct Timed<T, S> {
     parameter: Option<Parameter<T>>,
     steps: u64,
     step: S,
-    told: mpsc::Sender<Duration>,
+    elapsed: mpsc::Sender<Duration>,
 }
 
 impl<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static> Process for Timed<T, S> {
@@ -42,7 +43,7 @@ impl<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static> Process for Timed
             for _ in 0..self.steps {
                 (self.step)(black_box(parameter));
             }
-            let _ = self.told.send(start.elapsed());
+            let _ = self.elapsed.send(start.elapsed());
         }
         Ok(())
     }
@@ -53,7 +54,7 @@ fn in_process<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static>(
     default: T,
     make: impl FnOnce(&System) -> S,
 ) -> Duration {
-    let (told, elapsed) = mpsc::channel();
+    let (sender, elapsed) = mpsc::channel();
     let mut system = System::new("bench");
     let step = make(&system);
     let main = system
@@ -66,7 +67,7 @@ fn in_process<T: Tunable + Sync, S: Fn(&Parameter<T>) + Send + 'static>(
         parameter: None,
         steps,
         step,
-        told,
+        elapsed: sender,
     };
     main.process("timed")
         .spawn(timed)
@@ -104,13 +105,13 @@ fn main() {
                 let value = Arc::new(AtomicU64::new(1));
                 beside(steps, || black_box(&value).load(Ordering::Relaxed))
             }),
-            case(READ, "std::sync::Mutex, nobody else", |steps| {
+            case(READ, "std::sync::Mutex, uncontended", |steps| {
                 let value = Mutex::new(1);
-                beside(steps, || *value.lock().expect("nobody panics"))
+                beside(steps, || *value.lock().expect("no holder panics"))
             }),
-            case(READ, "std::sync::RwLock, nobody else", |steps| {
+            case(READ, "std::sync::RwLock, uncontended", |steps| {
                 let value = RwLock::new(1);
-                beside(steps, || *value.read().expect("nobody panics"))
+                beside(steps, || *value.read().expect("no holder panics"))
             }),
             case(TAKE, "LUNA, there is none", |steps| {
                 in_process(steps, 1.0, |_| {

@@ -1,8 +1,10 @@
-//! `rendezvous`: a producer sends numbers to a consumer, or back and forth; on one core and on two; processes of executors, OS threads, and one of each.
+//! `rendezvous`: a producer sends numbers to a consumer, or back and forth; on one core and on two;
+//! processes of executors, OS threads, and one of each.
 //!
-//! On two cores each process has an executor and a thread of its own, pinned. *Asleep*: a side that waits lets its core sleep, so what is measured is the
-//! kernel's wake-up; with `/dev/cpu_dma_latency` at 0 a core does not sleep deeply. *Awake*: each executor has a process beside that always
-//! can run; or it *spins*, which is to look for its partner for a bounded time before it sleeps.
+//! On two cores each process has an executor and a thread of its own, pinned. *Asleep*: a waiting
+//! side lets its core sleep, so the kernel's wake-up is measured; with `/dev/cpu_dma_latency` at 0
+//! a core does not sleep deeply. *Awake*: each executor has a second process that can always run;
+//! or it *spins*: it polls for its partner for a bounded time before it sleeps.
 
 use std::{
     future::Future,
@@ -97,7 +99,8 @@ fn alone<E: Executor, T: Send + 'static>(
     executor.block_on(process)
 }
 
-/// Runs one process on an executor that has another one to run all the time, until it is `over` on either side.
+/// Runs one process on an executor with a second one that is always running, until it is `over` on
+/// either side.
 fn beside_busy<E: Executor, T: Send + 'static>(
     core: CoreId,
     process: impl Future<Output = T> + Send + 'static,

@@ -1,9 +1,10 @@
-//! `ring`: a number goes round a ring of processes on one core, each of which counts it up.
+//! `ring`: a number goes round a ring of processes on one core, each of which increments it.
 //!
-//! A hop is a rendezvous and a switch; what grows with the ring is the memory that a lap goes through. *Ordered* rings are spawned in the order in which
-//! the number passes, so that neighbours are neighbours in memory too; *shuffled* ones in random order.
+//! A hop is a rendezvous and a switch; the memory that a lap accesses grows with the ring.
+//! *Ordered* rings are spawned in the order in which the number passes, so that neighbours are
+//! adjacent in memory too; *shuffled* ones in random order.
 //!
-//! Large rings have a process of the operating system for each block, which does not take them down.
+//! Large rings have an operating-system process for each block, which ends without freeing them.
 
 use std::time::Duration;
 
@@ -89,7 +90,8 @@ fn case<E: Executor, C: Channel>(name: &'static str, peer: &'static str, size: u
     let block = move |hops| ring::<E, C>(size, shuffled, hops);
     let case = Case::new(name, peer, UNIT, block).size(size);
     if size >= LARGE {
-        // Building the ring takes longer than some laps: so few that they take some tens of milliseconds, and fewer blocks.
+        // Building the ring takes longer than some laps: only as many laps as take some tens of
+        // milliseconds, and fewer blocks.
         case.exactly(size.max(1_000_000)).blocks(3).apart()
     } else {
         case.at_least(size)

@@ -1,7 +1,8 @@
-//! `spawn`: a process starts another one, which does nothing, and waits for its end; one after the other, on one core.
+//! `spawn`: a process starts another one, which does nothing, and waits for its end; one after the
+//! other, on one core.
 //!
-//! LUNA has two ways: a process of the system, with a priority and a place in the report, which shares its name with others or has one of its own; and a branch of a
-//! parallel construct, which is what occam's `PAR` does.
+//! LUNA has two ways: a process of the system, with a priority and a place in the report, with a
+//! shared name or one of its own; and a branch of a parallel construct, as with occam's `PAR`.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +19,7 @@ use luna_benches::{
 const NAME: &str = "spawn and join";
 const UNIT: &str = "ns/process";
 
-/// Times so many of `operation`, after a warm-up.
+/// Times this many calls of `operation`, after a warm-up.
 async fn timed(operations: u64, mut operation: impl AsyncFnMut(u64)) -> Duration {
     let warm_up = warm_up(operations);
     for number in 0..warm_up {
@@ -61,7 +62,7 @@ fn luna(processes: u64) -> Duration {
     })
 }
 
-/// Its name is made up, and its handle asked for by its number.
+/// Its name is generated, and its handle is found by its number.
 fn luna_with_name(processes: u64) -> Duration {
     luna_by(processes, async |executor, number| {
         let child = executor.process(&format!("child {number}"));
@@ -88,7 +89,7 @@ fn luna_par(branches: u64) -> Duration {
     })
 }
 
-/// A collection of branches, whose memory is one allocation.
+/// A collection of branches in one allocation.
 fn luna_par_for(branches: u64) -> Duration {
     const AT_ONCE: u64 = 1_000;
     let core = one_core();
@@ -120,7 +121,8 @@ fn tokio(processes: u64) -> Duration {
     })
 }
 
-/// Its `LocalExecutor` cannot be reached from a process, so the parent is what it blocks on.
+/// Its `LocalExecutor` cannot be reached from a process, so the parent is the future that it blocks
+/// on.
 fn smol(processes: u64) -> Duration {
     let core = one_core();
     on_core(core, || {

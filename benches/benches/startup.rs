@@ -1,7 +1,8 @@
-//! `startup`: from nothing to a system whose processes all run, on one core.
+//! `startup`: from nothing to a system with all processes running, on one core.
 //!
-//! For LUNA that is: the system is described, its thread is made, every process' `pre_run` has run, all are released, and each body has begun. For the
-//! peers, who have no such phases: all are spawned, and each has begun.
+//! For LUNA that is: the system is described, its thread is created, every process' `pre_run` has
+//! run, all are released, and each body has begun. The peers have no such phases: all are spawned,
+//! and each has begun.
 
 use std::{
     sync::{
@@ -37,7 +38,7 @@ struct Prepared {
     prepared: Arc<AtomicU64>,
     begun: Arc<AtomicU64>,
     size: u64,
-    /// The last one tells when it began.
+    /// The last process sends the time when it began.
     all: mpsc::Sender<Instant>,
 }
 
@@ -49,7 +50,7 @@ impl Process for Prepared {
 
     async fn run(&mut self) -> luna::Result<()> {
         let prepared = self.prepared.load(Ordering::Relaxed);
-        assert_eq!(prepared, self.size, "somebody is not prepared");
+        assert_eq!(prepared, self.size, "a process is not prepared");
         if self.begun.fetch_add(1, Ordering::Relaxed) + 1 == self.size {
             self.all.send(Instant::now()).map_err(luna::Error::other)?;
         }
@@ -74,7 +75,7 @@ fn luna(size: u64) -> Duration {
             spawned.expect("the names differ");
         }
         luna.block_on(async {});
-        ready.recv().expect("the last has told") - start
+        ready.recv().expect("the last process has begun") - start
     })
 }
 
@@ -100,7 +101,7 @@ fn peer<E: Executor>(size: u64) -> Duration {
             }
         }
         executor.block_on(last.expect("there is one at least"));
-        ready.recv().expect("the last has told") - start
+        ready.recv().expect("the last process has begun") - start
     })
 }
 

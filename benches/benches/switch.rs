@@ -1,4 +1,5 @@
-//! `switch`: two processes on one core yield to each other, and do nothing else. And one alone that wakes itself, and runs.
+//! `switch`: two processes on one core only yield to each other; and one process wakes itself, and
+//! runs.
 
 use std::{
     future::{Future, poll_fn},
@@ -40,28 +41,28 @@ fn switch<E: Executor, Y: Future + Send + 'static>(
     })
 }
 
-/// Two threads under the policy of the caller. The kernel may let a thread that yields run on, so a thread yields until
-/// it was switched away and back: the figure is per switch obtained.
+/// Two threads under the caller's policy. The kernel may let a thread that yields continue, so a
+/// thread yields until it was switched away and back: the figure is per actual switch.
 fn switch_threads(switches: u64) -> Duration {
     /// Returns when `turns` turns were had.
-    fn take_turns(whose: &AtomicUsize, me: usize, turns: u64) {
+    fn take_turns(turn: &AtomicUsize, me: usize, turns: u64) {
         for _ in 0..turns {
-            while whose.load(Ordering::Acquire) != me {
+            while turn.load(Ordering::Acquire) != me {
                 thread::yield_now();
             }
-            whose.store(1 - me, Ordering::Release);
+            turn.store(1 - me, Ordering::Release);
         }
     }
 
     on_core(one_core(), || {
-        let whose = AtomicUsize::new(0);
+        let turn = AtomicUsize::new(0);
         let turns = switches / 2 + 1;
         let warm_up = turns / 16 + 1;
         thread::scope(|scope| {
-            scope.spawn(|| take_turns(&whose, 1, warm_up + turns));
-            take_turns(&whose, 0, warm_up);
+            scope.spawn(|| take_turns(&turn, 1, warm_up + turns));
+            take_turns(&turn, 0, warm_up);
             let start = Instant::now();
-            take_turns(&whose, 0, turns);
+            take_turns(&turn, 0, turns);
             start.elapsed()
         })
     })
@@ -89,7 +90,7 @@ fn alone<E: Executor, Y: Future + Send + 'static>(
     })
 }
 
-/// Wakes the process that it is polled in, by its waker; done when it is polled again.
+/// Wakes the process in which it is polled, by its waker; done when it is polled again.
 fn self_wake() -> impl Future<Output = ()> + Send {
     let mut woken = false;
     poll_fn(move |context| {

@@ -1,4 +1,5 @@
-//! `timers`: what it takes to set a timer and to take it back while others wait, and to wake many processes whose time has come at once; on one core.
+//! `timers`: the cost of setting a timer and cancelling it while others are pending, and of waking
+//! many processes at the same time; on one core.
 
 use std::{
     future::Future,
@@ -42,7 +43,7 @@ fn expiring() -> &'static [u64] {
     }
 }
 
-/// tokio's current-thread runtime with its timers, which the other benches do without.
+/// tokio's current-thread runtime with its timers, which the other benches leave out.
 #[derive(Debug)]
 struct TokioTimed(runtime::Runtime);
 
@@ -108,7 +109,7 @@ impl Timers for TokioTimed {
 /// Longer than any block.
 const FAR: Duration = Duration::from_secs(3_600);
 
-/// tokio lets a process act so often before it must let others run; half of that.
+/// tokio limits a process' operations between yields; half of that.
 const BETWEEN_YIELDS: u64 = 64;
 
 fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
@@ -117,7 +118,8 @@ fn set_and_taken_back<E: Timers>(others: u64, operations: u64) -> Duration {
         let executor = E::new(core);
         let (listed, over): (Arc<AtomicBool>, Arc<AtomicBool>) = Default::default();
         let (lists, holds) = (listed.clone(), over.clone());
-        // One process has all the others, so that it is the queue that is measured; in no order of time.
+        // One process has all the others, so that only the queue is measured; in random order of
+        // time.
         let holder = executor.spawn(async move {
             let far = E::from_now(FAR);
             let mut timers = Vec::new();
@@ -177,8 +179,9 @@ fn amidst<M>(from_now: impl Fn(Duration) -> M) -> Vec<M> {
     deadlines.collect()
 }
 
-/// From when the first process runs until the last one has, divided by those between: the wake-up from sleep, which comes before, is another bench's. With the clock
-/// that each process reads, and a lock.
+/// From the first process' run to the last one's, divided by the number between; the wake-up from
+/// sleep, which comes before, has another bench. Includes reading the clock in each process, and a
+/// lock.
 fn expired<E: Timers>(size: u64) -> f64 {
     let core = one_core();
     on_core(core, || {
@@ -218,19 +221,21 @@ fn expired<E: Timers>(size: u64) -> f64 {
     })
 }
 
-/// Who has been woken.
+/// The processes that were woken.
 #[derive(Debug)]
 struct Woken<M> {
     first: Option<M>,
     last: Option<M>,
 }
 
-/// A system with a timer manager, which has so many callbacks of an hour from now on.
+/// A system with a timer manager that has this many callbacks, due in an hour.
 fn managed(others: u64) -> (luna::System, luna::TimerManager, Vec<luna::TimerCallback>) {
     let mut system = luna::System::new("bench");
     let most = usize::try_from(others).expect("they fit in memory") + 1;
     system.timers(luna::Timers::Manager).max_timers(most);
-    let manager = system.timer_manager().expect("it was just asked for");
+    let manager = system
+        .timer_manager()
+        .expect("the system was built with one");
     let now = luna::now();
     let others = (0..others).map(|other| {
         let callback = manager.callback("other", |_| ()).expect("there is room");
@@ -270,7 +275,8 @@ fn callback_set_and_cancelled(others: u64, operations: u64) -> Duration {
     *taken.get().expect("the process has ended")
 }
 
-/// The same with the timer manager's callbacks: with the clock that each reads, and that the manager reads around each.
+/// The same with the timer manager's callbacks, including the clock read by each, and by the
+/// manager around each.
 fn callbacks_expired(size: u64) -> f64 {
     let (mut system, manager, _) = managed(0);
     system.max_timers(usize::try_from(size).expect("they fit in memory"));

@@ -1,6 +1,7 @@
-//! The peers' channels behind one pair of names.
+//! The peers' channels behind one pair of traits.
 //!
-//! The methods hand the peer's own future through, so that nothing stands between a process and its channel.
+//! The methods return the peer's own future, so that nothing is added between a process and its
+//! channel.
 
 use std::future::{Future, ready};
 
@@ -11,13 +12,14 @@ pub trait Channel: 'static {
     /// The end that is read from.
     type Receiver: Receiving + Send + 'static;
 
-    /// Makes a channel with the smallest buffer that there is: none if it can be.
+    /// Creates a channel with the smallest possible buffer, 0 if it can be.
     fn new_pair() -> (Self::Sender, Self::Receiver);
 
     /// Makes a channel with room for `capacity` values.
     fn buffered(capacity: usize) -> (Self::Sender, Self::Receiver);
 
-    /// Tells a channel that its ends go to different executors, each of which would think that it waits for nobody.
+    /// Prepares a channel whose ends go to different executors, each of which would otherwise
+    /// report a deadlock.
     fn between_executors(ends: (Self::Sender, Self::Receiver)) -> (Self::Sender, Self::Receiver) {
         ends
     }
@@ -25,17 +27,17 @@ pub trait Channel: 'static {
 
 /// The end of a channel that is written to.
 pub trait Sending {
-    /// Ends with an error when nobody will receive any more.
+    /// Fails when the receivers are gone.
     fn send(&mut self, value: u64) -> impl Future<Output = Result<(), impl Sized>> + Send;
 }
 
 /// The end of a channel that is read from.
 pub trait Receiving {
-    /// Ends without a value when nobody will send any more.
+    /// Returns no value when the senders are gone.
     fn recv(&mut self) -> impl Future<Output = impl Received> + Send;
 }
 
-/// What a peer answers to a receiver: some give an `Option`, some a `Result`.
+/// The result of a peer's receive: an `Option` or a `Result`.
 pub trait Received {
     /// The value, if there was one.
     fn value(self) -> Option<u64>;
@@ -53,7 +55,7 @@ impl<E> Received for Result<u64, E> {
     }
 }
 
-/// tokio's `mpsc` with its smallest buffer: no rendezvous, for there is one place in it.
+/// tokio's `mpsc` with its smallest buffer: no rendezvous, since it has one slot.
 #[derive(Debug)]
 pub struct TokioMpsc;
 
@@ -82,7 +84,7 @@ impl Receiving for tokio::sync::mpsc::Receiver<u64> {
     }
 }
 
-/// async-channel with its smallest buffer: no rendezvous, for there is one place in it.
+/// async-channel with its smallest buffer: no rendezvous, since it has one slot.
 #[derive(Debug)]
 pub struct AsyncChannel;
 
@@ -169,8 +171,8 @@ impl Receiving for kanal::AsyncReceiver<u64> {
     }
 }
 
-// The channels below block the thread: their operation has ended before its future is returned. They go with the
-// executor `Threads` alone.
+// The channels below block the thread: the operation is complete before its future is returned.
+// They are for the executor `Threads` only.
 
 /// kanal's rendezvous for threads; it spins before it sleeps.
 #[derive(Debug)]

@@ -1,20 +1,17 @@
-//! Where what is measured runs: threads that are pinned.
+//! Pinned threads for the measurements.
 
 use std::{panic, thread};
 
 use core_affinity::CoreId;
 
-/// The cores that this process may use: all, or those that `taskset` left.
+/// The cores that this process may use: all, or those set by `taskset`.
 ///
 /// # Panics
 ///
-/// When the system does not tell.
+/// The system does not list its cores.
 pub fn cores() -> Vec<CoreId> {
     let cores = core_affinity::get_core_ids().unwrap_or_default();
-    assert!(
-        !cores.is_empty(),
-        "the system does not tell which cores there are"
-    );
+    assert!(!cores.is_empty(), "the system does not list its cores");
     cores
 }
 
@@ -27,7 +24,7 @@ pub fn one_core() -> CoreId {
     cores()[0]
 }
 
-/// The cores for a scenario on two: the first two, or nothing where there is one only.
+/// The cores for a scenario on two: the first two, or none if there is only one.
 ///
 /// # Panics
 ///
@@ -36,11 +33,12 @@ pub fn two_cores() -> Option<[CoreId; 2]> {
     cores().first_chunk().copied()
 }
 
-/// Runs `work` on a thread of its own that is pinned to `core`, as are the threads that `work` starts.
+/// Runs `work` on a thread of its own that is pinned to `core`, as are the threads that `work`
+/// starts.
 ///
 /// # Panics
 ///
-/// When the thread cannot be pinned, or `work` panics.
+/// The thread cannot be pinned, or `work` panics.
 pub fn on_core<T: Send>(core: CoreId, work: impl FnOnce() -> T + Send) -> T {
     thread::scope(|scope| join(scope.spawn(|| pinned(core, work))))
 }
@@ -49,7 +47,7 @@ pub fn on_core<T: Send>(core: CoreId, work: impl FnOnce() -> T + Send) -> T {
 ///
 /// # Panics
 ///
-/// When a thread cannot be pinned, or one of the two panics.
+/// A thread cannot be pinned, or one of the two panics.
 pub fn on_cores<T: Send>(
     cores: [CoreId; 2],
     first: impl FnOnce() + Send,

@@ -1,4 +1,5 @@
-//! The peers' executors behind one name. Each keeps its processes on the thread, or at least on the core, of its caller.
+//! The peers' executors behind one trait. Each keeps its processes on the thread, or at least on
+//! the core, of its caller.
 
 use std::{cell::RefCell, future::Future, thread};
 
@@ -11,16 +12,16 @@ pub trait Executor: 'static {
     /// Makes an executor for `core`, to which the calling thread is pinned.
     fn new(core: CoreId) -> Self;
 
-    /// Starts a process; the future ends with its result, and panics if the process did.
+    /// Starts a process; the future returns its result, and panics if the process did.
     ///
-    /// What is measured belongs in a process: the future given to [`block_on`](Executor::block_on) takes a slower way
-    /// through some executors.
+    /// Put the measured work in a process: the future given to [`block_on`](Executor::block_on)
+    /// takes a slower path in some executors.
     fn spawn<T: Send + 'static>(
         &self,
         process: impl Future<Output = T> + Send + 'static,
     ) -> impl Future<Output = T>;
 
-    /// Starts a process whose end nobody waits for. It ends by itself, or with the executor.
+    /// Starts a detached process. It ends by itself, or with the executor.
     fn start(&self, process: impl Future<Output = ()> + Send + 'static);
 
     /// Lets the others run.
@@ -41,9 +42,10 @@ pub struct Tokio {
 }
 
 fn tokio_runtime() -> runtime::Runtime {
-    // No driver for timers or files: an idle runtime parks on a condition variable, its fastest.
+    // No driver for timers or files: an idle runtime parks on a condition variable, which is its
+    // fastest way.
     let runtime = runtime::Builder::new_current_thread().build();
-    runtime.expect("without drivers the runtime asks nothing of the system")
+    runtime.expect("a runtime without drivers needs no system resources")
 }
 
 impl Executor for Tokio {
@@ -133,7 +135,8 @@ impl Executor for Smol {
     }
 }
 
-/// An operating-system thread for each process; on Linux it inherits the core of the thread that spawns.
+/// An operating-system thread for each process; on Linux it inherits the core of the spawning
+/// thread.
 #[derive(Debug, Default)]
 pub struct Threads {
     started: RefCell<Vec<thread::JoinHandle<()>>>,

@@ -1,6 +1,8 @@
-//! Peers of other languages: programs of ours in `benches/peers`, compiled and run where their compiler is installed.
+//! Peers in other languages: our programs in `benches/peers`, compiled and run where their compiler
+//! is installed.
 //!
-//! A program is started for each block, as `PROGRAM SCENARIO OPERATIONS [SIZE]`; it warms up, and prints one figure.
+//! A program is started for each block, as `PROGRAM SCENARIO OPERATIONS [SIZE]`; it warms up, and
+//! prints one figure.
 
 use std::{
     fs,
@@ -61,7 +63,8 @@ const PEERS: [Peer; 2] = [
     },
 ];
 
-/// Runtimes that one would like to see beside LUNA, and for which there is no program here; with the file by which they are known.
+/// Runtimes without a program here that would be worth comparing; with the file by which they are
+/// found.
 const NO_PROGRAM: [(&str, &str); 2] = [("KRoC", "kroc"), ("libdill", "libdill.h")];
 
 /// Where libraries have their headers.
@@ -140,7 +143,7 @@ pub fn found_and_missing() -> String {
     parts.join(", ")
 }
 
-/// The cases of scenario `name` with the peers whose programs know it as `scenario`, each on one core.
+/// The cases of scenario `name` for the peers with programs for `scenario`, each on one core.
 pub fn cases(
     name: &'static str,
     unit: &'static str,
@@ -165,7 +168,7 @@ pub fn cases(
         .collect()
 }
 
-/// As [`cases`], of a scenario that gives a figure.
+/// As [`cases`], for a scenario that returns a figure.
 pub fn figures(
     name: &'static str,
     unit: &'static str,

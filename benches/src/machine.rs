@@ -13,13 +13,14 @@ const PEERS: [&str; 7] = [
     "tokio",
 ];
 
-/// The lines above a table: machine, kernel, scheduling policy, compiler, commit, peers' versions, and which other languages are there.
+/// The lines above a table: machine, kernel, scheduling policy, compiler, commit, peers' versions,
+/// and the other languages installed.
 pub fn head() -> String {
     let lines = facts().map(|(key, value)| format!("{key:<9} {value}"));
     lines.join("\n")
 }
 
-/// What [`head`] tells, by keys.
+/// The facts of [`head`], by keys.
 pub fn facts() -> [(&'static str, String); 7] {
     [
         ("machine", machine()),
@@ -32,12 +33,13 @@ pub fn facts() -> [(&'static str, String); 7] {
     ]
 }
 
-/// CPU time that a virtual machine's host gave to others since the start of the machine.
+/// CPU time that a virtual machine's host gave to others since the machine's start.
 pub fn stolen() -> Option<Duration> {
     stolen_in(&fs::read_to_string("/proc/stat").ok()?)
 }
 
-/// The first line is `cpu user nice system idle iowait irq softirq steal …`, in hundredths of a second.
+/// The first line is `cpu user nice system idle iowait irq softirq steal …`, in hundredths of a
+/// second.
 fn stolen_in(stat: &str) -> Option<Duration> {
     let ticks: u64 = stat.split_whitespace().nth(8)?.parse().ok()?;
     Some(Duration::from_millis(10 * ticks))
@@ -85,7 +87,8 @@ fn policy() -> String {
     policy_in(&stat).unwrap_or("unknown").to_owned()
 }
 
-/// Fields are counted from behind the name, which may contain anything; the policy is the 41st of the whole line.
+/// Fields are counted from behind the name, which may contain anything; the policy is the 41st of
+/// the whole line.
 fn policy_in(stat: &str) -> Option<&'static str> {
     let (_, fields) = stat.rsplit_once(") ")?;
     Some(match fields.split_whitespace().nth(38)? {

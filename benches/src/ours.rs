@@ -1,4 +1,5 @@
-//! LUNA behind the names that its peers are measured by: a system with one executor, and named, prioritized processes.
+//! LUNA behind the traits that its peers implement: a system with one executor, and named,
+//! prioritized processes.
 
 use crate::channels::{Channel, Received, Receiving, Sending};
 use crate::executors::Executor;
@@ -30,7 +31,8 @@ impl Channel for LunaChannel {
     fn between_executors(
         (output, input): (Self::Sender, Self::Receiver),
     ) -> (Self::Sender, Self::Receiver) {
-        // Each executor has a system of its own, which else takes the other end's silence for a deadlock.
+        // Each executor has a system of its own, which would otherwise take the other end's silence
+        // for a deadlock.
         (output.external(), input.external())
     }
 }
@@ -47,13 +49,13 @@ impl Receiving for luna::Receiver<u64> {
     }
 }
 
-/// A system with one executor on the bench's core, without a real-time policy: what its peers have too.
+/// A system with one executor on the bench's core, without a real-time policy, like its peers.
 pub type Luna = LunaSystem<true>;
 
 /// The same without room for the statistics of periodic loops, which is 12 MB by default.
 pub type LunaWithoutLoops = LunaSystem<false>;
 
-/// As [`Luna`], with an executor that looks for work for a while before it sleeps.
+/// As [`Luna`], with an executor that polls for work for a while before it sleeps.
 pub type LunaThatSpins = LunaSystem<true, true>;
 
 /// How long they look: longer than a partner that is awake takes.
@@ -73,7 +75,7 @@ impl<const LOOPS: bool, const SPINS: bool> LunaSystem<LOOPS, SPINS> {
         &self.executor
     }
 
-    /// The system, to ask more of it before it runs, or for its report.
+    /// The system, to configure it before it runs, or for its report.
     pub fn system(&self) -> RefMut<'_, System> {
         self.system.borrow_mut()
     }
@@ -124,7 +126,7 @@ impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS>
 /// A system of OS-thread processes on the bench's core, without a real-time policy.
 pub type LunaThreads = LunaThreadSystem<false>;
 
-/// As [`LunaThreads`], with threads that look for a wake for a while before they sleep.
+/// As [`LunaThreads`], with threads that poll for a wake-up for a while before they sleep.
 pub type LunaThreadsThatSpin = LunaThreadSystem<true>;
 
 /// See [`LunaThreads`] and [`LunaThreadsThatSpin`].
@@ -201,8 +203,8 @@ fn start_as(builder: ProcessBuilder, process: impl Future<Output = ()> + Send + 
     builder.spawn(EndsWell(process)).expect("the names differ");
 }
 
-/// A peer's process as one of LUNA's, which says how it ends. Not an async block around it: that has room for the process twice, for what it is made with and for what it waits
-/// for.
+/// A peer's process as one of LUNA's, with a result. Not an async block around it: that would hold
+/// the process twice, as its argument and while it waits for it.
 struct EndsWell<F>(F);
 
 impl<F: Future<Output = ()>> Future for EndsWell<F> {

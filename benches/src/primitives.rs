@@ -1,6 +1,8 @@
-//! What the machine itself takes: bare loops and system calls, in the same rounds as what is built on them.
+//! The costs of the machine itself: bare loops and system calls, in the same rounds as the cases
+//! built on them.
 //!
-//! The goals are figures of a reference machine; how many primitives of this machine something takes says more than its nanoseconds.
+//! The goals are figures of a reference machine; a multiple of this machine's primitives is more
+//! meaningful than nanoseconds.
 
 use std::{
     collections::VecDeque,
@@ -21,7 +23,7 @@ use crate::{
     harness::Case,
 };
 
-/// The scenario of the primitives that figures of one core are set against.
+/// The scenario of primitives for comparison with figures of one core.
 pub const PRIMITIVES: &str = "primitives, one core";
 
 /// The peer name of [`spin`].
@@ -38,7 +40,8 @@ pub fn one_core_cases() -> Vec<Case> {
     ]
 }
 
-/// Two futures that do nothing but count, polled in turn through a queue: what no executor of boxed futures can go below.
+/// Two futures that only count, polled in turn through a queue: the lower limit for an executor of
+/// boxed futures.
 fn poll_through_queue(polls: u64) -> Duration {
     fn counting(count: &AtomicU64) -> Pin<Box<dyn Future<Output = ()> + '_>> {
         Box::pin(poll_fn(|_| {
@@ -64,7 +67,7 @@ fn poll_through_queue(polls: u64) -> Duration {
     })
 }
 
-/// A locked read-modify-write instruction that nobody disputes.
+/// A locked read-modify-write instruction without contention.
 fn compare_and_swap(operations: u64) -> Duration {
     on_core(one_core(), || {
         let word = AtomicU64::new(0);
@@ -72,13 +75,14 @@ fn compare_and_swap(operations: u64) -> Duration {
         for number in 0..operations {
             let swapped =
                 word.compare_exchange(number, number + 1, Ordering::AcqRel, Ordering::Acquire);
-            assert!(swapped.is_ok(), "somebody else wrote it");
+            assert!(swapped.is_ok(), "another thread wrote it");
         }
         start.elapsed()
     })
 }
 
-/// Two threads that pass a word back and forth, and never sleep: how long `round_trips` took.
+/// Two threads that pass a word back and forth, and never sleep. Returns how long `round_trips`
+/// took.
 ///
 /// # Panics
 ///
@@ -94,7 +98,8 @@ pub fn spin(cores: [CoreId; 2], round_trips: u64) -> Duration {
     back_and_forth(cores, round_trips, pass)
 }
 
-/// Two threads that pass a word back and forth, and sleep in the kernel until it comes: how long `round_trips` took. The cores may be one.
+/// Two threads that pass a word back and forth, and sleep in the kernel until it comes. Returns how
+/// long `round_trips` took. The cores may be one.
 ///
 /// # Panics
 ///
@@ -111,14 +116,14 @@ pub fn futex(cores: [CoreId; 2], round_trips: u64) -> Duration {
     back_and_forth(cores, round_trips, pass)
 }
 
-/// Whose turn it is, on a line of its own.
+/// The side with the next turn, on a cache line of its own.
 #[derive(Default)]
 #[repr(align(128))]
 struct Word {
     turn: AtomicU32,
 }
 
-/// `pass(me)` waits for the turn of `me`, and gives it to the other.
+/// `pass(me)` waits for the turn of `me`, and passes it to the other.
 fn back_and_forth(cores: [CoreId; 2], round_trips: u64, pass: impl Fn(u32) + Sync) -> Duration {
     let warm_up = round_trips / 16 + 1;
     on_cores(
@@ -134,8 +139,9 @@ fn back_and_forth(cores: [CoreId; 2], round_trips: u64, pass: impl Fn(u32) + Syn
 }
 
 fn futex_call(word: &AtomicU32, operation: libc::c_int, value: u32) {
-    // SAFETY: the word is alive, and both operations read the first four arguments alone: a null pointer is no timeout. A wait that fails
-    // (the word has changed, a signal) returns, and its caller looks again.
+    // SAFETY: the word is alive, and both operations read only the first four arguments: a null
+    // pointer means no timeout. A wait that fails (the word has changed, a signal) returns, and its
+    // caller checks again.
     unsafe {
         libc::syscall(
             libc::SYS_futex,

@@ -1,7 +1,7 @@
-//! The processes that are measured, each written once for all peers.
+//! The measured processes, each written once for all peers.
 //!
-//! A network comes down by itself: whoever has measured enough drops its channel ends, and every process ends when an
-//! end that it uses has no partner any more.
+//! A network ends by itself: the process that has measured enough drops its channel ends, and every
+//! process ends when an end that it uses has no partner any more.
 
 use std::{
     future::Future,
@@ -16,12 +16,12 @@ use futures_lite::future;
 
 use crate::channels::{Received, Receiving, Sending};
 
-/// Operations before the clock starts: caches and branch predictors are the network's by then.
+/// Operations before the clock starts, to warm up caches and branch predictors.
 pub fn warm_up(operations: u64) -> u64 {
     operations / 16 + 1
 }
 
-/// Sends the numbers from zero until nobody listens.
+/// Sends the numbers from zero until the receivers are gone.
 pub async fn producer(mut output: impl Sending) {
     for number in 0.. {
         if output.send(number).await.is_err() {
@@ -30,11 +30,12 @@ pub async fn producer(mut output: impl Sending) {
     }
 }
 
-/// Receives the numbers from zero, in sequence, and says how long the last `operations` of them took.
+/// Receives the numbers from zero, in sequence, and returns how long the last `operations` of them
+/// took.
 ///
 /// # Panics
 ///
-/// When a number is missing or wrong.
+/// A number is missing or wrong.
 pub async fn consumer(mut input: impl Receiving, operations: u64) -> Duration {
     let warm_up = warm_up(operations);
     let mut start = Instant::now();
@@ -95,11 +96,12 @@ pub async fn successor(mut input: impl Receiving, mut output: impl Sending) {
     }
 }
 
-/// Sends a number and waits for it to come back; says how long the last `operations` round trips took.
+/// Sends a number and waits for it to come back. Returns how long the last `operations` round trips
+/// took.
 ///
 /// # Panics
 ///
-/// When another number comes back.
+/// Another number comes back.
 pub async fn ping(
     mut output: impl Sending,
     mut input: impl Receiving,
@@ -130,13 +132,14 @@ pub async fn pong(mut input: impl Receiving, mut output: impl Sending) {
     }
 }
 
-/// One of two processes that yield to each other: says how long `switches` switches took, half of them its own.
+/// One of two processes that yield to each other. Returns how long `switches` switches took, half
+/// of them its own.
 ///
 /// `mine` and `other` count how often the two processes yielded.
 ///
 /// # Panics
 ///
-/// When the two did not take turns.
+/// The two did not take turns.
 pub async fn yielding<Y: Future>(
     yield_now: impl Fn() -> Y,
     mine: Arc<AtomicU64>,
@@ -148,7 +151,7 @@ pub async fn yielding<Y: Future>(
     let mut start = Instant::now();
     let mut other_at_start = 0;
     for turn in 0..=warm_up + turns {
-        // Nobody reads the count but the other process, after it has run in turn.
+        // Only the other process reads the count, after it has run in turn.
         mine.store(turn, Ordering::Relaxed);
         yield_now().await;
         if turn == warm_up {
@@ -165,18 +168,19 @@ pub async fn yielding<Y: Future>(
     elapsed
 }
 
-/// Lets others run until it is told to end: an executor with such a process never sleeps.
+/// Yields until `over`: an executor with such a process never sleeps.
 pub async fn busy<Y: Future>(yield_now: impl Fn() -> Y, over: Arc<AtomicBool>) {
     while !over.load(Ordering::Relaxed) {
         yield_now().await;
     }
 }
 
-/// Receives so many numbers, whichever they are; says how long the last `operations` of them took, since `warm_up(operations)` were there.
+/// Receives any numbers. Returns how long the last `operations` of them took, after the first
+/// `warm_up(operations)`.
 ///
 /// # Panics
 ///
-/// When nobody sends any more.
+/// The senders are gone.
 pub async fn counter(mut input: impl Receiving, operations: u64) -> Duration {
     for _ in 0..warm_up(operations) {
         assert!(input.recv().await.value().is_some(), "too few came");
@@ -188,34 +192,35 @@ pub async fn counter(mut input: impl Receiving, operations: u64) -> Duration {
     start.elapsed()
 }
 
-/// Takes what comes until nobody sends.
+/// Receives until the senders are gone.
 pub async fn sink(mut input: impl Receiving) {
     while input.recv().await.value().is_some() {}
 }
 
-/// Sends so many numbers; says how long the last `operations` of them took.
+/// Sends numbers. Returns how long the last `operations` of them took.
 ///
 /// # Panics
 ///
-/// When nobody receives any more.
+/// The receivers are gone.
 pub async fn source(mut output: impl Sending, operations: u64) -> Duration {
     for number in 0..warm_up(operations) {
-        assert!(output.send(number).await.is_ok(), "nobody listens");
+        assert!(output.send(number).await.is_ok(), "the receivers are gone");
     }
     let start = Instant::now();
     for number in 0..operations {
-        assert!(output.send(number).await.is_ok(), "nobody listens");
+        assert!(output.send(number).await.is_ok(), "the receivers are gone");
     }
     start.elapsed()
 }
 
-/// The process that a ring begins and ends with: sends a number round `laps` times, after one lap to warm up, and says how long that took.
+/// The process that a ring begins and ends with: sends a number round `laps` times, after one lap
+/// to warm up, and returns how long that took.
 ///
 /// The others are [`successor`]s, `others` of them.
 ///
 /// # Panics
 ///
-/// When a number was not counted up by all the others.
+/// A number was not incremented by all the others.
 pub async fn ring_head(
     mut output: impl Sending,
     mut input: impl Receiving,
@@ -228,7 +233,7 @@ pub async fn ring_head(
         assert_eq!(
             input.recv().await.value(),
             Some(lap + others),
-            "somebody was left out"
+            "a process was left out"
         );
         if lap == 0 {
             start = Instant::now();

@@ -1,22 +1,32 @@
-//! Controllers that a tool has generated as C, as processes of LUNA.
+//! Controllers generated as C by a tool, as processes of LUNA.
 //!
-//! 20-sim, Simulink and others write a sub-model as C: a function that initializes it and one that computes a step, over arrays of inputs `u`, outputs `y`, states
-//! `x` and parameters `p`, at a time `t`. A [`Submodel`] owns the arrays, calls the functions, and looks at what comes out; a [`SubmodelProcess`] does so
-//! between channels. The C is compiled by the build script of the program that uses it (the `cc` crate): `external-code/example` is such a program.
+//! 20-sim, Simulink and others write a sub-model as C: a function that initializes it and one that
+//! computes a step, over arrays of inputs `u`, outputs `y`, states `x` and parameters `p`, at a
+//! time `t`. A [`Submodel`] owns the arrays, calls the functions, and checks the outputs; a
+//! [`SubmodelProcess`] does so between channels. The C is compiled by the build script of the
+//! program that uses it (the `cc` crate): see `external-code/example`.
 //!
-//! What is generated with its arrays as globals (a function of `u`, `y` and `t` alone, or of nothing) gets two functions of this form around it, in C, that copy. It
-//! then exists once: make one `Submodel` of it.
+//! Code with its arrays as globals (a function of `u`, `y` and `t` alone, or without arguments)
+//! needs two wrapper functions of this form in C, which copy. It exists only once, so create one
+//! `Submodel` of it.
 //!
 //! ```
 //! use luna_external_code::Submodel;
 //!
-//! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t), and sum_step likewise.
-//! unsafe extern "C" fn sum_initialize(_u: *const f64, _y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // Sound: the caller gives one state and one parameter.
+//! // In C: void sum_initialize(const double *u, double *y, double *x, double *p, double t),
+//! // and sum_step likewise.
+//! unsafe extern "C" fn sum_initialize(
+//!     _u: *const f64,
+//!     _y: *mut f64,
+//!     x: *mut f64,
+//!     p: *mut f64,
+//!     _t: f64,
+//! ) {
+//!     // Sound: the caller passes one state and one parameter.
 //!     unsafe { (*x, *p) = (0.0, 2.0) }
 //! }
 //! unsafe extern "C" fn sum_step(u: *const f64, y: *mut f64, x: *mut f64, p: *mut f64, _t: f64) {
-//!     // Sound: the caller gives two inputs, one output, one state and one parameter.
+//!     // Sound: the caller passes two inputs, one output, one state and one parameter.
 //!     unsafe {
 //!         *x += *u + *u.add(1);
 //!         *y = *p * *x;
@@ -36,32 +46,19 @@ mod process;
 
 pub use process::SubmodelProcess;
 
-use std::fmt;
-
 /// A generated function: inputs, outputs, states, parameters, and the time in seconds.
 pub type Function =
     unsafe extern "C" fn(u: *const f64, y: *mut f64, x: *mut f64, p: *mut f64, t: f64);
 
-/// An output of generated code is not a number, or infinite; it is not given to anybody.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// An output of generated code is not a number, or infinite. It is not passed on.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("output {output} of the generated code is {value}")]
 pub struct NotFinite {
     /// Which, from 0.
     pub output: usize,
-    /// What it is.
+    /// Its value: NaN or an infinity.
     pub value: f64,
 }
-
-impl fmt::Display for NotFinite {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "output {} of the generated code is {}",
-            self.output, self.value
-        )
-    }
-}
-
-impl std::error::Error for NotFinite {}
 
 impl From<NotFinite> for luna::Error {
     fn from(error: NotFinite) -> luna::Error {
@@ -69,9 +66,11 @@ impl From<NotFinite> for luna::Error {
     }
 }
 
-/// A generated sub-model of `U` inputs, `Y` outputs, `X` states and `P` parameters, with its arrays.
+/// A generated sub-model of `U` inputs, `Y` outputs, `X` states and `P` parameters, with its
+/// arrays.
 ///
-/// Real-time path: calling it is; O(1) apart from the generated code, no allocation. The crate's page has an example.
+/// Real-time path: its calls are; O(1) apart from the generated code, no allocation. The crate's
+/// page has an example.
 #[derive(Debug, Clone)]
 pub struct Submodel<const U: usize, const Y: usize, const X: usize, const P: usize> {
     initialize: Function,
@@ -83,12 +82,14 @@ pub struct Submodel<const U: usize, const Y: usize, const X: usize, const P: usi
 }
 
 impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U, Y, X, P> {
-    /// A sub-model of these two functions. All its arrays are 0 until it is initialized.
+    /// Creates a sub-model of these two functions. All its arrays are 0 until it is initialized.
     ///
     /// # Safety
     ///
-    /// On each call both functions may read `U` values at `u`, and read and write `Y`, `X` and `P` values at `y`, `x` and `p`: no others, and not after they
-    /// have returned. What else they use (globals) must be nobody else's, also no other sub-model's. They may be called on any thread, and return.
+    /// On each call both functions may read `U` values at `u`, and read and write `Y`, `X` and `P`
+    /// values at `y`, `x` and `p`: no others, and not after they have returned. No other code may
+    /// use their globals, also no other sub-model. They may be called on any thread, and must
+    /// return.
     pub const unsafe fn new(initialize: Function, step: Function) -> Self {
         Self {
             initialize,
@@ -100,8 +101,8 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
         }
     }
 
-    /// Initializes it at `time`, in seconds: parameters and states get their values of the model. What it puts out then is not looked at, since not every
-    /// generator computes it.
+    /// Initializes it at `time`, in seconds: parameters and states get the model's values. The
+    /// outputs are not checked, since not every generator computes them here.
     pub fn initialize(&mut self, time: f64) {
         self.call(self.initialize, time);
     }
@@ -110,7 +111,7 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
     ///
     /// # Errors
     ///
-    /// An output that is not finite. The states then are whatever the code has left.
+    /// An output is not finite. The states then are what the code has left.
     pub fn step(&mut self, inputs: [f64; U], time: f64) -> Result<[f64; Y], NotFinite> {
         self.u = inputs;
         // What the code leaves out was not computed.
@@ -130,11 +131,11 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
         &self.p
     }
 
-    /// Changes one. After [`initialize`](Self::initialize), which sets them all.
+    /// Changes a parameter. Call it after [`initialize`](Self::initialize), which sets them all.
     ///
     /// # Panics
     ///
-    /// If there is none of that number.
+    /// If there is no parameter of that number.
     #[track_caller]
     pub fn set_parameter(&mut self, number: usize, value: f64) {
         self.p[number] = value;
@@ -148,7 +149,8 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Submodel<U,
     fn call(&mut self, function: Function, time: f64) {
         let (u, y) = (self.u.as_ptr(), self.y.as_mut_ptr());
         let (x, p) = (self.x.as_mut_ptr(), self.p.as_mut_ptr());
-        // SAFETY: the arrays have the lengths that `new` was promised, they live beyond the call, and `self` is borrowed for us alone.
+        // SAFETY: by the contract of `new` the functions access only the arrays, with these
+        // lengths. The arrays live beyond the call, and `&mut self` excludes other accesses.
         unsafe { function(u, y, x, p, time) };
     }
 }
@@ -180,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_that_is_not_finite_or_not_computed_is_none() {
+    fn an_output_that_is_not_finite_or_not_computed_is_an_error() {
         let mut divides = submodel(divide);
         assert_eq!(divides.step([1.0, 4.0], 0.5), Ok([0.25, 0.5]));
         let infinite = NotFinite {
@@ -247,15 +249,15 @@ mod tests {
                 Ok(())
             })
             .unwrap();
-        let (tell, told) = mpsc::channel();
+        let (result, results) = mpsc::channel();
         system.on_emergency("look", move || {
             for outputs in [&quotients, &times] {
-                tell.send(outputs.try_recv()).unwrap();
+                result.send(outputs.try_recv()).unwrap();
             }
         });
         system.run().unwrap_err();
         assert_eq!(system.report().unwrap().end, luna::End::Emergency);
-        let seen: Vec<_> = told.try_iter().collect();
+        let seen: Vec<_> = results.try_iter().collect();
         assert_eq!(seen, [Err(TryRecvError::Poisoned); 2]);
     }
 }

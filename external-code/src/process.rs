@@ -5,11 +5,14 @@ use luna::{Process, Receiver, Result, Sender};
 use std::fmt;
 use std::time::Duration;
 
-/// A sub-model as a process: it receives one value of each input, in their order, computes a step, and sends one value of each output, in theirs.
+/// A sub-model as a process: it receives one value of each input in order, computes a step, and
+/// sends one value of each output in order.
 ///
-/// It has no clock: who writes to its inputs says when it goes on, as a periodic reader of a sensor does. The time that the code is told is 0 in the first step, and by
-/// `step` later in each. It is initialized in `pre_run`, and ends without an error when an input's writers or an output's readers are gone. An output that is not
-/// finite is sent to nobody: all outputs are poisoned, with what a buffer still holds, and an emergency is raised ([`luna::emergency`]).
+/// It has no clock: the writers of its inputs set its pace, such as a periodic reader of a sensor.
+/// The code's time is 0 in the first step, and increases by `step` in each. It is initialized in
+/// `pre_run`, and ends without an error when an input's writers or an output's readers are gone. An
+/// output that is not finite is not sent: all outputs are poisoned, including the contents of
+/// buffers, and an emergency is raised ([`luna::emergency`]).
 ///
 /// ```no_run
 /// # use luna_external_code::{Submodel, SubmodelProcess};
@@ -31,7 +34,8 @@ pub struct SubmodelProcess<const U: usize, const Y: usize, const X: usize, const
 }
 
 impl<const U: usize, const Y: usize, const X: usize, const P: usize> SubmodelProcess<U, Y, X, P> {
-    /// Of `submodel`, which computes each step as one of this length.
+    /// A process of `submodel` with these channels. The code's time increases by `step` in each
+    /// step.
     pub fn new(
         submodel: Submodel<U, Y, X, P>,
         step: Duration,
@@ -47,11 +51,11 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> SubmodelPro
         }
     }
 
-    /// With another value of a parameter than the model's.
+    /// Sets a parameter to a value other than the model's.
     ///
     /// # Panics
     ///
-    /// If there is none of that number.
+    /// If there is no parameter of that number.
     #[track_caller]
     pub fn parameter(mut self, number: usize, value: f64) -> Self {
         assert!(
@@ -88,7 +92,7 @@ impl<const U: usize, const Y: usize, const X: usize, const P: usize> Process
             let outputs = match self.submodel.step(inputs, time.as_secs_f64()) {
                 Ok(outputs) => outputs,
                 Err(error) => {
-                    // Before the emergency: nobody whom that brings to run finds a value that is left over.
+                    // Before the emergency: no process that runs for it receives an old value.
                     for output in &self.outputs {
                         output.poison();
                     }

@@ -1,4 +1,4 @@
-//! Tells the program which compiler it was built with: its figures hold for that one alone.
+//! Passes the compiler's version to the program, since its figures hold only for that compiler.
 
 use std::env;
 use std::process::Command;

@@ -1,7 +1,8 @@
-//! Which of the executed instructions are atomic read-modify-writes, and where in the source they come from.
+//! The atomic read-modify-writes among the executed instructions, and their places in the source.
 //!
-//! On x86-64 these are the instructions with a `lock` prefix, and `xchg` with memory, which needs none (a sequentially consistent store is one).
-//! `mfence`, which costs as much, is counted with them.
+//! On x86-64 these are the instructions with a `lock` prefix, and `xchg` with memory, which needs
+//! none (a sequentially consistent store is one). `mfence`, which costs as much, is counted with
+//! them.
 
 use crate::callgrind::Counted;
 use crate::profile::Place;
@@ -25,7 +26,8 @@ pub(crate) struct Atomic {
     pub(crate) times: f64,
     /// What it is called in assembler.
     pub(crate) mnemonic: String,
-    /// The functions that it is in, the innermost first, each with its file and line; without those of other crates.
+    /// The functions around it, the innermost first, each with its file and line; without those of
+    /// other crates.
     pub(crate) frames: Vec<String>,
 }
 
@@ -36,7 +38,7 @@ pub(crate) struct Objects {
 }
 
 struct File {
-    /// What is loaded, by the addresses that it has in the file's own tables.
+    /// Its loaded segments, by the addresses in its own tables.
     segments: Vec<(Range<u64>, &'static [u8])>,
     /// Its debug information, if there is any.
     lines: Option<Context<EndianSlice<'static, LittleEndian>>>,
@@ -47,7 +49,7 @@ impl Objects {
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, or that has no instruction at such an address.
+    /// A file cannot be read, or has no instruction at such an address.
     pub(crate) fn atomics(&mut self, counted: &Counted) -> Result<Vec<Atomic>, String> {
         let mut found: Vec<Atomic> = Vec::new();
         for (place, share) in &counted.places {
@@ -116,7 +118,7 @@ impl File {
         (!instruction.is_invalid()).then_some(instruction)
     }
 
-    /// The functions of this workspace around an instruction; `function` alone where there is none.
+    /// The functions of this workspace around an instruction; only `function` if there are none.
     fn frames(&self, place: &Place, function: &str) -> Vec<String> {
         let mut said = Vec::new();
         if let Some(lines) = &self.lines
@@ -149,7 +151,7 @@ impl File {
 
 fn lines(file: &object::File<'static>) -> Option<Context<EndianSlice<'static, LittleEndian>>> {
     let section = |id: SectionId| -> Result<_, Infallible> {
-        // What is compressed is left out: so is what distributions have of their libraries.
+        // Compressed sections are skipped, such as those of distributions' libraries.
         let data = file
             .section_by_name(id.name())
             .and_then(|section| section.data().ok());

@@ -8,15 +8,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// The function of the operations' program that stands before each lap and after the last.
+/// The function of the operations' program that is called before each lap and after the last.
 const MARK: &str = "luna_instructions_mark";
 
-/// The part of callgrind's output that holds the second lap. The first part is the start, the second the lap that warms up.
+/// The part of callgrind's output with the second lap. The first part is the start, the second the
+/// warm-up lap.
 const SHORT_LAP: u32 = 3;
 /// The part that holds the third lap.
 const LONG_LAP: u32 = 4;
 
-/// Has the GNU C library leave aside what some processors have and others have not. Names of before and after its version 2.33.
+/// Makes the GNU C library ignore optional processor features. The names are of before and after
+/// its version 2.33.
 const PLAIN_COPIES: &str = "glibc.cpu.hwcaps=-AVX2,-AVX_Fast_Unaligned_Load,-AVX512VL,-ERMS,-FSRM,-SSSE3,-SSE4_1,-SSE4_2,\
 -AVX2_Usable,-AVX_Usable,-Fast_Unaligned_Copy";
 
@@ -65,7 +67,7 @@ pub(crate) fn count(program: &Path, operation: &Operation) -> Result<Counted, St
     let mut command = Command::new("valgrind");
     command
         .args(["--quiet", "--tool=callgrind"])
-        // Of the threads the one that comes to the mark is written down, with what it alone has executed.
+        // Output is written for the thread that reaches the mark, with its own counts only.
         .arg("--separate-threads=yes")
         .arg(format!("--dump-before={MARK}"))
         .args(["--dump-instr=yes", "--compress-pos=no"])
@@ -95,7 +97,8 @@ pub(crate) fn count(program: &Path, operation: &Operation) -> Result<Counted, St
     Ok(difference(short, long, operation.count as f64))
 }
 
-/// Whether callgrind tells addresses as the program's file has them, wherever it was loaded. All versions that we know do.
+/// Whether callgrind's addresses are those of the program's file, independent of where it was
+/// loaded. All known versions do that.
 fn check_addresses(program: &Path, profile: &Profile) -> Result<(), String> {
     let bytes = fs::read(program).map_err(|error| format!("{}: {error}", program.display()))?;
     let file = object::File::parse(&*bytes).map_err(|error| error.to_string())?;
@@ -189,7 +192,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What is left lies in the system's folder for it.
+        // On failure, the files stay in the system's temporary folder.
         let _ = fs::remove_dir_all(&self.0);
     }
 }
@@ -222,7 +225,7 @@ mod tests {
             .iter()
             .map(|(place, share)| (place.address, share.times))
             .collect();
-        // An instruction that the longer lap executed less often is one of something that happens now and then.
+        // An instruction that the longer lap executed less often belongs to a rare event.
         assert_eq!(shares, [(2, 2.0), (3, 1.0), (4, -0.04)]);
         assert!((counted.instructions - 2.96).abs() < 1e-9);
         assert!(counted.is_own(Path::new("/program")));

@@ -1,4 +1,4 @@
-//! Holds what is counted with CSP events compiled in, and recorded by nobody, against what is counted without them.
+//! Compares the counts with CSP events compiled in, but not recorded, with those without them.
 
 use crate::gate::change;
 use crate::operations::Operations;
@@ -25,8 +25,8 @@ impl Pair {
         change(self.without, self.with)
     }
 
-    /// Whether it is more than may be. The events of what nobody records need no atomic instruction; a tenth is what comes by chance, where what others have left is
-    /// freed now and then.
+    /// Whether it exceeds the limit. Events that are not recorded need no atomic instruction; a
+    /// tenth is the variation, where deferred frees happen now and then.
     pub(crate) fn is_too_much(&self) -> bool {
         self.change() > MOST || self.with.atomics > self.without.atomics * 1.1 + 0.006
     }
@@ -53,7 +53,7 @@ pub(crate) fn judge(parts: &[String]) -> Result<bool, String> {
     table::pairs(&pairs);
     let failures = pairs.iter().filter(|pair| pair.is_too_much()).count();
     println!(
-        "\nevents that nobody records: {} passed, {failures} failed",
+        "\nevents that are not recorded: {} passed, {failures} failed",
         pairs.len() - failures
     );
     Ok(failures == 0)

@@ -1,22 +1,23 @@
-//! Holds what was counted against what is recorded.
+//! Compares counts with the recorded ones.
 
 use crate::recorded::Figures;
 
-/// How much an operation's instructions may differ from the recorded ones, as a share of these.
+/// How much an operation's instructions may differ from the recorded ones, as a fraction of these.
 const TOLERANCE: f64 = 0.03;
 
-/// How much its atomic instructions may: half of the last digit that is recorded; and a fiftieth where there are many, of which those that free what
-/// others have left come now and then.
+/// How much its atomic instructions may differ: half of the last recorded digit; or a fiftieth of
+/// many, since deferred frees happen now and then.
 fn rounding(atomics: f64) -> f64 {
     0.006 + atomics * if atomics < 10.0 { 0.001 } else { 0.02 }
 }
 
-/// What is said of an operation.
+/// The verdict on an operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// As recorded.
     Same,
-    /// Fewer atomic instructions than recorded: nothing fails, but it should be recorded, so that they do not come back.
+    /// Fewer atomic instructions than recorded: no failure, but record it, so that they do not come
+    /// back.
     FewerAtomics,
     /// It is recorded with another C library, which has a share in it.
     OtherLibrary,
@@ -24,7 +25,8 @@ pub(crate) enum Verdict {
     New,
     /// More instructions than recorded, by more than may be.
     Slower,
-    /// Fewer instructions than recorded, by more than may be: a gain that is not recorded can be lost again unseen.
+    /// Fewer instructions than recorded, beyond the tolerance: an unrecorded gain could be lost
+    /// again unnoticed.
     Faster,
     /// More atomic instructions than recorded.
     MoreAtomics,

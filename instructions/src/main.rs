@@ -1,4 +1,5 @@
-//! Counts what LUNA's hot operations execute, exactly: instructions, and atomic read-modify-writes among them.
+//! Counts exactly what LUNA's hot operations execute: instructions, and atomic read-modify-writes
+//! among them.
 
 mod atomics;
 mod callgrind;
@@ -77,7 +78,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Does what the arguments say. Whether what was counted may be.
+/// Executes the command line. Returns whether the counts are within their limits.
 fn run(command: &str, parts: &[String]) -> Result<bool, String> {
     let examine = match command {
         "gate" | "events" => judge,
@@ -97,7 +98,8 @@ fn run(command: &str, parts: &[String]) -> Result<bool, String> {
     examine(&operations, &outcomes)
 }
 
-/// Counts all, as many at a time as there are cores: what else the machine does changes no count.
+/// Counts all operations, as many at a time as there are cores: other load does not change the
+/// counts.
 fn count_all<'a>(
     operations: &'a Operations,
     chosen: &[&'a Operation],
@@ -110,7 +112,7 @@ fn count_all<'a>(
             && let Some(operation) = chosen.get(index)
         {
             let counted = callgrind::count(&operations.program, operation);
-            *results[index].lock().expect("nobody panics with it") = Some(counted);
+            *results[index].lock().expect("no counting thread panics") = Some(counted);
         }
     };
     thread::scope(|scope| {
@@ -123,7 +125,7 @@ fn count_all<'a>(
     for (operation, result) in chosen.iter().zip(results) {
         let counted = result
             .into_inner()
-            .expect("nobody panics with it")
+            .expect("no counting thread panics")
             .expect("every operation was counted")?;
         let atomics = objects.atomics(&counted)?;
         outcomes.push(Outcome {
@@ -155,7 +157,7 @@ fn record(operations: &Operations, outcomes: &[Outcome<'_>]) -> Result<bool, Str
     table::comparison(outcomes, &recorded);
     recorded.compiler = operations.compiler.clone();
     recorded.c_library = operations.c_library.clone();
-    // What is not an operation any more goes.
+    // Operations that do not exist any more are removed.
     let is_one = |name: &String| operations.all.iter().any(|one| one.name == *name);
     recorded.figures.retain(|name, _| is_one(name));
     for outcome in outcomes {

@@ -1,4 +1,4 @@
-//! The operations to be counted, as their program tells them. It is built in release mode, however this one is.
+//! The operations to be counted, as listed by their program, which is always built in release mode.
 
 use crate::callgrind::is_there;
 use std::env;
@@ -28,7 +28,8 @@ pub(crate) struct Operations {
 }
 
 impl Operations {
-    /// Builds the program with these features, and asks it. It lies where it lay with others.
+    /// Builds the program with these features, and runs its `list`. Its path does not depend on the
+    /// features.
     ///
     /// # Errors
     ///
@@ -68,11 +69,11 @@ impl Operations {
         })
     }
 
-    /// Those whose names contain one of `parts`, or all.
+    /// The operations with one of `parts` in their name, or all.
     ///
     /// # Errors
     ///
-    /// When there is none.
+    /// There is none.
     pub(crate) fn select(&self, parts: &[String]) -> Result<Vec<&Operation>, String> {
         let is_chosen = |operation: &&Operation| {
             parts.is_empty()
@@ -88,7 +89,7 @@ impl Operations {
     }
 }
 
-/// Why counts on this machine would say nothing.
+/// Why counts on this machine would be meaningless.
 pub(crate) fn hindrance() -> Option<&'static str> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
         Some("the figures are those of x86-64 Linux")

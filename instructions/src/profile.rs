@@ -11,7 +11,7 @@ pub(crate) struct Place {
     pub(crate) address: u64,
 }
 
-/// What is known of an instruction.
+/// An instruction's data.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Executed {
     /// The function that it is part of; others may be inlined there.
@@ -27,11 +27,12 @@ pub(crate) struct Profile {
 }
 
 impl Profile {
-    /// Reads a part of callgrind's output, written with `--dump-instr=yes --compress-pos=no --compress-strings=no`, with one event.
+    /// Reads a part of callgrind's output, written with
+    /// `--dump-instr=yes --compress-pos=no --compress-strings=no`, with one event.
     ///
     /// # Errors
     ///
-    /// What is not of that form, or does not add up to the total that it states.
+    /// The text does not have that form, or does not add up to its stated total.
     pub(crate) fn parse(text: &str) -> Result<Profile, String> {
         let mut profile = Profile::default();
         let mut object = String::new();
@@ -45,7 +46,8 @@ impl Profile {
                 match key {
                     "ob" => object = value.to_owned(),
                     "fn" => function = value.to_owned(),
-                    // The next line is what the called function executed: its own lines say so too.
+                    // The next line has the counts of the called function, which are on its own
+                    // lines too.
                     "calls" => is_callees = true,
                     "fl" | "fi" | "fe" | "cob" | "cfi" | "cfl" | "cfn" => {}
                     _ => return Err(format!("unknown in a profile: {line}")),

@@ -36,11 +36,11 @@ pub(crate) fn path() -> PathBuf {
 }
 
 impl Recorded {
-    /// Reads the file; nothing is recorded where there is none.
+    /// Reads the file; without a file nothing is recorded.
     ///
     /// # Errors
     ///
-    /// A file that cannot be read, or a line that says nothing.
+    /// The file cannot be read, or has a malformed line.
     pub(crate) fn load() -> Result<Recorded, String> {
         let text = match fs::read_to_string(path()) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::default()),

@@ -1,4 +1,4 @@
-//! What is printed.
+//! The printed tables.
 
 use crate::Outcome;
 use crate::compiled_in::Pair;
@@ -9,10 +9,10 @@ use std::path::Path;
 
 /// How many frames around an atomic instruction are printed.
 const FRAMES: usize = 4;
-/// What executes less than this share of an operation's instructions is not printed.
+/// Functions with less than this fraction of an operation's instructions are not printed.
 const LEAST: f64 = 0.005;
 
-/// A line for each operation: what is recorded, what was counted, and the difference.
+/// A line for each operation: the recorded count, the present one, and the difference.
 pub(crate) fn comparison(outcomes: &[Outcome<'_>], recorded: &Recorded) {
     println!(
         "{:36} {:>10} {:>10} {:>8}   {:>14}",
@@ -40,7 +40,7 @@ pub(crate) fn comparison(outcomes: &[Outcome<'_>], recorded: &Recorded) {
     }
 }
 
-/// A line for each operation: what was counted without the events, with them, and the difference.
+/// A line for each operation: the counts without the events and with them, and the difference.
 pub(crate) fn pairs(pairs: &[Pair]) {
     println!(
         "{:36} {:>10} {:>10} {:>8}   {:>14}",
@@ -61,7 +61,8 @@ pub(crate) fn pairs(pairs: &[Pair]) {
     }
 }
 
-/// For each operation the functions that execute most of it, and all its atomic instructions.
+/// For each operation the functions that execute most of its instructions, and all its atomic
+/// instructions.
 pub(crate) fn details(outcomes: &[Outcome<'_>]) {
     for outcome in outcomes {
         let figures = outcome.figures();

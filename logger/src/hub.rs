@@ -23,7 +23,7 @@ const MOST_DESCRIPTION: usize = 1023;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum TimeBase {
-    /// The machine's clock, by the processor's counter where it can stand for it.
+    /// The machine's clock, read from the processor's counter where possible.
     #[default]
     Machine,
     /// The clock of each thread: for systems on a virtual clock.
@@ -32,25 +32,27 @@ pub enum TimeBase {
 
 /// The names of a system's signals, the rings of its threads, and whether anything is recorded.
 ///
-/// Threads [enter](Self::enter) it; what they register and record then belongs to it. Clones of its `Arc` are the same hub.
+/// Threads [enter](Self::enter) it; what they register and record then belongs to it. Clones of its
+/// `Arc` are the same hub.
 pub struct Hub {
-    /// Whether anybody reads the rings.
+    /// Whether a recorder reads the rings.
     recording: AtomicBool,
     pub(crate) stamp: Stamp,
     pub(crate) system: String,
     base: TimeBase,
-    /// What has no better place to be counted: messages on threads that have no ring.
+    /// Messages lost on threads that have no ring.
     pub(crate) lost_messages: AtomicU64,
     registry: Mutex<Registry>,
-    /// What there are names for, once events are recorded: of the recorder, as long as it records.
+    /// The names of subjects, for a recorder of events. The recorder owns them while it records.
     #[cfg(feature = "events")]
     names: OnceLock<Heard>,
-    /// Where threads without a ring of their own tell the few events that they may have.
+    /// The log for the rare events of threads without a ring of their own.
     #[cfg(feature = "events")]
     others: PiLock<Option<events::Writer>>,
 }
 
-/// Who takes the names. Only the recorder keeps it, so that nobody collects any when it has ended.
+/// The recorder's collection of names. Only the recorder holds it, so that no names are collected
+/// after its end.
 #[cfg(feature = "events")]
 struct Heard {
     id: u64,
@@ -90,7 +92,7 @@ impl Stamp {
     }
 }
 
-/// How large the rings of a thread are, in words of 8 bytes.
+/// The sizes of a thread's rings, in words of 8 bytes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rooms {
     pub(crate) samples: usize,
@@ -134,7 +136,8 @@ impl Declared {
     }
 }
 
-/// How much of a signal was dropped before it came to a ring's other end, and by how many handles it is used.
+/// How many samples of a signal were dropped before they reached the recorder, and how many handles
+/// use it.
 #[derive(Debug, Default)]
 pub(crate) struct Losses {
     lost: AtomicU64,
@@ -179,20 +182,23 @@ struct Registry {
 
 thread_local! {
     static HUB: RefCell<Option<Arc<Hub>>> = const { RefCell::new(None) };
-    /// Whether this thread ever entered one: the first access to `HUB`, which is dropped with the thread, may allocate.
+    /// Whether this thread ever entered a hub: the first access to `HUB`, which is dropped with the
+    /// thread, may allocate.
     static HAS_ENTERED: Cell<bool> = const { Cell::new(false) };
     /// Whether signals may be registered on this thread: between `Hub::enter` and the end of its guard.
     static MAY_REGISTER: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Messages that were lost on the path by threads that have entered no hub: the one that began to record last takes them over.
+/// Messages lost on the path by threads that have entered no hub. The hub that began to record last
+/// takes them over.
 static HOMELESS: AtomicU64 = AtomicU64::new(0);
 
 /// The hub that began to record last: for messages of threads that have entered none.
 static LATEST: Mutex<Weak<Hub>> = Mutex::new(Weak::new());
 
 impl Hub {
-    /// A hub of `system`, which records nothing until a [`Recorder`](crate::Recorder) is started on it.
+    /// Creates a hub of `system`. It records nothing until a [`Recorder`](crate::Recorder) is
+    /// started on it.
     pub fn new(system: &str, base: TimeBase) -> Arc<Hub> {
         let counter = Counter::of_machine().filter(|_| base == TimeBase::Machine);
         Arc::new(Hub {
@@ -249,8 +255,9 @@ impl Hub {
         }
     }
 
-    /// Makes the ring of the executor that the calling thread is now, if events are recorded and it has none: to be called before a process runs there. Several executors
-    /// may share a thread ([`TimeBase::OfThread`]). Not for the real-time path: it allocates, once.
+    /// Creates the ring of the executor that the calling thread is now, if events are recorded and
+    /// it has none. Call it before a process runs there. Several executors may share a thread
+    /// ([`TimeBase::OfThread`]). Not for the real-time path: it allocates, once.
     ///
     /// ```
     /// use luna_logger::{Hub, Logging, Recorder};
@@ -276,7 +283,8 @@ impl Hub {
         }
     }
 
-    /// Tells an event, also of a thread that is not recorded for this hub: there it takes a lock, and is for what happens seldom. No allocation.
+    /// Records an event, also on a thread without a ring for this hub. There it takes a lock, so it
+    /// is for rare events. Does not allocate.
     #[cfg(feature = "events")]
     pub fn tell(&self, of: u16, subject: u32, arguments: [u64; 2]) {
         let is_here = |heard: &Heard| events::is_for(heard.id);
@@ -296,7 +304,8 @@ impl Hub {
         let Some(names) = heard.names.upgrade() else {
             return;
         };
-        // Executors that share a thread are told apart; else the thread is known by its samples and messages.
+        // Executors that share a thread are distinguished; otherwise the thread is known by its
+        // samples and messages.
         let known = match self.base {
             TimeBase::Machine => lane::number(self),
             TimeBase::OfThread => None,
@@ -309,7 +318,7 @@ impl Hub {
         events::attach(writer);
     }
 
-    /// Makes a ring, of a thread that is known by this number, or else gets one and this name.
+    /// Creates a ring for the thread with this number, or else gives it a number and this name.
     #[cfg(feature = "events")]
     fn add_events(
         &self,
@@ -336,7 +345,7 @@ impl Hub {
         (number, writer)
     }
 
-    /// Names something that was there before the recording.
+    /// Names a subject that existed before the recording: its kind and number. Allocates.
     #[cfg(feature = "events")]
     pub fn name(&self, kind: events::Kind, number: u32, name: String) {
         if let Some(names) = self.names.get().and_then(|heard| heard.names.upgrade()) {
@@ -372,7 +381,8 @@ impl Hub {
         Self::of_thread().filter(|_| MAY_REGISTER.get())
     }
 
-    /// The hub that a message of this thread goes to: never to be asked on the path by a thread without rings.
+    /// The hub that a message of this thread goes to. A thread without rings must not call this on
+    /// the path.
     pub(crate) fn for_messages() -> Option<Arc<Hub>> {
         Self::of_thread()
             .filter(|hub| hub.is_recording())
@@ -380,7 +390,7 @@ impl Hub {
             .filter(|hub| hub.is_recording())
     }
 
-    /// None if it was called before: rings of a former recording would be read by nobody.
+    /// None if it was called before: nothing would read the rings of an earlier recording.
     pub(crate) fn begin_recording(self: &Arc<Self>, rooms: Rooms) -> Option<Begun> {
         if self.registry().rooms.replace(rooms).is_some() {
             return None;
@@ -414,7 +424,7 @@ impl Hub {
         names
     }
 
-    /// Counts a message that was lost on the path, by a thread without rings. Wait-free, no allocation.
+    /// Counts a message lost on the path by a thread without rings. Wait-free, no allocation.
     #[cold]
     pub(crate) fn count_lost_message() {
         let of_hub = || {
@@ -431,7 +441,8 @@ impl Hub {
         }
     }
 
-    /// Takes over what threads without a hub have lost, if it is this one's. Not for the real-time path.
+    /// Takes over the losses of threads without a hub, if this hub began to record last. Not for
+    /// the real-time path.
     pub(crate) fn take_homeless(self: &Arc<Self>) {
         let latest = latest();
         if ptr::eq(latest.as_ptr(), Arc::as_ptr(self)) {
@@ -444,7 +455,7 @@ impl Hub {
         self.recording.store(false, Ordering::Relaxed);
     }
 
-    /// What times count from, as a recording says it.
+    /// What times count from, as written in a recording.
     pub(crate) fn clock_base(&self) -> ClockBase {
         match self.base {
             TimeBase::Machine => ClockBase::Monotonic,
@@ -452,7 +463,8 @@ impl Hub {
         }
     }
 
-    /// Announces the rings of a thread, which `make` makes for its number. False if nobody would read them.
+    /// Announces the rings of a thread; `make` creates them for its number. False if nothing would
+    /// read them.
     pub(crate) fn add_lane(&self, make: impl FnOnce(u32, Rooms) -> Inlet) -> bool {
         let mut registry = self.registry();
         let Some(rooms) = registry.rooms.filter(|_| self.is_recording()) else {
@@ -465,7 +477,7 @@ impl Hub {
         true
     }
 
-    /// Takes the rings that are new, and the signals behind those that are known already.
+    /// Returns the new rings, and the signals registered since the last call.
     pub(crate) fn take_news(&self, inlets: &mut Vec<Inlet>, signals: &mut Vec<Declared>) {
         let mut registry = self.registry();
         inlets.append(&mut registry.inlets);
@@ -479,7 +491,7 @@ impl Hub {
         }
     }
 
-    /// Gives a signal a number.
+    /// Assigns a number to a signal.
     pub(crate) fn declare(&self, declared: Declared) -> Result<(u32, Arc<Losses>), RegisterError> {
         declared.check()?;
         let name = || declared.name.to_string();
@@ -489,7 +501,7 @@ impl Hub {
             let is_same = there.element_type == declared.element_type
                 && there.elements == declared.elements
                 && there.unit == declared.unit;
-            // Those who had it are gone: a process that is started anew goes on with its signal.
+            // All handles are gone: a process that is started again continues its signal.
             if there.losses.is_used() || !is_same {
                 return Err(RegisterError::Duplicate { signal: name() });
             }
@@ -545,22 +557,30 @@ impl Drop for Entered {
 }
 
 /// Why a signal cannot be registered.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
     /// It was not registered in `pre_run` of a process.
+    #[error(
+        "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
+    )]
     NotInPreRun {
         /// The signal's name.
         signal: String,
     },
     /// Another signal has the name.
+    #[error(
+        "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
+    )]
     Duplicate {
         /// The name.
         signal: String,
     },
     /// Its name is empty.
+    #[error("a signal has an empty name; give it one")]
     NoName,
     /// One of its texts is too long.
+    #[error("the {what} of signal `{signal}` has more than {most} bytes; use a shorter one")]
     TooLong {
         /// The signal's name.
         signal: String,
@@ -570,34 +590,11 @@ pub enum RegisterError {
         most: usize,
     },
     /// There are as many signals as a recording may have.
+    #[error(
+        "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
+    )]
     TooMany {
         /// The signal's name.
         signal: String,
     },
 }
-
-impl fmt::Display for RegisterError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RegisterError::NotInPreRun { signal } => write!(
-                f,
-                "signal `{signal}` was registered outside of `pre_run`; register it in `pre_run` of the process that records it (`impl luna::Process`)"
-            ),
-            RegisterError::Duplicate { signal } => write!(
-                f,
-                "the name `{signal}` is taken: another signal of the system has it, or had it with another type or unit; name signals with what they are of, such as \"pump/flow\""
-            ),
-            RegisterError::NoName => f.write_str("a signal has an empty name; give it one"),
-            RegisterError::TooLong { signal, what, most } => write!(
-                f,
-                "the {what} of signal `{signal}` has more than {most} bytes; use a shorter one"
-            ),
-            RegisterError::TooMany { signal } => write!(
-                f,
-                "signal `{signal}` is one more than the {MOST_SIGNALS} that a recording may have; record arrays"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for RegisterError {}

@@ -1,12 +1,13 @@
-//! A thread's rings: its end, which the real-time path writes to.
+//! A thread's rings: the writing end, which the real-time path uses.
 //!
 //! ```text
 //!   record ── time stamp ── entry ──> ring of samples  ──> recorder
 //!   message ── text on the stack ──> ring of messages ──>
 //! ```
 //!
-//! An entry is a few words: a head that says what it is and how long, a time stamp, and the rest. There is room for it as a whole, or it is dropped. Samples and messages
-//! have a ring each, so that a burst of the one does not cost the other.
+//! An entry is a few words: a head with its kind and length, a time stamp, and the rest. It is
+//! written completely or dropped. Samples and messages have separate rings, so that a burst of one
+//! does not cost the other.
 
 use crate::hub::{Hub, Losses, Rooms, Stamp};
 use crate::sample::Sample;
@@ -20,7 +21,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The most words of an entry.
 pub(crate) const MOST_WORDS: usize = 64;
 
-/// The first word of an entry: what it is (8 bits), its words (8 bits), an event's code (16 bits), and a signal's number (the upper 32).
+/// The first word of an entry: its kind (8 bits), its number of words (8 bits), an event's code (16
+/// bits), and a signal's number (the upper 32).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Head(pub(crate) u64);
 
@@ -47,7 +49,7 @@ impl Head {
         (self.0 >> 32) as u32
     }
 
-    /// An event's code; its subject stands where a sample has its signal.
+    /// An event's code; its subject is in the place of a sample's signal.
     #[cfg(feature = "events")]
     pub(crate) fn code(self) -> u16 {
         (self.0 >> 16) as u16
@@ -69,20 +71,23 @@ pub(crate) struct Lane {
 ///
 /// # Invariants
 ///
-/// Only the thread that owns the lane comes here, and what is called meanwhile does not come here again.
+/// Only the thread that owns the lane accesses it, and nothing called during an access does so
+/// again.
 struct Ring(UnsafeCell<Producer<u64>>);
 
 impl Ring {
     /// Whether there was room. Wait-free, O(words).
     #[inline(always)]
     fn push(&self, entry: &[u64]) -> bool {
-        // SAFETY: by the invariant nobody else has a reference now.
+        // SAFETY: by the invariant above no other reference exists during this call.
         let producer = unsafe { &mut *self.0.get() };
-        // What was free is free: nobody else pushes. The reader's place is looked up only if what is known of it does not suffice.
+        // Only this thread pushes, so free space stays free. The reader's position is read only if
+        // its cached copy does not suffice.
         if producer.cached_slots() < entry.len() && producer.slots() < entry.len() {
             return false;
         }
-        // Word by word, which is a third of the instructions of a chunk. The reader may come in between: it waits for the rest of an entry.
+        // Word by word: a third of the instructions of a chunk. The reader may see a part of an
+        // entry; it waits for the rest.
         let pushed = entry.iter().all(|word| producer.push(*word).is_ok());
         debug_assert!(pushed, "there was room");
         true
@@ -112,7 +117,7 @@ pub(crate) fn thread_name(number: u32) -> String {
 }
 
 thread_local! {
-    /// The lane that this thread used last: null, or one of those that it owns.
+    /// The lane that this thread used last: null, or one that it owns.
     static LANE: Cell<*const Lane> = const { Cell::new(ptr::null()) };
     static OWNED: RefCell<Owned> = const { RefCell::new(Owned(Vec::new())) };
 }
@@ -128,7 +133,7 @@ impl Drop for Owned {
 }
 
 impl Lane {
-    /// What lies in memory before it is used: each page of it is touched.
+    /// Creates a ring, and touches each page of its memory.
     fn ring(words: usize) -> (Producer<u64>, Consumer<u64>) {
         let (mut producer, mut consumer) = RingBuffer::new(words.max(MOST_WORDS));
         let whole = producer.buffer().capacity();
@@ -187,7 +192,7 @@ impl Lane {
     }
 }
 
-/// Makes the calling thread's rings for `hub`, if there are none. Not for the real-time path.
+/// Creates the calling thread's rings for `hub`, if it has none. Not for the real-time path.
 pub(crate) fn prepare(hub: &Arc<Hub>) {
     with_lane(hub, |_| ());
 }
@@ -203,7 +208,8 @@ pub(crate) fn number(hub: &Arc<Hub>) -> Option<u32> {
 pub(crate) fn sample(hub: &Arc<Hub>, head: Head, losses: &Losses, value: impl Sample) {
     let lane = LANE.get();
     if !lane.is_null() {
-        // SAFETY: it is one of this thread's, which are dropped only when nothing points to them.
+        // SAFETY: it points to a lane of this thread; a lane is dropped only when `LANE` does not
+        // point to it.
         let lane = unsafe { &*lane };
         if lane.is_of(hub) {
             lane.sample(head, losses, value);
@@ -221,7 +227,7 @@ fn sample_elsewhere(hub: &Arc<Hub>, head: Head, losses: &Losses, value: impl Sam
     }
 }
 
-/// The hub whose rings this thread used last, if it records.
+/// The hub of the rings that this thread used last, if it records.
 pub(crate) fn hub_of_lane() -> Option<Arc<Hub>> {
     let lane = LANE.get();
     if lane.is_null() {
@@ -232,7 +238,7 @@ pub(crate) fn hub_of_lane() -> Option<Arc<Hub>> {
     hub.is_recording().then(|| hub.clone())
 }
 
-/// Passes a message on, whose entry `fill` makes of the time stamp. Wait-free but for `fill`.
+/// Records a message; `fill` makes its entry from the time stamp. Wait-free except for `fill`.
 pub(crate) fn message<'a>(hub: &Arc<Hub>, fill: impl FnOnce(u64) -> &'a [u64]) {
     let push = |lane: &Lane| {
         let entry = fill(lane.stamp.now());
@@ -245,7 +251,8 @@ pub(crate) fn message<'a>(hub: &Arc<Hub>, fill: impl FnOnce(u64) -> &'a [u64]) {
     }
 }
 
-/// Calls `f` with this thread's lane of `hub`, which is made if need be, but not on the real-time path. None if there is none.
+/// Calls `f` with this thread's lane of `hub`, which is created if needed, but not on the real-time
+/// path. None if there is no lane.
 fn with_lane<R>(hub: &Arc<Hub>, f: impl FnOnce(&Lane) -> R) -> Option<R> {
     // The thread may be about to end.
     OWNED
@@ -256,7 +263,7 @@ fn with_lane<R>(hub: &Arc<Hub>, f: impl FnOnce(&Lane) -> R) -> Option<R> {
                     return None;
                 }
                 LANE.set(ptr::null());
-                // Those that nobody reads any more.
+                // Drop the lanes of hubs that do not record any more.
                 owned.0.retain(|lane| lane.hub.is_recording());
                 owned.0.push(Lane::make(hub)?);
             }

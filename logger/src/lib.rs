@@ -1,15 +1,19 @@
-//! The logger of LUNA: what a running machine does, seen without disturbing it.
+//! The logger of LUNA: records what a running machine does without disturbing it.
 //!
-//! - A [`Signal`] is a number, a boolean or a small vector that a process records, each sample with its time. A [`message`] is text, also through the `log` and
-//!   `tracing` facades.
-//! - Each thread has rings of its own, made before the start, into which its processes write: wait-free, without allocation and without a system call. A ring
-//!   that is full drops what is new, and counts exactly how much.
-//! - A [`Recorder`] moves what the rings hold to a [`Sink`], such as a file, on an ordinary thread. Whatever the sink does (it waits, it fails), nothing on the
-//!   real-time path waits: samples are lost, and counted.
-//! - [`TcpSink`] and [`UdpSink`] send a recording to another computer, where a [`Receiver`] has a sink for each sender.
-//! - [`format`](mod@format) is what a file holds, and reads and writes it.
+//! - A [`Signal`] is a number, a boolean or a small vector that a process records, each sample with
+//!   its time. A [`message`] is text, also through the `log` and `tracing` facades.
+//! - Each thread has its own rings, created before the start, into which its processes write:
+//!   wait-free, without allocation and without a system call. A full ring drops new entries and
+//!   counts them exactly.
+//! - A [`Recorder`] moves entries from the rings to a [`Sink`], such as a file, on an ordinary
+//!   thread. If the sink blocks or fails, the real-time path does not wait: samples are lost, and
+//!   counted.
+//! - [`TcpSink`] and [`UdpSink`] send a recording to another computer, where a [`Receiver`] opens a
+//!   sink for each sender.
+//! - [`format`](mod@format) defines, reads and writes the contents of files.
 //!
-//! Most programs use it through `luna-rt`, which makes the [`Hub`] and the recorder with the system. By itself:
+//! Most programs use it through `luna-rt`, which creates the [`Hub`] and the recorder with the
+//! system. Used directly:
 //!
 //! ```
 //! use luna_logger::format::{Reader, Record};

@@ -1,4 +1,4 @@
-//! Messages: text with a level, formatted where it is written, into room of fixed size.
+//! Messages: text with a level, formatted by the caller into a buffer of fixed size.
 
 use crate::format::Level;
 use crate::hub::Hub;
@@ -16,15 +16,19 @@ pub(crate) const MESSAGE_HEAD: usize = 4;
 /// The most bytes of a target: the rest is the text's.
 const MOST_TARGET: usize = 96;
 
-/// What stands where a text was cut.
+/// The mark of a text that was cut.
 const CUT: &str = "…";
 
-/// Writes a message from `target`, a part of the program.
+/// Records a message from `target`, a part of the program.
 ///
-/// Real-time path: yes, if what is formatted is; its time is that of the formatting, into 480 bytes on the stack (of which the target takes its length). What does not fit is cut off, and marked. Wait-free, no
-/// allocation, no system call where the system records. A message for which there is no room is dropped and counted.
+/// Real-time path: yes, if formatting the arguments is. It formats into 480 bytes on the stack, of
+/// which the target takes its length; longer text is cut off and marked. Wait-free, no allocation,
+/// no system call where the system records. A message for which the ring has no room is dropped and
+/// counted.
 ///
-/// Where nothing is recorded a thread that is not on the real-time path writes it to standard error; on the path it is dropped. While something is recorded, one on the path by a thread without rings is dropped and counted.
+/// Without a recording, a thread off the real-time path writes the message to standard error, and a
+/// thread on the path drops it. During a recording, a message on the path by a thread without rings
+/// is dropped and counted.
 ///
 /// ```
 /// use luna_logger::{Level, message};
@@ -44,7 +48,7 @@ pub(crate) fn write(level: Level, target: &str, fill: impl FnOnce(&mut Text) -> 
         } else {
             let mut text = Text::new("");
             let _ = fill(&mut text);
-            // Nobody may read there any more.
+            // Standard error may be closed.
             let _ = writeln!(
                 io::stderr().lock(),
                 "{level:<5} {target}: {}",
@@ -54,7 +58,7 @@ pub(crate) fn write(level: Level, target: &str, fill: impl FnOnce(&mut Text) -> 
         return;
     };
     let mut text = Text::new(target);
-    // An error is the user's `Display`'s: what it has written until then is the message.
+    // An error comes from a `Display` of the user's. The message is what was written until then.
     let _ = fill(&mut text);
     let process = current::process(|process| process.map_or(0, |process| process.id().get()));
     let mut entry = [0; MOST_WORDS];

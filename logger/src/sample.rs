@@ -14,14 +14,14 @@ pub trait Element: sealed::Sealed + Copy + Send + 'static {
     #[doc(hidden)]
     const TYPE: Type;
 
-    /// It in the lowest bits of a word.
+    /// The value in the lowest bits of a word.
     #[doc(hidden)]
     fn word(self) -> u64;
 }
 
 /// What a [`Signal`](crate::Signal) carries: a number, a boolean, or an array of 1 to 16 of them.
 ///
-/// Sealed: the format has just these.
+/// Sealed: the format has only these types.
 ///
 /// ```
 /// use luna_logger::Sample;
@@ -49,7 +49,7 @@ pub trait Sample: sealed::Sealed + Copy + Send + 'static {
     #[doc(hidden)]
     const ELEMENTS: usize;
 
-    /// Calls `f` with an entry for a ring: the two words given, and a word for each element.
+    /// Calls `f` with an entry for a ring: the two given words, and a word for each element.
     #[doc(hidden)]
     fn with_entry<R>(self, head: [u64; 2], f: impl FnOnce(&[u64]) -> R) -> R;
 }
@@ -78,7 +78,8 @@ macro_rules! elements {
     )*};
 }
 
-// Only the lowest bytes count, as many as the type has: what a cast adds above them is left out of the recording.
+// Only the lowest bytes of the type's size count; the recording omits the upper bytes that the cast
+// adds.
 elements! {
     bool, Bool, |value| u64::from(value);
     i8, I8, |value| value as u64;

@@ -10,8 +10,9 @@ use std::sync::Arc;
 
 /// A number, a boolean or a small vector over time, which a process records.
 ///
-/// Registered in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the real-time path. Clones are the same signal, for processes on
-/// other threads. The name is free again when all of them are gone, for a signal of the same type and unit.
+/// Register it in `pre_run`, where memory may be allocated; [`record`](Self::record) is for the
+/// real-time path. Clones are the same signal, for processes on other threads. When all of them are
+/// dropped the name can be used again for a signal of the same type and unit.
 ///
 /// Everywhere else registering is refused: in `main` no system would record the signal, and in a body it would allocate on the real-time path. Parameters have the same rule. A
 /// system calls `pre_run` between [`Hub::enter`] and the end of its guard; a program without a system does the same by hand.
@@ -20,9 +21,12 @@ use std::sync::Arc;
 /// use luna_logger::{Hub, Recorder, Logging, Signal, WriterSink};
 ///
 /// let hub = Hub::new("arm", Default::default());
-/// let recorder = Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
+/// let recorder =
+///     Recorder::start(&hub, Logging::to_sink(WriterSink::new(std::io::sink()))).unwrap();
 /// let _inside = hub.enter();
-/// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m").description("of the gripper").register()?;
+/// let position = Signal::<[f64; 3]>::with_unit("arm/position", "m")
+///     .description("of the gripper")
+///     .register()?;
 /// position.record([0.1, 0.2, 0.3]);
 /// assert!(Signal::<f64>::register("arm/position").is_err());
 /// assert_eq!(recorder.finish().signals[0].recorded, 1);
@@ -35,12 +39,14 @@ pub struct Signal<T> {
     carries: PhantomData<fn(T)>,
 }
 
-// What it shares is written by steps that nothing of the user's comes between, so nobody finds it half changed after a panic.
+// Its shared state is changed without calling user code in between, so a panic leaves it
+// consistent.
 impl<T> UnwindSafe for Signal<T> {}
 impl<T> RefUnwindSafe for Signal<T> {}
 
 impl<T: Sample> Signal<T> {
-    /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a lock.
+    /// Registers a signal without a unit. Not for the real-time path: it allocates, and takes a
+    /// lock.
     ///
     /// # Errors
     ///
@@ -56,9 +62,10 @@ impl<T: Sample> Signal<T> {
 
     /// Records a sample, with the time of the call.
     ///
-    /// Real-time path: yes. Wait-free, O(elements), no allocation and no system call; while nothing is recorded, one branch. A sample for which there is no room
-    /// is dropped and counted. So it is on a thread that was not prepared for it ([`Hub::enter_thread`]) while it is on the path; off the path such a thread makes itself
-    /// room at its first sample, which allocates.
+    /// Real-time path: yes. Wait-free, O(elements), no allocation and no system call; one branch
+    /// while nothing is recorded. A sample is dropped and counted if the ring has no room, or on
+    /// the path of a thread that was not prepared ([`Hub::enter_thread`]). Off the path, such a
+    /// thread creates its ring with the first sample, which allocates.
     #[inline]
     pub fn record(&self, value: T) {
         if self.hub.is_recording() {
@@ -113,7 +120,7 @@ impl<T: Sample> SignalBuilder<T> {
         }
     }
 
-    /// What the signal is, in a few words.
+    /// A short description of the signal.
     pub fn description(mut self, text: &str) -> Self {
         self.description = text.into();
         self
@@ -123,7 +130,7 @@ impl<T: Sample> SignalBuilder<T> {
     ///
     /// # Errors
     ///
-    /// As [`Signal::register`], and a unit of more than 63 bytes or a description of more than 1023.
+    /// As [`Signal::register`]; also a unit longer than 63 bytes or a description longer than 1023.
     pub fn register(self) -> Result<Signal<T>, RegisterError> {
         let declared = Declared {
             name: self.name,

@@ -5,8 +5,8 @@ use crate::Kind;
 use crate::watch::noting;
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// Passes everything on to another allocator, and sees what is asked of it on the path. A guarded program makes it its global allocator;
-/// without `--cfg luna_path_guard` it does nothing else than pass on.
+/// Passes all calls on to another allocator, and checks those made on the path. A guarded program
+/// makes it its global allocator; without `--cfg luna_path_guard` it only passes calls on.
 ///
 /// ```
 /// use luna_path_guard::Allocator;
@@ -46,7 +46,8 @@ fn noting<R>(_: Kind, f: impl FnOnce() -> R) -> R {
     f()
 }
 
-// SAFETY: all is passed on to the inner allocator as it came, and what it gives is given.
+// SAFETY: each call is passed on unchanged to the inner allocator, which keeps the contract, and
+// its result is returned unchanged.
 unsafe impl<A: GlobalAlloc> GlobalAlloc for Allocator<A> {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let bytes = layout.size();

@@ -1,7 +1,9 @@
-//! The C library's memory: what C code, and the C library itself, allocate and free without Rust's allocator.
+//! The C library's memory: allocations and frees of C code, and of the C library itself, which do
+//! not use Rust's allocator.
 //!
-//! glibc lets a program bring these functions itself, and then calls them too: for one, when the first use of a thread-local with a destructor registers
-//! that. These look, and pass on to glibc's own. What is allocated with an alignment is not seen.
+//! glibc lets a program replace these functions, and then calls the replacements too: for example,
+//! when the first use of a thread-local with a destructor registers that. These check the call, and
+//! pass it on to glibc's own. Aligned allocations are not checked.
 
 use crate::Kind;
 use crate::watch::noting;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What [`check`](crate::check) holds the path to, in this build and on this machine.
+/// The rules that [`check`](crate::check) can enforce in this build and on this machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Coverage {
@@ -31,11 +31,13 @@ impl fmt::Display for Coverage {
     }
 }
 
-/// What a guard sees here. It does not believe, but tries: the first call allocates, frees and makes a system call as if on the path.
+/// Tests what a guard detects here: the first call allocates, frees and makes a system call as if
+/// on the path.
 ///
 /// # Panics
 ///
-/// If the program has another global allocator than [`Allocator`](crate::Allocator): a guard that sees nothing must not pass.
+/// If the program's global allocator is not [`Allocator`](crate::Allocator): a guard that detects
+/// nothing must not pass.
 ///
 /// ```
 /// # #[global_allocator]

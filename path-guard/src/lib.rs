@@ -1,11 +1,14 @@
-//! Holds the real-time path of LUNA programs to its rules, in tests: whoever allocates, frees, blocks on a lock or makes an unexpected system
-//! call on it fails the test, with the process' name and a backtrace.
+//! Enforces the rules of the real-time path on LUNA programs, in tests: code on it that allocates,
+//! frees, blocks on a lock or makes an unexpected system call fails the test, with the process'
+//! name and a backtrace.
 //!
-//! The *path* is what [`on_path`](luna_platform::current::on_path) says: all that running processes and their executors do between the start of
-//! the bodies and their end. Of system calls it allows those alone that wake a thread, sleep, arm a timer, wait for a contended
-//! priority-inheriting lock, lend a thread a priority, or move a file's data ([`Call`](luna_platform::path::Call)); of memory nothing.
+//! The *path* is defined by [`on_path`](luna_platform::current::on_path): all that running
+//! processes and their executors do between the start of the bodies and their end. It allows only
+//! system calls that wake a thread, sleep, arm a timer, wait for a contended priority-inheriting
+//! lock, boost a thread, or move a file's data ([`Call`](luna_platform::path::Call)); it allows no
+//! allocation and no free.
 //!
-//! A test program that is to be guarded makes [`Allocator`] its own, and runs its systems within [`check`]:
+//! A guarded test program uses [`Allocator`] as its own, and runs its systems within [`check`]:
 //!
 //! ```
 //! use luna::prelude::*;
@@ -31,20 +34,25 @@
 //! });
 //! ```
 //!
-//! It is run by `RUSTFLAGS="--cfg luna_path_guard" cargo test`. Without this cfg, nothing is watched and nothing costs anything: `check` calls its
-//! closure, and says on standard error that it was not held to anything. [`coverage`] tells the same to a program.
+//! Run it with `RUSTFLAGS="--cfg luna_path_guard" cargo test`. Without this cfg, nothing is watched
+//! and nothing has a cost: `check` calls its closure, and reports on standard error that nothing
+//! was checked. [`coverage`] returns the same to a program.
 //!
-//! # What it sees, and how
+//! # What it detects, and how
 //!
-//! - **Memory**: all that goes through Rust's global allocator; on Linux with glibc also what C code allocates and frees by `malloc`, `calloc`, `realloc` and
-//!   `free`, the C library itself included.
-//! - **System calls**: all of the thread, whoever makes them (the standard library, C, inline assembly), by the kernel's Syscall User Dispatch: Linux
-//!   5.11 on x86-64. Elsewhere memory alone is watched, and that is said by name.
-//! - **Locks**: one that blocks, when it blocks: it waits by a system call (in the standard library and in C a futex). A lock that is free when it is taken leaves no
-//!   trace that could be seen; make tests contend for it, or keep such locks out of the code.
-//! - Not seen: time. A loop that spins, a long computation and a page fault break no rule that is checked here.
+//! - **Memory**: all calls of Rust's global allocator; on Linux with glibc also `malloc`, `calloc`,
+//!   `realloc` and `free` by C code and by the C library itself.
+//! - **System calls**: all calls of the thread, from any code (the standard library, C, inline
+//!   assembly), by the kernel's Syscall User Dispatch: Linux 5.11 on x86-64. Elsewhere only memory
+//!   is watched, and a message names the test.
+//! - **Locks**: a lock that blocks, when it blocks: it waits by a system call (in the standard
+//!   library and in C a futex). Taking a free lock cannot be detected; make tests contend for it,
+//!   or keep such locks out of the code.
+//! - Not detected: time. A loop that spins, a long computation and a page fault break no rule that
+//!   is checked here.
 //!
-//! A signal's handler counts as part of what it interrupts. What a thread does while it panics is not watched: a panic has a report of its own.
+//! A signal's handler counts as part of the code that it interrupts. A panicking thread is not
+//! watched: a panic has a report of its own.
 
 mod allocator;
 mod coverage;

@@ -1,6 +1,7 @@
-//! Where violations are noted on the path: room of fixed size, without locks.
+//! The store of violations found on the path: of fixed size, without locks.
 //!
-//! A slot is used once in a program's run, so that no writer ever meets a reader: the scope that has just begun leaves those of earlier ones alone.
+//! A slot is used once in a program's run, so that a writer never meets a reader: a new scope
+//! leaves the slots of earlier ones alone.
 
 use crate::Kind;
 use std::cell::UnsafeCell;
@@ -8,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 /// How deep a backtrace is kept.
 const DEPTH: usize = 64;
-/// How many different violations one scope keeps; further ones are counted.
+/// The limit of different violations stored for one scope; further ones are counted.
 const MOST_PER_SCOPE: usize = 64;
 /// How many a program keeps.
 const SLOTS: usize = 1024;
@@ -26,9 +27,10 @@ pub(crate) struct Raw {
 }
 
 impl Raw {
-    /// With the way here.
+    /// A violation with its backtrace.
     ///
-    /// Allocates nothing and takes no lock, so that it can be made anywhere; on glibc from 2.35 on the unwinder finds its tables without one.
+    /// Allocates nothing and takes no lock, so that it can be created anywhere; with glibc 2.35 or
+    /// later the unwinder finds its tables without a lock.
     pub(crate) fn here(kind: Kind, process: u32, thread: usize) -> Self {
         let mut raw = Self {
             kind,
@@ -37,7 +39,8 @@ impl Raw {
             addresses: [0; DEPTH],
             depth: 0,
         };
-        // SAFETY: what it is not synchronized with is symbolization on other systems; unwinding on Linux and Unix is for any thread.
+        // SAFETY: the unsynchronized function must not run beside symbolization, which matters only
+        // on other systems; on Linux and Unix it may be called from any thread.
         unsafe {
             backtrace::trace_unsynchronized(|frame| {
                 raw.addresses[raw.depth] = frame.ip().addr();
@@ -63,7 +66,8 @@ impl Raw {
 
 /// # Invariants
 ///
-/// `raw` is written once, by who took the slot's number, before `is_written`, and read only after.
+/// `raw` is written once, before `is_written`, by the thread that took the slot's number, and read
+/// only after it.
 struct Slot {
     is_written: AtomicBool,
     times: AtomicU64,
@@ -89,7 +93,7 @@ impl Slot {
     }
 
     fn read(&self) -> Option<&Raw> {
-        // SAFETY: it is written, so nobody writes it any more.
+        // SAFETY: `is_written` is set, so by the invariant `raw` is not written any more.
         self.is_written
             .load(Ordering::Acquire)
             .then(|| unsafe { &*self.raw.get() })
@@ -101,7 +105,7 @@ static ROOM: [Slot; SLOTS] = [const { Slot::empty() }; SLOTS];
 static TAKEN: AtomicUsize = AtomicUsize::new(0);
 /// The first slot of the present scope.
 static FIRST: AtomicUsize = AtomicUsize::new(0);
-/// How many violations there were in the present scope, those that are kept together included.
+/// The number of violations in the present scope, including repeated ones.
 static SEEN: AtomicUsize = AtomicUsize::new(0);
 static IS_OPEN: AtomicBool = AtomicBool::new(false);
 
@@ -123,7 +127,7 @@ pub(crate) fn open() {
     IS_OPEN.store(true, Ordering::SeqCst);
 }
 
-/// Notes no more; gives what was noted, each with how often it was.
+/// Ends the noting; returns the violations, each with its count.
 pub(crate) fn close() -> Vec<(Raw, u64)> {
     IS_OPEN.store(false, Ordering::SeqCst);
     let first = FIRST.load(Ordering::Relaxed).min(SLOTS);
@@ -147,7 +151,8 @@ pub(crate) fn note(raw: &Raw) {
     } else if taken - first < MOST_PER_SCOPE
         && let Some(slot) = ROOM.get(TAKEN.fetch_add(1, Ordering::Relaxed))
     {
-        // SAFETY: the number was given to this caller alone, and nobody reads the slot before it is written.
+        // SAFETY: the number was given only to this caller, and by the invariant the slot is not
+        // read before `is_written` is set.
         unsafe { *slot.raw.get() = *raw };
         slot.times.store(1, Ordering::Relaxed);
         slot.is_written.store(true, Ordering::Release);

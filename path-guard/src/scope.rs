@@ -1,15 +1,18 @@
-//! What is watched, and what comes of it.
+//! Scopes in which the rules are enforced.
 
 use crate::{Coverage, Violation};
 
-/// Calls `run`, and fails if anything in it broke the path's rules: on its threads and those that it starts, from the moment when they go on the path.
+/// Calls `run`, and fails if code in it broke the path's rules, on its threads and those that it
+/// starts, from when they enter the path.
 ///
-/// Systems belong wholly inside. One call runs at a time in a program, the others wait for it; a call within another one fails. Where not
-/// all of the rules can be watched it says so on standard error, by the name of the test.
+/// Systems belong completely inside. One call runs at a time in a program, the others wait for it;
+/// a nested call fails. If not all of the rules can be watched, a message on standard error names
+/// the test.
 ///
 /// # Panics
 ///
-/// With all [`Violation`]s, their processes and their backtraces. If there is no telling whether there were any: see [`coverage`](crate::coverage).
+/// With all [`Violation`]s, their processes and their backtraces. If violations cannot be detected:
+/// see [`coverage`](crate::coverage).
 ///
 /// The crate's page has an example.
 #[track_caller]
@@ -18,7 +21,7 @@ pub fn check<R>(run: impl FnOnce() -> R) -> R {
     if covered != Coverage::Complete {
         use std::io::Write;
         let thread = std::thread::current();
-        // Not by a macro, whose output a test harness keeps to itself.
+        // Not by a macro: a test harness captures its output.
         let _ = writeln!(
             std::io::stderr(),
             "skipped: {}: {covered}",
@@ -32,9 +35,10 @@ pub fn check<R>(run: impl FnOnce() -> R) -> R {
     outcome
 }
 
-/// As [`check`], but gives what it sees instead of failing: for tests of the guard, and for programs that must break a rule somewhere.
+/// As [`check`], but returns the violations instead of failing: for tests of the guard, and for
+/// programs that have to break a rule.
 ///
-/// At most 64 violations in different places are told of one call, and 1024 in a program.
+/// It returns at most 64 violations in different places for one call, and 1024 in a program.
 ///
 /// # Panics
 ///
@@ -66,7 +70,8 @@ pub fn collect<R>(run: impl FnOnce() -> R) -> (R, Vec<Violation>) {
     (run(), Vec::new())
 }
 
-/// How many violations there were since the present [`check`] or [`collect`] has begun, each time counted: to wait for one. From any thread.
+/// The number of violations since the present [`check`] or [`collect`] has begun, including
+/// repeated ones: to wait for one. From any thread.
 ///
 /// ```
 /// # #[global_allocator]
@@ -110,7 +115,7 @@ mod guarded {
         static IS_INSIDE: Cell<bool> = const { Cell::new(false) };
     }
 
-    /// Closes the room; when a panic comes by, says what was seen: it may be why.
+    /// Ends the scope; during a panic, prints the violations, which may be its cause.
     struct Open;
 
     impl Drop for Open {
@@ -128,10 +133,7 @@ mod guarded {
     #[track_caller]
     pub(super) fn collect<R>(run: impl FnOnce() -> R) -> (R, Vec<Violation>) {
         probed();
-        assert!(
-            !IS_INSIDE.get(),
-            "what is watched already is watched anew: one `check` or `collect` within another"
-        );
+        assert!(!IS_INSIDE.get(), "one `check` or `collect` within another");
         let _alone = SCOPE.lock().unwrap_or_else(PoisonError::into_inner);
         IS_INSIDE.set(true);
         let _open = Open;
@@ -147,7 +149,7 @@ mod guarded {
             .collect()
     }
 
-    /// What the guard sees of an allocation, a free and a system call that are made to be seen.
+    /// The guard's findings for a deliberate allocation, free and system call.
     #[track_caller]
     pub(crate) fn probed() -> Coverage {
         static PROBED: OnceLock<Coverage> = OnceLock::new();

@@ -6,7 +6,7 @@ use luna_platform::current::ProcessId;
 use luna_platform::path;
 use std::fmt::Write;
 
-/// What was noted, in words.
+/// Converts a noted violation, with the names of its process, thread and functions.
 pub(crate) fn violation(raw: &Raw, times: u64) -> Violation {
     Violation {
         kind: raw.kind,
@@ -46,7 +46,8 @@ struct Function {
 
 fn backtrace(addresses: &[usize]) -> String {
     let functions: Vec<Function> = addresses.iter().flat_map(|&at| functions(at)).collect();
-    // The guard's own are the innermost; a process of a test may be called like them, further out.
+    // The guard's own functions are the innermost; functions of a test with the same names are
+    // further out.
     let innermost = functions.len().min(24);
     let after = functions[..innermost]
         .iter()
@@ -71,7 +72,7 @@ fn backtrace(addresses: &[usize]) -> String {
     text
 }
 
-/// The function at an address, with those that were inlined into it, the innermost first.
+/// The function at an address, with those inlined into it, the innermost first.
 fn functions(address: usize) -> Vec<Function> {
     let mut functions = Vec::new();
     backtrace::resolve(std::ptr::without_provenance_mut(address), |symbol| {

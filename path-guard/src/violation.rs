@@ -1,8 +1,8 @@
-//! What was seen.
+//! Violations of the path's rules.
 
 use std::fmt;
 
-/// What was done on the path that its rules forbid.
+/// A forbidden operation on the path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Kind {
@@ -23,7 +23,8 @@ pub enum Kind {
         /// How much.
         bytes: usize,
     },
-    /// The thread waited in a futex that is not the framework's sleep: for a lock, a condition or another thread.
+    /// The thread waited in a futex other than the framework's sleep: for a lock, a condition or
+    /// another thread.
     Lock {
         /// The operation, as futex(2) calls it.
         operation: &'static str,
@@ -32,7 +33,7 @@ pub enum Kind {
     SystemCall {
         /// Its number on this machine.
         number: i64,
-        /// Its name; empty if it is none of those that are known here.
+        /// Its name; empty if unknown here.
         name: &'static str,
     },
 }
@@ -55,7 +56,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// One breach of the path's rules: what, by whom, and where.
+/// One breach of the path's rules: the operation, its process, its thread, and its place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
     pub(crate) kind: Kind,
@@ -71,7 +72,7 @@ impl Violation {
         self.kind
     }
 
-    /// The process that did it; `None` if it was its executor, between two polls.
+    /// The process that did it; `None` for its executor, between two polls.
     pub fn process(&self) -> Option<&str> {
         self.process.as_deref()
     }

@@ -8,14 +8,15 @@ use luna_platform::path::{self, Watcher};
 use std::cell::Cell;
 use std::sync::{Mutex, PoisonError};
 
-/// The names of the threads that were on the path while somebody watched, by their numbers. A plain lock: taken off the path.
+/// The names of the threads that were on the path in a scope, by their numbers. A plain lock: taken
+/// off the path.
 static THREADS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 /// # Invariants
 ///
-/// It has no destructor, so that it can be asked, also by the kernel, for as long as the thread lives.
+/// It has no destructor, so that it can be read, also by the kernel, as long as the thread lives.
 struct Here {
-    /// What the kernel looks at on each system call, once it is armed.
+    /// Read by the kernel on each system call, once the thread is armed.
     selector: Selector,
     is_armed: Cell<bool>,
     /// The guard itself is at work: it may allocate and call the system.
@@ -57,7 +58,7 @@ impl Watcher for Guard {
     }
 }
 
-/// Tells the platform who watches.
+/// Registers the guard with the platform.
 pub(crate) fn begin() {
     path::watch(&Guard);
 }
@@ -68,15 +69,16 @@ pub(crate) fn thread_name(thread: usize) -> String {
     threads.get(thread).cloned().unwrap_or_default()
 }
 
-/// Whether what this thread does now is held to the rules. Async-signal-safe.
+/// Whether the rules apply to this thread now. Async-signal-safe.
 fn is_watched(here: &Here) -> bool {
     room::is_open() && current::on_path() && !here.is_busy.get() && !std::thread::panicking()
 }
 
-/// Calls `f`; if this thread is watched, notes before that `f` breaks a rule, and watches nothing within it.
+/// Calls `f`; if this thread is watched, first notes that `f` breaks a rule, and watches nothing
+/// within it.
 #[inline]
 pub(crate) fn noting<R>(kind: Kind, f: impl FnOnce() -> R) -> R {
-    // First, since memory is asked for before a program has thread-locals.
+    // First, since memory is allocated before a program has thread-locals.
     if !room::is_open() {
         return f();
     }
@@ -87,7 +89,7 @@ pub(crate) fn noting<R>(kind: Kind, f: impl FnOnce() -> R) -> R {
         here.is_busy.set(true);
         here.selector.let_pass();
         note(here, kind);
-        // What the allocator asks of the system is part of what was noted.
+        // System calls of the allocator are part of the noted allocation.
         let outcome = f();
         here.selector.stop();
         here.is_busy.set(false);
@@ -95,8 +97,8 @@ pub(crate) fn noting<R>(kind: Kind, f: impl FnOnce() -> R) -> R {
     })
 }
 
-/// The kernel has stopped a system call of this thread: notes it if it breaks a rule. Async-signal-safe. Gives the selector,
-/// which lets pass from now on.
+/// Called when the kernel has stopped a system call of this thread: notes it if it breaks a rule.
+/// Async-signal-safe. Returns the selector, which lets calls pass from now on.
 pub(crate) fn stopped(kind: impl FnOnce() -> Option<Kind>) -> *const Selector {
     HERE.with(|here| {
         here.selector.let_pass();

@@ -1,13 +1,14 @@
-//! Plain locks, which no guard at run time sees while they are free: where the libraries have any is listed here, with why it is off the real-time path.
+//! Plain locks, which cannot be detected at run time while they are free: this lists where the
+//! libraries have any, and why each is off the real-time path.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The libraries' sources. The modelled and the portable platform claim no real time.
+/// The libraries' sources. The modelled and the portable platform make no real-time claim.
 const SOURCES: [&str; 4] = ["platform/src", "channels/src", "executors/src", "src"];
 const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
 
-/// Where the words mean the framework's own locks.
+/// Files in which these words mean the framework's own locks.
 const OWN: [&str; 4] = [
     "channels/src/lock_sync",
     "src/csp/composition.rs",
@@ -18,7 +19,7 @@ const OWN: [&str; 4] = [
 /// What blocks without priority inheritance, as it is imported or named.
 const PLAIN: [&str; 5] = ["Mutex", "RwLock", "Condvar", "mpsc", "parking_lot"];
 
-/// Who has a plain lock, and why it is off the path.
+/// The files with a plain lock, and why it is off the path.
 const KNOWN: [(&str, &str); 16] = [
     (
         "channels/src/inspect.rs",
@@ -66,7 +67,7 @@ const KNOWN: [(&str, &str); 16] = [
     ),
     (
         "src/parameters/store/mod.rs",
-        "parameters are declared before the body, and set and listed by who is not on the path; a loop finds its own by another lock",
+        "parameters are declared before the body, and set and listed off the path; a loop uses another lock",
     ),
     (
         "src/record/recorder.rs",
@@ -78,11 +79,11 @@ const KNOWN: [(&str, &str); 16] = [
     ),
     (
         "src/safety/guardian.rs",
-        "the guardian is started before the start and told of the end after it",
+        "the guardian is started before the start and notified after the end",
     ),
     (
         "src/system/plan/mod.rs",
-        "a system's plan is its builder's; while it runs, who spawns, supervises and looks reads it",
+        "a system's plan belongs to its builder; while it runs, spawning, supervision and reports read it, off the path",
     ),
 ];
 fn root() -> PathBuf {

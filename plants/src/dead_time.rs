@@ -5,12 +5,16 @@ use crate::{Plant, PlantError, Port};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// A dead time: the output is what the input was so long ago. A conveyor, a pipe, a camera's exposure and transfer.
+/// A dead time: the output is the input of `delay` before. A conveyor, a pipe, a camera's exposure
+/// and transfer.
 ///
-/// Exact: times are kept as whole nanoseconds, changes come out in the order and at the distance at which they went in, whatever the steps. At the very instant of
-/// a change it is the new value that comes out. Before any has passed through, it is 0 or as said by [`starting_at`](Self::starting_at).
+/// Exact: times are whole nanoseconds, and changes come out in the order and at the distance at
+/// which they went in, independent of the steps. At the instant of a change the output is the new
+/// value. Before the first change has passed through, the output is 0 or the value of
+/// [`starting_at`](Self::starting_at).
 ///
-/// A step takes O(changes that come out), of which there are as many as went in. It allocates nothing: the room is made in [`new`](Self::new).
+/// A step takes O(changes that come out), and no more come out than went in. It allocates nothing:
+/// [`new`](Self::new) allocates the buffer.
 ///
 /// ```
 /// use luna_plants::{Checked, DeadTime, Port};
@@ -20,7 +24,12 @@ use std::time::Duration;
 /// let belt = DeadTime::new(Port::new("put", "kg"), Port::new("arrived", "kg"), ms(30), ms(10));
 /// let mut belt = Checked::new(belt);
 /// belt.set("put", 2.0).unwrap();
-/// let seen: Vec<f64> = (0..4).map(|_| { belt.step(ms(10)).unwrap(); belt.get("arrived").unwrap() }).collect();
+/// let seen: Vec<f64> = (0..4)
+///     .map(|_| {
+///         belt.step(ms(10)).unwrap();
+///         belt.get("arrived").unwrap()
+///     })
+///     .collect();
 /// assert_eq!(seen, [0.0, 0.0, 2.0, 2.0]);
 /// ```
 #[derive(Debug, Clone)]
@@ -34,7 +43,8 @@ pub struct DeadTime {
 }
 
 impl DeadTime {
-    /// A dead time of `delay` that is stepped by `shortest_step` or more. Allocates 24 bytes for each such step in the delay, at most 2^20 of them.
+    /// A dead time of `delay` for steps of at least `shortest_step`. Allocates 24 bytes for each
+    /// such step in the delay, for at most 2^20 of them.
     ///
     /// # Panics
     ///
@@ -58,7 +68,7 @@ impl DeadTime {
         }
     }
 
-    /// With `value` all along it at first.
+    /// With `value`, in the unit of the signal, as the output until the first change has passed.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
         self.single.value = value;
@@ -130,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_shorter_than_said_are_told_and_nothing_is_lost_before() {
+    fn steps_shorter_than_stated_are_an_error_and_nothing_is_lost_before() {
         let mut plant = dead_time(Duration::from_nanos(1000), Duration::from_nanos(500));
         let outcome: Vec<_> = (1..=5)
             .map(|n| {

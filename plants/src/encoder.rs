@@ -2,10 +2,11 @@
 
 use std::f64::consts::TAU;
 
-/// Edges for one turn of the motor: 500 lines, four edges each. A common size; the thesis gives none.
+/// Edges for one turn of the motor: 500 lines, four edges each. A common size; the thesis states
+/// none.
 pub const COUNTS_PER_MOTOR_TURN: f64 = 2000.0;
 
-/// The counter of one axis, as a card holds it: 32 bits that wrap, and that start anywhere when powered.
+/// The counter of one axis in a card: 32 bits that wrap, with any value at power-up.
 ///
 /// ```
 /// use luna_plants::{Decoder, Encoder};
@@ -23,7 +24,8 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Behind a gear of `gear_ratio`, on a counter that reads `at_zero` at angle 0.
+    /// For an encoder on a motor with a gear of `gear_ratio`; the counter reads `at_zero` at angle
+    /// 0.
     pub fn new(gear_ratio: f64, at_zero: i32) -> Self {
         Self {
             counts_per_rad: counts_per_rad(gear_ratio),
@@ -33,15 +35,15 @@ impl Encoder {
 
     /// What the counter reads with the joint at `angle` (rad).
     pub fn count(&self, angle: f64) -> i32 {
-        // An edge is counted when it is passed: the largest whole number below. The low 32 bits are what a counter keeps.
+        // An edge is counted when it is passed: round down. A counter keeps the low 32 bits.
         let edges = (angle * self.counts_per_rad).floor() as i64;
         self.at_zero.wrapping_add(edges as i32)
     }
 }
 
-/// Turns counts back into the joint's angle, over any number of wraps.
+/// Converts counts to the joint's angle, over any number of wraps.
 ///
-/// Exact as long as the joint moves less than 2³¹ counts between two calls, which is thousands of turns.
+/// Exact if the joint moves less than 2³¹ counts between two calls, which is thousands of turns.
 #[derive(Debug, Clone, Copy)]
 pub struct Decoder {
     rad_per_count: f64,
@@ -50,7 +52,8 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// For an encoder behind a gear of `gear_ratio`; `at_zero` is what calibration read at angle 0.
+    /// For an encoder on a motor with a gear of `gear_ratio`; `at_zero` is the count that
+    /// calibration found for angle 0.
     pub fn new(gear_ratio: f64, at_zero: i32) -> Self {
         Self {
             rad_per_count: 1.0 / counts_per_rad(gear_ratio),

@@ -1,4 +1,4 @@
-//! Why a plant cannot be connected or goes on no longer.
+//! Why a plant cannot be connected, or has failed.
 
 use crate::Port;
 use std::fmt;
@@ -23,13 +23,16 @@ impl fmt::Display for Side {
     }
 }
 
-/// Why a plant cannot be stepped, or its values are none. It is the end of the plant: see [`Checked`](crate::Checked).
+/// Why a plant cannot be stepped, or its values are invalid. The failure is final: see
+/// [`Checked`](crate::Checked).
 ///
-/// Making one and cloning it allocates nothing, but what a plant of your own puts into [`Model`](PlantError::Model).
-#[derive(Debug, Clone, PartialEq)]
+/// Creating and cloning one does not allocate, except for what a plant of your own puts into
+/// [`Model`](PlantError::Model).
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlantError {
     /// A value is not a number, or infinite where the range does not saturate.
+    #[error("{side} `{port}` is {value}")]
     NotFinite {
         /// Of an input or an output.
         side: Side,
@@ -39,6 +42,7 @@ pub enum PlantError {
         value: f64,
     },
     /// A value is outside of a range that does not saturate.
+    #[error("{side} `{}` is {value} {unit}, outside of {} to {} {unit}", .port.name(), .port.min(), .port.max(), unit = .port.unit())]
     OutOfRange {
         /// Of an input or an output.
         side: Side,
@@ -47,7 +51,9 @@ pub enum PlantError {
         /// What it is.
         value: f64,
     },
-    /// A value has no counterpart in the type of its channel or of its variable: 300 in a `u8`, 0.5 in an integer.
+    /// A value cannot be represented in the type of its channel or of its variable: 300 in a `u8`,
+    /// 0.5 in an integer.
+    #[error("{side} `{port}` is {value}, which is no {into}")]
     DoesNotFit {
         /// Of an input or an output.
         side: Side,
@@ -59,26 +65,32 @@ pub enum PlantError {
         into: &'static str,
     },
     /// A step is zero or longer than the plant can take.
+    #[error("a step of {step:?} was requested; it must be above zero and at most {longest:?}")]
     Step {
         /// How long it was to be.
         step: Duration,
         /// The longest.
         longest: Duration,
     },
-    /// More changes of the input lie within a dead time than there is room for: the steps are shorter than was said.
+    /// A dead time has no room for the changes of its input: the steps are shorter than stated.
+    #[error(
+        "more than {room} changes of the input lie within the dead time: state the shortest step that is made"
+    )]
     NoRoom {
         /// How many there is room for.
         room: usize,
     },
     /// The model's own.
+    #[error("{0}")]
     Model(Arc<str>),
     /// An FMU's.
     #[cfg(feature = "fmi")]
+    #[error("{0}")]
     Fmu(crate::fmu::FmuFault),
 }
 
 impl PlantError {
-    /// A failure of a model of your own, in words.
+    /// A failure of a model of your own, as text.
     ///
     /// ```
     /// let error = luna_plants::PlantError::model("the tank has run over");
@@ -89,72 +101,26 @@ impl PlantError {
     }
 }
 
-impl fmt::Display for PlantError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PlantError::NotFinite { side, port, value } => {
-                write!(f, "{side} `{port}` is {value}")
-            }
-            PlantError::OutOfRange { side, port, value } => write!(
-                f,
-                "{side} `{}` is {value} {unit}, outside of {} to {} {unit}",
-                port.name(),
-                port.min(),
-                port.max(),
-                unit = port.unit(),
-            ),
-            PlantError::DoesNotFit {
-                side,
-                port,
-                value,
-                into,
-            } => write!(f, "{side} `{port}` is {value}, which is no {into}"),
-            PlantError::Step { step, longest } => write!(
-                f,
-                "a step of {step:?} was asked for; it takes more than zero and at most {longest:?}"
-            ),
-            PlantError::NoRoom { room } => write!(
-                f,
-                "more than {room} changes of the input lie within the dead time: state the shortest step that is made"
-            ),
-            PlantError::Model(why) => f.write_str(why),
-            #[cfg(feature = "fmi")]
-            PlantError::Fmu(fault) => fault.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for PlantError {}
-
-/// What ended the system: a plant that failed, with its name.
+/// The failure that ended the system, with the plant's name.
 ///
 /// The process of a [`PlantLink`](crate::PlantLink) raises it as an emergency: it is the source in
 /// [`Error::Other`](luna::Error::Other).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("plant `{plant}` failed: {error}")]
 pub struct PlantFailure {
     /// The plant's name.
     pub plant: Arc<str>,
     /// Why it failed.
+    #[source]
     pub error: PlantError,
 }
 
-impl fmt::Display for PlantFailure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "plant `{}` failed: {}", self.plant, self.error)
-    }
-}
-
-impl std::error::Error for PlantFailure {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        Some(&self.error)
-    }
-}
-
 /// Why a plant and channels cannot be connected.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConnectError {
     /// The plant has no port of that name.
+    #[error("plant `{plant}` has no {side} `{port}`; it has {}", listed(.known))]
     NoSuchPort {
         /// The plant's name.
         plant: String,
@@ -166,27 +132,31 @@ pub enum ConnectError {
         known: Vec<String>,
     },
     /// An input has an actuator already.
+    #[error("input `{port}` of plant `{plant}` has an actuator already")]
     Taken {
         /// The plant's name.
         plant: String,
         /// The input.
         port: String,
     },
-    /// An input has no actuator, and nobody said that it keeps its value.
+    /// An input has no actuator, and is not held.
+    #[error("plant `{plant}` has inputs without an actuator: {}; connect them, or give them a value with `hold`", listed(.ports))]
     NotConnected {
         /// The plant's name.
         plant: String,
         /// The inputs.
         ports: Vec<String>,
     },
-    /// A plant's outputs do not fit the inputs of the one behind it, in number or unit.
+    /// A plant's outputs do not match the inputs of the plant behind it in number or unit.
+    #[error("outputs ({}) do not fit inputs ({}): as many are needed, of the same units", listed(.outputs), listed(.inputs))]
     Mismatch {
         /// The outputs, with units.
         outputs: Vec<String>,
         /// The inputs, with units.
         inputs: Vec<String>,
     },
-    /// A value that an input is to hold is none for it.
+    /// An input cannot be held at the given value.
+    #[error("plant `{plant}`: {error}")]
     Refused {
         /// The plant's name.
         plant: String,
@@ -194,52 +164,12 @@ pub enum ConnectError {
         error: PlantError,
     },
     /// A step of zero.
+    #[error("plant `{plant}` has a step of zero; give it a time above zero")]
     ZeroStep {
         /// The plant's name.
         plant: String,
     },
 }
-
-impl fmt::Display for ConnectError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ConnectError::NoSuchPort {
-                plant,
-                side,
-                port,
-                known,
-            } => write!(
-                f,
-                "plant `{plant}` has no {side} `{port}`; it has {}",
-                listed(known)
-            ),
-            ConnectError::Taken { plant, port } => write!(
-                f,
-                "input `{port}` of plant `{plant}` has an actuator already"
-            ),
-            ConnectError::NotConnected { plant, ports } => write!(
-                f,
-                "plant `{plant}` has inputs without an actuator: {}; connect them, or give them a value with `hold`",
-                listed(ports)
-            ),
-            ConnectError::Mismatch { outputs, inputs } => write!(
-                f,
-                "outputs ({}) do not fit inputs ({}): as many are needed, of the same units",
-                listed(outputs),
-                listed(inputs)
-            ),
-            ConnectError::Refused { plant, error } => write!(f, "plant `{plant}`: {error}"),
-            ConnectError::ZeroStep { plant } => {
-                write!(
-                    f,
-                    "plant `{plant}` is to be stepped by zero; give it a time"
-                )
-            }
-        }
-    }
-}
-
-impl std::error::Error for ConnectError {}
 
 impl From<ConnectError> for luna::Error {
     fn from(error: ConnectError) -> luna::Error {

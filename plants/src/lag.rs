@@ -4,16 +4,23 @@ use crate::single::{Single, plant_of_single};
 use crate::{Plant, PlantError, Port};
 use std::time::Duration;
 
-/// A first-order lag: `T dy/dt = K u − y`. A heater, a filter, a motor's speed without its armature.
+/// A first-order lag: `T dy/dt = K u − y`. A heater, a filter, a motor's speed without its
+/// armature.
 ///
-/// Integrated exactly for an input that is held: `y += (K u − y)(1 − exp(−t/T))`, so that any steps add up to the same, to rounding. It never passes
-/// its target. A step is O(1), with one `exp`, and may be of any length.
+/// Integrated exactly for a constant input: `y += (K u − y)(1 − exp(−t/T))`, so that the result
+/// does not depend on the division into steps, except for rounding. It never overshoots. A step is
+/// O(1), with one `exp`, and may have any length.
 ///
 /// ```
 /// use luna_plants::{Checked, FirstOrderLag, Port};
 /// use std::time::Duration;
 ///
-/// let oven = FirstOrderLag::new(Port::new("power", "W"), Port::new("temperature", "K"), 0.5, Duration::from_secs(10));
+/// let oven = FirstOrderLag::new(
+///     Port::new("power", "W"),
+///     Port::new("temperature", "K"),
+///     0.5,
+///     Duration::from_secs(10),
+/// );
 /// let mut oven = Checked::new(oven);
 /// oven.set("power", 200.0).unwrap();
 /// oven.step(Duration::from_secs(10)).unwrap();
@@ -28,7 +35,8 @@ pub struct FirstOrderLag {
 }
 
 impl FirstOrderLag {
-    /// A lag at rest at 0, from `input` to `output`: `gain` in the unit of the output by that of the input.
+    /// A lag at rest at 0, from `input` to `output`; `gain` is in the unit of the output divided by
+    /// that of the input.
     ///
     /// # Panics
     ///
@@ -47,7 +55,7 @@ impl FirstOrderLag {
         }
     }
 
-    /// At `value` instead of 0.
+    /// With the output at `value`, in its unit, instead of 0.
     #[must_use]
     pub fn starting_at(mut self, value: f64) -> Self {
         self.single.value = value;

@@ -1,9 +1,10 @@
-//! Simulated plants for LUNA, and how they take the place of hardware.
+//! Simulated plants for LUNA, which replace hardware.
 //!
-//! A *plant* is a machine, or a part of one, in simulation: it has *inputs*, which actuators apply, and *outputs*, which sensors read, each a [`Port`] with a
-//! name, a unit and a range. A [`PlantLink`] connects it to the channels of control processes, which do not know whether they talk to it or to hardware. It goes on
-//! by the system's clock ([`PlantLink::periodic`]) or exchange by exchange ([`PlantLink::lock_step`]). One that fails is an emergency, and
-//! no wrong value gets out.
+//! A *plant* is a simulated machine, or a part of one: it has *inputs*, which actuators apply, and
+//! *outputs*, which sensors read, each a [`Port`] with a name, a unit and a range. A [`PlantLink`]
+//! connects it to the channels of control processes, which need not know whether they use it or
+//! hardware. It advances by the system's clock ([`PlantLink::periodic`]) or by exchanges
+//! ([`PlantLink::lock_step`]). A failure raises an emergency, and wrong values are never passed on.
 //!
 //! ```
 //! use luna::prelude::*;
@@ -30,8 +31,9 @@
 //! # Ok::<(), luna::Error>(())
 //! ```
 //!
-//! Plants of your own implement [`Plant`]. Those here: [`Motor`] with gear, friction, end stops and limits; [`PanTilt`], Jiwy's mechanism;
-//! [`FirstOrderLag`], [`DeadTime`], and [`Series`] of two. All are deterministic; their steps allocate nothing.
+//! Implement [`Plant`] for your own. Included are [`Motor`] with gear, friction, end stops and
+//! limits; [`PanTilt`], Jiwy's mechanism; [`FirstOrderLag`], [`DeadTime`], and [`Series`] of two.
+//! All are deterministic; their steps allocate nothing.
 //!
 //! # Features
 //!
@@ -67,7 +69,7 @@ pub use series::Series;
 #[doc = include_str!("../../docs/simulation.md")]
 struct Page;
 
-/// Random cases from the seed `LUNA_SEED`, and without one always the same.
+/// Random cases from the seed `LUNA_SEED`; without it always the same.
 #[cfg(test)]
 fn seeded() -> proptest::test_runner::Config {
     let seed = std::env::var("LUNA_SEED")

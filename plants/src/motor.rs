@@ -1,6 +1,7 @@
-//! A DC motor and what it turns: supply, armature, gear, inertia, friction, end stops.
+//! A DC motor and its load: supply, armature, gear, inertia, friction, end stops.
 //!
-//! All of it is seen from the joint (the camera's side of the gear). With `K` = torque constant × gear ratio:
+//! All quantities are seen from the joint (the camera's side of the gear). With `K` = torque
+//! constant × gear ratio:
 //!
 //! ```text
 //! L di/dt = duty·supply − R i − K ω                      the armature, with its back-EMF
@@ -8,16 +9,20 @@
 //!   dθ/dt = ω
 //! ```
 //!
-//! Between the events that change these equations (a reversal, sticking and breaking loose, a stop, the limit of the current) they are linear: a step without any
-//! is solved exactly, at once (module `exact`). A step that may have one is halved, and what cannot be taken at once even then is integrated by implicit Euler in
-//! sub-steps of at most [`MAX_SUB_STEP`]. That is only first order, but it is stable for every step, never adds energy, and has the exact steady states. Friction is part of the implicit step, so it is
-//! a set-valued law and needs no smoothing: below breakaway the speed is exactly zero and the angle does not creep (Moreau's
-//! time stepping; Acary & Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, chapter 10).
+//! Between the events that change these equations (a reversal, sticking and breaking loose, a stop,
+//! the limit of the current) they are linear: a step without an event is solved exactly, at once
+//! (module `exact`). A step that may have one is halved, and the parts that still may have one are
+//! integrated by implicit Euler in sub-steps of at most [`MAX_SUB_STEP`]. That is only of first
+//! order, but it is stable for every step, never adds energy, and has the exact steady states.
+//! Friction is part of the implicit step, so it is a set-valued law and needs no smoothing: below
+//! breakaway the speed is exactly zero and the angle does not creep (Moreau's time stepping; Acary
+//! & Brogliato, "Numerical Methods for Nonsmooth Dynamical Systems", 2008, chapter 10).
 //!
-//! The bridge limits the current by taking the voltage off for as long as it would grow beyond: the torque then is what the limit gives.
+//! The bridge limits the current by switching the voltage off while the current would exceed the
+//! limit: the torque then is that of the limit.
 //!
-//! Left out: the ripple of the PWM (the voltage is its average), play and elasticity in the gear, gravity (both axes are
-//! taken as balanced), heat.
+//! Not modelled: the ripple of the PWM (the voltage is its average), play and elasticity in the
+//! gear, gravity (both axes are balanced), heat.
 
 mod exact;
 
@@ -25,13 +30,15 @@ use crate::{Outside, Plant, PlantError, Port};
 use exact::Prepared;
 use std::time::Duration;
 
-/// The longest sub-step, in seconds: a quarter of the time constant of the armatures of [`PAN`](crate::PAN) and [`TILT`](crate::TILT), a hundredth of their end stops' period.
+/// The longest sub-step, in seconds: a quarter of the time constant of the armatures of
+/// [`PAN`](crate::PAN) and [`TILT`](crate::TILT), a hundredth of the period of their end stops.
 pub const MAX_SUB_STEP: f64 = 25e-6;
 
-/// How often a step is halved to find what of it is linear: a millisecond down to less than a sub-step.
+/// How often a step is halved to find its linear parts: from a millisecond to less than a sub-step.
 const MOST_HALVED: usize = 6;
 
-/// The longest step that a motor takes as a [`Plant`], so that a step is bounded: 40 000 sub-steps a second of it.
+/// The longest step of a motor as a [`Plant`], which bounds a step's cost: 40 000 sub-steps for
+/// each second of it.
 pub const LONGEST_STEP: Duration = Duration::from_secs(10);
 
 /// What a motor and its axis are made of.
@@ -39,27 +46,28 @@ pub const LONGEST_STEP: Duration = Duration::from_secs(10);
 pub struct MotorParameters {
     /// The voltage at duty 1, in V.
     pub supply: f64,
-    /// The most that the bridge lets through, in A; infinity if it has no limit.
+    /// The bridge's limit of the current, in A; infinity if it has none.
     pub current_limit: f64,
-    /// Of the armature, in Ω.
+    /// Resistance of the armature, in Ω.
     pub resistance: f64,
-    /// Of the armature, in H.
+    /// Inductance of the armature, in H.
     pub inductance: f64,
-    /// Torque by current at the rotor, in N·m/A; the back-EMF in V·s/rad is the same number.
+    /// Torque per current at the rotor, in N·m/A; the back-EMF in V·s/rad is the same number.
     pub torque_constant: f64,
     /// Rotor turns for one turn of the joint.
     pub gear_ratio: f64,
-    /// Of the rotor, in kg·m².
+    /// Inertia of the rotor, in kg·m².
     pub rotor_inertia: f64,
-    /// Of what the joint carries, in kg·m².
+    /// Inertia of the load at the joint, in kg·m².
     pub load_inertia: f64,
     /// At the joint, in N·m·s/rad.
     pub viscous_friction: f64,
-    /// At the joint while it moves, in N·m. The losses of the gear are in it.
+    /// Coulomb friction at the joint while it moves, in N·m, including the losses of the gear.
     pub coulomb_friction: f64,
-    /// The torque at the joint that breaks it loose from rest, in N·m; at least the Coulomb friction.
+    /// The torque at the joint that breaks it loose from rest, in N·m; at least the Coulomb
+    /// friction.
     pub stiction: f64,
-    /// The stops stand at plus and minus this angle, in rad; at infinity if there are none.
+    /// The stops are at plus and minus this angle, in rad; infinity if there are none.
     pub end_stop: f64,
     /// Of a stop, in N·m/rad.
     pub stop_stiffness: f64,
@@ -68,12 +76,12 @@ pub struct MotorParameters {
 }
 
 impl MotorParameters {
-    /// Torque at the joint by current, in N·m/A; back-EMF by joint speed, in V·s/rad.
+    /// Torque at the joint per current, in N·m/A; back-EMF per joint speed, in V·s/rad.
     pub fn joint_constant(&self) -> f64 {
         self.torque_constant * self.gear_ratio
     }
 
-    /// All that turns, seen from the joint, in kg·m².
+    /// The inertia of all moving parts, seen from the joint, in kg·m².
     pub fn inertia(&self) -> f64 {
         self.load_inertia + self.rotor_inertia * self.gear_ratio * self.gear_ratio
     }
@@ -91,15 +99,17 @@ pub struct MotorState {
     pub angle: f64,
     /// Of the joint, in rad/s.
     pub speed: f64,
-    /// In the armature, in A.
+    /// Current in the armature, in A.
     pub current: f64,
 }
 
 /// A motor in motion, with its axis.
 ///
-/// As a [`Plant`] it has the input `duty` (−1 to 1 of the supply, saturates: a bridge cannot give more) and the outputs `angle` in rad, `speed` in rad/s and
-/// `current` in A. A step allocates nothing. It is O(1) while the joint moves one way or rests, some 15 ns; where something happens in it (it reverses, sticks,
-/// breaks loose, meets a stop or the limit of the current) O(time / [`MAX_SUB_STEP`]): at most 64 sub-steps for a millisecond, each some 20 ns.
+/// As a [`Plant`] it has the input `duty` (−1 to 1 of the supply, saturates like a bridge) and the
+/// outputs `angle` in rad, `speed` in rad/s and `current` in A. A step allocates nothing. It is
+/// O(1), some 15 ns, while the joint moves one way or rests. A step with an event (it reverses,
+/// sticks, breaks loose, meets a stop or the limit of the current) is O(time / [`MAX_SUB_STEP`]):
+/// at most 64 sub-steps for a millisecond, each some 20 ns.
 ///
 /// ```
 /// use luna_plants::{Checked, Motor, PAN};
@@ -169,17 +179,19 @@ impl Motor {
         self
     }
 
-    /// Applies `duty` (−1 to 1 of the supply; a bridge cannot give more) for `time` seconds.
+    /// Applies `duty` (−1 to 1 of the supply; saturates) for `time` seconds.
     ///
-    /// O(1) where nothing happens within it, as the type says, else O(time / [`MAX_SUB_STEP`]); allocates nothing. A duty that is no number is none, a time that is not
-    /// positive no time. Of times that change from call to call each costs some 100 ns more than of one that stays.
+    /// O(1) without an event, else O(time / [`MAX_SUB_STEP`]); allocates nothing. A duty that is
+    /// not a number counts as 0; nothing happens for a time that is not positive. A time that
+    /// differs from the last call's costs some 100 ns more.
     pub fn drive(&mut self, duty: f64, time: f64) {
         if time > 0.0 {
             self.advance(self.voltage(duty), time, 0);
         }
     }
 
-    /// At once if the step is linear, else by its halves; by sub-steps where those are no longer than one, or were halved often enough.
+    /// At once if the step is linear, else by its halves; by sub-steps if those are not longer than
+    /// one, or were halved often enough.
     fn advance(&mut self, voltage: f64, time: f64, halved: usize) {
         let exact = self.prepared[halved].steps_of(&self.parameters, time);
         if let Some(exact) = exact
@@ -205,7 +217,7 @@ impl Motor {
 
     /// By sub-steps alone.
     fn drive_by(&mut self, voltage: f64, time: f64, max_sub_step: f64) {
-        // A cast of what is not positive, or not a number, gives 0.
+        // A cast of a negative value or NaN gives 0.
         let sub_steps = (time / max_sub_step).ceil() as u64;
         let coefficients = self.coefficients(time / sub_steps as f64);
         for _ in 0..sub_steps {
@@ -230,8 +242,9 @@ impl Motor {
 
     /// One implicit step.
     ///
-    /// With the new current eliminated, the new speed solves `mass·ω' = impulse − h·friction(ω')`. If the current would pass the limit, it is the limit, and
-    /// the speed is solved for once more.
+    /// With the new current eliminated, the new speed solves `mass·ω' = impulse − h·friction(ω')`.
+    /// If the current would exceed the limit, it is set to the limit, and the speed is solved
+    /// again.
     fn sub_step(&mut self, voltage: f64, c: &Coefficients) {
         let p = &self.parameters;
         let MotorState { speed, current, .. } = self.state;
@@ -250,7 +263,8 @@ impl Motor {
         };
     }
 
-    /// The new speed: of the free joint, and if that would end in a stop, once more with the stop's spring and damper in `mass` and `impulse`.
+    /// The new speed: of the free joint, and if that would end in a stop, again with the stop's
+    /// spring and damper in `mass` and `impulse`.
     fn solve(&self, mass: f64, impulse: f64, c: &Coefficients) -> f64 {
         let p = &self.parameters;
         let MotorState { angle, speed, .. } = self.state;
@@ -260,7 +274,8 @@ impl Motor {
             } else {
                 p.coulomb_friction
             };
-        // Moves when the impulse exceeds friction, against Coulomb friction then; else sticks, at exactly zero speed.
+        // It moves against Coulomb friction if the impulse exceeds the friction; otherwise it
+        // sticks, at exactly zero speed.
         let against_friction = |mass: f64, impulse: f64| {
             if impulse.abs() <= friction {
                 0.0
@@ -279,12 +294,13 @@ impl Motor {
             mass + c.mass_of_stop,
             impulse - c.h * p.stop_stiffness * depth,
         );
-        // A stop pushes but does not pull: rubber that springs back slower than the joint leaves lets it go.
+        // A stop pushes but does not pull: a joint that leaves faster than the rubber expands loses
+        // contact.
         let push = p.stop_stiffness * (depth + c.h * touching) + p.stop_damping * touching;
         if push * side > 0.0 { touching } else { free }
     }
 
-    /// What is stored in the armature, in motion and in a compressed stop, in J.
+    /// The energy in the armature, in motion and in a compressed stop, in J.
     pub fn energy(&self) -> f64 {
         let p = &self.parameters;
         let s = &self.state;

@@ -1,12 +1,14 @@
-//! Jiwy, the pan-tilt camera of the thesis (appendix A.1): two axes with end stops, and an encoder on each motor.
+//! Jiwy, the pan-tilt camera of the thesis (appendix A.1): two axes with end stops, and an encoder
+//! on each motor.
 
 use crate::{Encoder, Motor, MotorParameters, MotorState, Outside, Plant, PlantError, Port};
 use std::time::Duration;
 
-// The figures of both axes are not those of the real Jiwy, which the thesis does not give. They are those of a plausible
-// small camera head: 12 V brushed motors of the 5 W class (data sheets of 22 mm motors give 4 to 6 Ω, 0.3 to 0.6 mH, 12 to
-// 15 mN·m/A, 3 to 5 g·cm²), planetary gears, a 0.3 kg camera some centimetres off the axes, rubber stops. Friction is chosen:
-// 3 to 4 % of the stall torque when moving, a third more to break loose.
+// The real Jiwy's parameters are not in the thesis. These are of a plausible small camera head: 12
+// V brushed motors of the 5 W class (data sheets of 22 mm motors give 4 to 6 Ω, 0.3 to 0.6 mH, 12
+// to 15 mN·m/A, 3 to 5 g·cm²), planetary gears, a 0.3 kg camera some centimetres off the axes,
+// rubber stops. Friction is chosen: 3 to 4 % of the stall torque when moving, a third more to break
+// loose.
 
 /// The lower axis: it carries the tilt axis, and turns further.
 pub const PAN: MotorParameters = MotorParameters {
@@ -26,7 +28,7 @@ pub const PAN: MotorParameters = MotorParameters {
     stop_damping: 0.5,
 };
 
-/// The upper axis: the same motor with a shorter gear, and the camera alone to move.
+/// The upper axis: the same motor with a shorter gear, moving only the camera.
 pub const TILT: MotorParameters = MotorParameters {
     supply: 12.0,
     current_limit: f64::INFINITY,
@@ -46,9 +48,9 @@ pub const TILT: MotorParameters = MotorParameters {
 
 /// Two axes of motors with encoders: the mechanism of a pan-tilt camera.
 ///
-/// Inputs: `pan duty` and `tilt duty`, −1 to 1 of the supply, saturate. Outputs: `pan count` and `tilt count`, the encoders' counters as a card holds
-/// them: whole numbers of 32 bits that wrap; a channel of `i32` takes them. The axes do not act on each other. A step is that of two
-/// [`Motor`]s.
+/// Inputs: `pan duty` and `tilt duty`, −1 to 1 of the supply, saturate. Outputs: `pan count` and
+/// `tilt count`, the encoders' counters as in a card: whole numbers of 32 bits that wrap; a channel
+/// of `i32` takes them. The axes are independent. A step costs two [`Motor`] steps.
 ///
 /// ```
 /// use luna_plants::{Checked, PanTilt};
@@ -97,7 +99,7 @@ impl PanTilt {
         )
     }
 
-    /// Where the axes are: what a simulation knows and the sensors do not tell.
+    /// The state of the axes, which the sensors do not show completely.
     pub fn states(&self) -> [MotorState; 2] {
         [self.axes[0].state(), self.axes[1].state()]
     }
@@ -159,7 +161,7 @@ mod tests {
                 );
             }
         }
-        // Tilt lies at its stop.
+        // Tilt is at its stop.
         assert!(camera.plant().states()[1].angle < -TILT.end_stop);
     }
 }

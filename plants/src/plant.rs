@@ -1,16 +1,18 @@
-//! The contract of a simulated plant, and the guard around it that lets no wrong value out.
+//! The contract of a simulated plant, and the wrapper that enforces it.
 
 use crate::error::{PlantError, Side};
 use crate::port::{Outside, Port};
 use std::time::Duration;
 
-/// A machine, or a part of one, in simulation.
+/// A simulated machine, or a part of one.
 ///
-/// Time goes on in [`step`](Self::step) alone, with the inputs that were applied last held constant, as a converter holds them. Use it by a
-/// [`PlantLink`](crate::PlantLink), or by hand through [`Checked`], which keeps the promises that are made here for it.
+/// Time advances only in [`step`](Self::step), with the last applied inputs held constant, as a
+/// converter holds them. Use it through a [`PlantLink`](crate::PlantLink), or directly through
+/// [`Checked`], which enforces the promises below.
 ///
-/// What an implementation promises: the same calls give the same values; the numbers of ports never change; `step` allocates nothing and
-/// takes bounded time (each type says which, and where that is not so). A failure is final.
+/// An implementation promises: the same calls give the same values; the numbers of ports never
+/// change; `step` allocates nothing and takes bounded time (each type states its bound, and
+/// exceptions). A failure is final.
 ///
 /// ```
 /// use luna_plants::{Checked, Plant, PlantError, Port};
@@ -41,7 +43,7 @@ use std::time::Duration;
 /// tank.set("flow", 0.5).unwrap();
 /// tank.step(Duration::from_secs(4)).unwrap();
 /// assert_eq!(tank.get("level"), Ok(3.0));
-/// // It runs over: no level is told any more.
+/// // It runs over: no level is returned any more.
 /// assert!(tank.step(Duration::from_secs(100)).is_err());
 /// assert!(tank.get("level").is_err());
 /// ```
@@ -52,7 +54,8 @@ pub trait Plant {
     /// What sensors read. In the order of [`measure`](Self::measure).
     fn outputs(&self) -> &[Port];
 
-    /// Takes the values of all inputs, which hold from now on. They are within their ranges. Takes no time.
+    /// Sets the values of all inputs, which hold from now on. They are within their ranges. Takes
+    /// no time.
     ///
     /// # Errors
     ///
@@ -66,7 +69,7 @@ pub trait Plant {
     /// The model cannot: a step of zero or too long, no solution.
     fn step(&mut self, time: Duration) -> Result<(), PlantError>;
 
-    /// Gives the values of all outputs at this moment. Takes no time.
+    /// Writes the values of all outputs at this moment. Takes no time.
     ///
     /// # Errors
     ///
@@ -96,16 +99,16 @@ impl<P: Plant + ?Sized> Plant for Box<P> {
     }
 }
 
-/// A plant behind a guard: inputs are saturated or refused by their ranges, outputs are checked before anybody sees them, and after a failure there is
-/// nothing but that failure.
+/// A plant in a wrapper that checks it: inputs are saturated or refused by their ranges, outputs
+/// are checked before they are returned, and after a failure every call returns that failure.
 ///
-/// Inputs begin at 0, or at the end of their range next to 0. The example is at [`Plant`].
+/// Inputs begin at 0, or at the end of their range next to 0. For an example see [`Plant`].
 #[derive(Debug)]
 pub struct Checked<P> {
     plant: P,
     inputs: Box<[f64]>,
     outputs: Box<[f64]>,
-    /// Whether `inputs` is what the plant was given, `outputs` what it said.
+    /// Whether `inputs` were applied to the plant, and `outputs` read from it.
     is_applied: bool,
     is_measured: bool,
     failure: Option<PlantError>,
@@ -146,11 +149,13 @@ impl<P: Plant> Checked<P> {
         self.failure.as_ref()
     }
 
-    /// Applies `value` to the input of this number from now on: within its range as it is, outside as its port says. O(1).
+    /// Applies `value` to the input of this number from now on; a value outside of its range is
+    /// treated as its port specifies. O(1).
     ///
     /// # Errors
     ///
-    /// The value is not a number, or outside of a range that does not saturate; or the plant has failed before.
+    /// The value is not a number, or outside of a range that does not saturate; or the plant has
+    /// failed before.
     ///
     /// # Panics
     ///
@@ -172,7 +177,7 @@ impl<P: Plant> Checked<P> {
     ///
     /// # Errors
     ///
-    /// As that.
+    /// As [`set_input`](Self::set_input).
     ///
     /// # Panics
     ///
@@ -186,7 +191,8 @@ impl<P: Plant> Checked<P> {
         )
     }
 
-    /// Sets the input of this number to its neutral value: 0, or the end of its range next to it. What a bridge without its enable line applies. O(1).
+    /// Sets the input of this number to its neutral value: 0, or the end of its range next to it,
+    /// as a disabled bridge does. O(1).
     ///
     /// # Panics
     ///
@@ -197,11 +203,13 @@ impl<P: Plant> Checked<P> {
         self.is_applied = false;
     }
 
-    /// Lets `time` go by with the inputs that are set, and looks at the outputs. As long as the plant's own step takes, and O(ports). Allocates nothing.
+    /// Advances by `time` with the present inputs, and checks the outputs. Costs the plant's step
+    /// and O(ports). Allocates nothing.
     ///
     /// # Errors
     ///
-    /// The plant cannot, or an output is not finite, or outside of a range that does not saturate. From then on this and all outputs are that error.
+    /// The step fails, or an output is not finite, or outside of a range that does not saturate.
+    /// From then on this and all outputs return that error.
     pub fn step(&mut self, time: Duration) -> Result<(), PlantError> {
         self.unless_failed()?;
         self.is_measured = false;
@@ -212,7 +220,7 @@ impl<P: Plant> Checked<P> {
         stepped.map_err(|error| self.fail(error))
     }
 
-    /// The outputs as they are now, all within their ranges. O(ports) if nothing was measured yet, else O(1).
+    /// The present outputs, all within their ranges. O(ports) after a change, else O(1).
     ///
     /// # Errors
     ///
@@ -252,7 +260,7 @@ impl<P: Plant> Checked<P> {
     }
 
     fn measure(&mut self) -> Result<(), PlantError> {
-        // A model that leaves one out has not said it.
+        // An output that the model does not write stays NaN, which is an error.
         self.outputs.fill(f64::NAN);
         self.plant.measure(&mut self.outputs)?;
         for (value, port) in self.outputs.iter_mut().zip(self.plant.outputs()) {

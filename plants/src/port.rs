@@ -6,7 +6,8 @@ use std::sync::Arc;
 /// What happens to a value outside of its port's range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Outside {
-    /// It is taken as the end of the range, as a bridge at its supply or a converter at full scale does. Infinities too; what is not a number never is.
+    /// It becomes the nearer end of the range, as with a bridge at its supply or a converter at
+    /// full scale. Infinities saturate too; a NaN never does.
     Saturate,
     /// It is a failure of the plant: [`PlantError::OutOfRange`](crate::PlantError::OutOfRange).
     Fail,
@@ -31,7 +32,8 @@ pub struct Port {
 }
 
 impl Port {
-    /// A port called `name` whose values are in `unit` ("rad", "1" for a ratio): any finite value, and a failure of the plant if it is not.
+    /// A port called `name` with values in `unit` ("rad", "1" for a ratio). Any finite value is
+    /// allowed; another is a failure of the plant.
     pub fn new(name: &str, unit: &str) -> Port {
         Port {
             name: Arc::from(name),
@@ -76,12 +78,12 @@ impl Port {
         &self.unit
     }
 
-    /// The least value; negative infinity if there is none.
+    /// The least value, in its unit; negative infinity if unlimited.
     pub fn min(&self) -> f64 {
         self.min
     }
 
-    /// The greatest value; infinity if there is none.
+    /// The greatest value, in its unit; infinity if unlimited.
     pub fn max(&self) -> f64 {
         self.max
     }

@@ -4,11 +4,13 @@ use crate::error::ConnectError;
 use crate::{Plant, PlantError, Port};
 use std::time::Duration;
 
-/// A plant whose outputs are the inputs of a second one: an amplifier and its motor, a process and its dead time.
+/// A plant in series with a second one: an amplifier and its motor, a process and its dead time.
 ///
-/// In each step the second is given what the first put out at the step's beginning, held. That is exact where the first one's output holds for
-/// whole steps (a dead time of whole steps), and else behind by half a step on average: take steps that are short against the time constants. The intermediate
-/// values have to be finite and within the ranges of the inputs that they go to. O(both).
+/// In each step the second plant's inputs are the outputs of the first at the step's beginning,
+/// held. That is exact if the outputs of the first hold for whole steps (a dead time of whole
+/// steps), and otherwise late by half a step on average: take steps that are short compared with
+/// the time constants. The values between must be finite and within the ranges of the second
+/// plant's inputs. O(both).
 ///
 /// ```
 /// use luna_plants::{Checked, DeadTime, FirstOrderLag, Port, Series};
@@ -33,11 +35,12 @@ pub struct Series<A, B> {
 }
 
 impl<A: Plant, B: Plant> Series<A, B> {
-    /// Puts `second` behind `first`, output by output in their order. Allocates.
+    /// Connects the outputs of `first` to the inputs of `second`, in order. Allocates.
     ///
     /// # Errors
     ///
-    /// [`ConnectError::Mismatch`]: there are not as many inputs as outputs, or their units differ. Names need not be the same.
+    /// [`ConnectError::Mismatch`]: the numbers or units of outputs and inputs differ. Names may
+    /// differ.
     pub fn new(first: A, second: B) -> Result<Self, ConnectError> {
         let (outputs, inputs) = (first.outputs(), second.inputs());
         let fits = outputs.len() == inputs.len()

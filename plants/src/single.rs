@@ -2,14 +2,14 @@
 
 use crate::Port;
 
-/// The input and the output of such a plant, and what is there now.
+/// The input and the output of such a plant, and their values.
 #[derive(Debug, Clone)]
 pub(crate) struct Single {
     pub(crate) input: Port,
     pub(crate) output: Port,
     /// What the input was given last.
     pub(crate) applied: f64,
-    /// What the output tells.
+    /// The output's value.
     pub(crate) value: f64,
 }
 
@@ -25,7 +25,7 @@ impl Single {
     }
 }
 
-/// All of [`Plant`](crate::Plant) but the step, for a plant with a field `single`.
+/// [`Plant`](crate::Plant) except for the step, for a plant with a field `single`.
 macro_rules! plant_of_single {
     () => {
         fn inputs(&self) -> &[Port] {

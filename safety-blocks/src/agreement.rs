@@ -9,18 +9,22 @@ use std::time::Duration;
 /// How many of two channels it takes to come to neutral.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Vote {
-    /// 1oo2: either one can. What is nearer to neutral passes, and nothing without both. Safe if one fails; stops if one fails.
+    /// 1oo2: either channel can stop. The value nearer to neutral passes, and none if one is
+    /// missing. Safe if one channel fails; stops if one fails.
     OneOutOfTwo,
-    /// 2oo2: both must. What is further from neutral passes; if one is missing, the other alone. Goes on if one fails silent; not safe if one fails
-    /// otherwise, but for what their disagreement shows.
+    /// 2oo2: both channels must agree to stop. The value further from neutral passes; if one is
+    /// missing, the other alone. Continues if one channel falls silent. Other failures of one
+    /// channel are only seen as a disagreement.
     TwoOutOfTwo,
 }
 
-/// Notices that two channels, which are to say the same, do not.
+/// Detects that two redundant channels disagree.
 ///
-/// Guards against the failure of one of two controllers (or sensors) that compute the same independently. Bound: a channel that is missing or no number is seen in the same
-/// round; values further apart than `tolerance` after `time` and one more round, with a `time` of zero in the same. No false alarm while they are not apart for as long as
-/// `time`. Whatever comes, what passes lies between the two, or between neutral and one of them. Does not see what both have in common.
+/// Guards against the failure of one of two controllers (or sensors) that compute the same value
+/// independently. Bound: a missing or non-finite value is found in the same round; values further
+/// apart than `tolerance` after `time` and one more round, or in the same round if `time` is zero.
+/// No false alarm while they are not apart for as long as `time`. What passes always lies between
+/// the two values, or between neutral and one of them. Does not detect faults common to both.
 ///
 /// ```
 /// use luna_safety_blocks::{Agreement, Verdict, Vote};
@@ -43,11 +47,12 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Two that may be `tolerance` apart, and further for less than `time`. `tolerance` and `neutral` are in the unit of the signal.
+    /// Two channels that may be `tolerance` apart, and further for less than `time`. `tolerance`
+    /// and `neutral` are in the unit of the signal.
     ///
     /// # Errors
     ///
-    /// `neutral` is no finite number; `tolerance` is none, or negative.
+    /// `neutral` is not finite; `tolerance` is not finite, or negative.
     pub fn new(
         vote: Vote,
         neutral: f64,
@@ -64,12 +69,13 @@ impl Agreement {
         })
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }
 
-    /// Takes in what the two say in this round, `elapsed` after the one before. O(1); allocates nothing.
+    /// Judges the two values of this round, `elapsed` after the one before. O(1); allocates
+    /// nothing.
     pub fn step(&mut self, a: Option<f64>, b: Option<f64>, elapsed: Duration) -> Verdict {
         let a = valid(a, Channel::A, elapsed);
         let b = valid(b, Channel::B, elapsed);
@@ -96,7 +102,7 @@ impl Agreement {
         let neutral = self.neutral;
         let a_is_nearer = (a - neutral).abs() <= (b - neutral).abs();
         Verdict::Pass(match self.vote {
-            // Neutral lies between them.
+            // Neutral is between them.
             Vote::OneOutOfTwo if (a < neutral) != (b < neutral) && a != neutral && b != neutral => {
                 neutral
             }

@@ -1,4 +1,4 @@
-//! What a block is: a step from what it sees to a verdict. No clock, no channel, no memory beyond its own.
+//! A block: a step from a sample to a verdict. It has no clock, no channel, and only its own state.
 
 use crate::fault::{Fault, Which};
 use crate::setting::{Of, SettingError};
@@ -9,14 +9,15 @@ use std::time::Duration;
 pub struct Sample {
     /// The value that passes through: a set-point, an output, a measurement.
     pub value: f64,
-    /// What it is compared with, where a block does: the measured position, the second sensor, the output that drives the axis.
+    /// The value that a block compares with, if it does: the measured position, the second sensor,
+    /// the output that drives the axis.
     pub feedback: Option<f64>,
     /// The time since the sample before; zero for the first.
     pub elapsed: Duration,
 }
 
 impl Sample {
-    /// `value`, and nothing to compare it with.
+    /// A sample of `value` without feedback, `elapsed` after the one before.
     pub const fn new(value: f64, elapsed: Duration) -> Self {
         Self {
             value,
@@ -25,7 +26,7 @@ impl Sample {
         }
     }
 
-    /// Beside `feedback`.
+    /// With `feedback`, in the unit that its block states.
     #[must_use]
     pub const fn beside(mut self, feedback: f64) -> Self {
         self.feedback = Some(feedback);
@@ -48,20 +49,20 @@ impl Sample {
     }
 }
 
-/// What a block says to a sample. Every number in it that is to be passed on is finite.
+/// A block's verdict on a sample. Every number in it that is passed on is finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[must_use = "a verdict that nobody heeds protects nobody"]
+#[must_use = "an ignored verdict protects nothing"]
 pub enum Verdict {
     /// It passes as it came.
     Pass(f64),
     /// The block has made it safe: this passes in its place.
     Limited(f64, Fault),
-    /// It must not be relied on. What is put out in its place is said by the [`Response`](crate::Response).
+    /// The sample is unreliable. The [`Response`](crate::Response) determines the output.
     Refused(Fault),
 }
 
 impl Verdict {
-    /// What is to be put out, when in the place of a refused value it is `neutral`.
+    /// The output, if `neutral` replaces a refused value.
     pub fn or(self, neutral: f64) -> f64 {
         match self {
             Self::Pass(value) | Self::Limited(value, _) => value,
@@ -80,8 +81,8 @@ impl Verdict {
 
 /// A safety block.
 ///
-/// Its state and its parameters are all that it has: a step allocates nothing, waits for nothing, and takes O(1). Use one by itself, or in a
-/// [`Chain`](crate::Chain), which adds what is done about its verdicts.
+/// It consists of its state and parameters: a step allocates nothing, never blocks, and takes O(1).
+/// Use one directly, or in a [`Chain`](crate::Chain), which adds responses to its verdicts.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Limit, Sample, Verdict};
@@ -95,18 +96,19 @@ impl Verdict {
 /// # Ok::<(), luna_safety_blocks::SettingError>(())
 /// ```
 pub trait Block {
-    /// Judges a sample whose numbers are finite. Called by [`step`](Self::step).
+    /// Judges a sample of finite numbers. Called by [`step`](Self::step).
     fn judge(&mut self, sample: &Sample) -> Verdict;
 
-    /// Forgets what it has seen, but not what it has put out: as if the next sample were its first.
+    /// Forgets the samples seen, but not the last output: the next sample counts as the first.
     fn reset(&mut self);
 
-    /// Is told that `value` was put out in the place of what it let pass: another block, or the response to a fault, has changed it. The default does nothing.
+    /// Called when `value` was put out instead of this block's output: another block, or the
+    /// response to a fault, has replaced it. The default does nothing.
     fn replaced(&mut self, value: f64) {
         let _ = value;
     }
 
-    /// Whether `neutral` may be put out in the place of what it refuses.
+    /// Checks that `neutral` may replace a refused value.
     ///
     /// # Errors
     ///
@@ -115,7 +117,8 @@ pub trait Block {
         Of("block").finite("neutral", neutral).map(drop)
     }
 
-    /// Takes in one sample. Whatever is not a number, or infinite, is refused, and not counted as seen. Real-time path: yes; O(1), no allocation.
+    /// Judges one sample. Numbers that are not finite are refused, and do not count as seen.
+    /// Real-time path: yes; O(1), no allocation.
     fn step(&mut self, sample: &Sample) -> Verdict {
         match sample.not_finite() {
             Some(fault) => Verdict::Refused(fault),

@@ -6,14 +6,17 @@ use crate::response::{Alarm, Reaction, Reactor, Response};
 use crate::setting::{Of, SettingError};
 use std::fmt;
 
-/// Blocks that a value passes one after the other, with what is done about their verdicts.
+/// Blocks that a value passes one after the other, with the responses to their verdicts.
 ///
-/// Within one chain nothing is communicated and nobody is switched: put what belongs together into one, and spawn it as a process by [`process`](Self::process). Or use it
-/// by hand, in a control process of one's own.
+/// Within one chain there is no communication and no switch: put blocks that belong together into
+/// one, and spawn it as a process by [`process`](Self::process). Or call it directly in a control
+/// process.
 ///
-/// What is put out in the end is told to those before, so that a rate limit goes on from what the axis was given. Of the order matters what stands behind a
-/// [`RateLimit`](crate::RateLimit) and what before: what comes before it, also neutral, is come to at its rate; what stands behind it acts at once. So an
-/// [`EndStop`](crate::EndStop) stands behind it. A number that is not finite is refused by the first block.
+/// The final output is reported to the blocks before, so that a rate limit continues from the
+/// actual output. Only the order relative to a [`RateLimit`](crate::RateLimit) matters: changes by
+/// blocks before it, also to neutral, are limited to its rate; blocks behind it act at once. So an
+/// [`EndStop`](crate::EndStop) belongs behind it. A number that is not finite is refused by the
+/// first block.
 ///
 /// ```
 /// use luna_safety_blocks::{Chain, EndStop, Limit, RateLimit, Reaction, Sample};
@@ -43,11 +46,12 @@ struct Link {
 }
 
 impl Chain {
-    /// Without a block yet: all finite values pass. `neutral`, in the unit of the signal, harms nobody.
+    /// A chain without blocks: all finite values pass. `neutral`, in the unit of the signal, is a
+    /// harmless value.
     ///
     /// # Errors
     ///
-    /// It is no finite number.
+    /// It is not finite.
     pub fn new(neutral: f64) -> Result<Self, SettingError> {
         Ok(Self {
             neutral: Of("chain").finite("neutral", neutral)?,
@@ -75,7 +79,7 @@ impl Chain {
         Ok(self)
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }
@@ -86,10 +90,10 @@ impl Chain {
         Some(link.reactor.monitor())
     }
 
-    /// Takes in a sample and gives what is to be put out: always a finite number. `on_alarm` is told of each fault that begins; after one whose
-    /// reaction is [`Reaction::Emergency`] neutral is put out.
+    /// Judges a sample and returns the output, which is always finite. Calls `on_alarm` for each
+    /// fault that begins. After a fault with [`Reaction::Emergency`] the output is neutral.
     ///
-    /// Real-time path: yes; O(blocks), no allocation, beside what `on_alarm` does.
+    /// Real-time path: yes; O(blocks), no allocation, except for those of `on_alarm`.
     pub fn step(&mut self, sample: &Sample, mut on_alarm: impl FnMut(Alarm)) -> f64 {
         let mut sample = *sample;
         let mut is_over = false;
@@ -117,7 +121,7 @@ impl Chain {
         self.put_out(out)
     }
 
-    /// Tells the blocks that this is put out.
+    /// Reports the actual output to the blocks.
     fn put_out(&mut self, out: f64) -> f64 {
         for link in &mut self.links {
             if link.passed != out {
@@ -128,12 +132,12 @@ impl Chain {
         out
     }
 
-    /// Puts out neutral, whatever the blocks say.
+    /// Puts out neutral, independent of the blocks' verdicts.
     pub(crate) fn put_out_neutral(&mut self) -> f64 {
         self.put_out(self.neutral)
     }
 
-    /// The system's safe state is over: who led to it looks anew.
+    /// The system's safe state is over: the blocks that led to it judge again.
     pub(crate) fn rearm(&self) {
         for link in &self.links {
             link.reactor.rearm();

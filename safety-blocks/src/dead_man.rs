@@ -1,17 +1,21 @@
-//! A key that somebody holds.
+//! A key that an operator holds.
 
 use crate::block::{Sample, Verdict};
 use crate::fault::Fault;
 use crate::setting::{Of, SettingError};
 use std::time::Duration;
 
-/// Lets values pass only while somebody holds a key, and says so again and again.
+/// Lets values pass only while an operator holds a key and the key is refreshed.
 ///
-/// A key is a number: 0 is *released*, any other *held*. It is to be refreshed in each `time`; if it [must change](Self::must_change), by another number than the last. Guards
-/// against an operator who is not there any more, and against a console, or a link to it, that is dead or repeats itself. When the time is over, or it has been
-/// [held too long](Self::held_at_most) (tied down, somebody asleep), it counts as released until it has been released in fact.
+/// A key is a number: 0 is *released*, any other *held*. It has to be refreshed in each `time`; if
+/// it [must change](Self::must_change), by a number other than the last. Guards against an absent
+/// operator, and against a console, or a link to it, that is dead or repeats itself. When the time
+/// is over, or the key has been [held too long](Self::held_at_most) (tied down, operator asleep),
+/// it counts as released until it has actually been released.
 ///
-/// Bound: a release the same step; all else at its time. As a process ([`DeadManProcess`](crate::DeadManProcess)) it wakes up by itself at that instant. Does not see who holds it.
+/// Bound: a release in the same step; other faults at their time. As a process
+/// ([`DeadManProcess`](crate::DeadManProcess)) it wakes up by itself at that instant. Does not
+/// detect a key held by another person or thing.
 ///
 /// ```
 /// use luna_safety_blocks::DeadMan;
@@ -81,11 +85,12 @@ impl DeadMan {
         Ok(self)
     }
 
-    /// Takes in a key, or that there is none, `elapsed` after the call before. O(1); allocates nothing.
+    /// Takes a key, or none, `elapsed` after the call before. O(1); allocates nothing.
     ///
     /// # Errors
     ///
-    /// The key is not held, or does not count as held: [`Fault::Released`], [`Fault::Silent`], [`Fault::HeldTooLong`].
+    /// The key is not held, or does not count as held: [`Fault::Released`], [`Fault::Silent`],
+    /// [`Fault::HeldTooLong`].
     pub fn step(&mut self, key: Option<u32>, elapsed: Duration) -> Result<(), Fault> {
         if let State::Held {
             unrefreshed, held, ..
@@ -94,7 +99,7 @@ impl DeadMan {
             *unrefreshed = unrefreshed.saturating_add(elapsed);
             *held = held.saturating_add(elapsed);
             let (unrefreshed, held) = (*unrefreshed, *held);
-            // Before the key is looked at: one that is too late does not hide that it is.
+            // Checked before the key, so that a late key does not hide its delay.
             if unrefreshed >= self.time {
                 self.state = State::Spent(Fault::Silent {
                     time: unrefreshed,
@@ -130,7 +135,7 @@ impl DeadMan {
         }
     }
 
-    /// In which time it will count as released if nothing comes; nothing if it does already.
+    /// The time until it counts as released if no key comes; none if it does already.
     pub fn expires_in(&self) -> Option<Duration> {
         match self.state {
             State::Held {
@@ -145,7 +150,7 @@ impl DeadMan {
     }
 }
 
-/// What becomes of `value` while the key is in this state: a release is no fault, but makes it `neutral`.
+/// The verdict on `value` with this key: a release is no fault, but the output is `neutral`.
 pub(crate) fn judge(value: f64, key: Result<(), Fault>, neutral: f64) -> Verdict {
     match (Sample::new(value, Duration::ZERO).not_finite(), key) {
         (Some(fault), _) => Verdict::Refused(fault),

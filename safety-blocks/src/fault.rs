@@ -1,6 +1,5 @@
-//! What a block found, and who found it.
+//! A fault, and the block that found it.
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,6 +12,15 @@ pub enum Which {
     Feedback,
 }
 
+impl Which {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Value => "value",
+            Self::Feedback => "feedback",
+        }
+    }
+}
+
 /// One of two channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Channel {
@@ -22,13 +30,14 @@ pub enum Channel {
     B,
 }
 
-/// What is wrong, with the value and the limit. Units are those of the block's signals, rates are by second.
+/// The fault, with value and limit. Units are those of the block's signals, rates are per second.
 ///
-/// `Copy`: it is made, passed on and dropped without memory.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// `Copy`, so that no step of its life allocates or frees.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
     /// A value is not a number, or infinite.
+    #[error("the {} is {value}", .which.name())]
     NotFinite {
         /// Which one.
         which: Which,
@@ -36,8 +45,10 @@ pub enum Fault {
         value: f64,
     },
     /// There is no feedback: none has come yet, or the newest is too old.
+    #[error("there is no feedback, or it is too old")]
     NoFeedback,
     /// A value is outside of its limits.
+    #[error("{value} is outside of {min} to {max}")]
     OutOfRange {
         /// What it is.
         value: f64,
@@ -47,6 +58,7 @@ pub enum Fault {
         max: f64,
     },
     /// A value changes faster than it may.
+    #[error("it changes by {rate:.3} a second, at most {limit} is allowed")]
     TooFast {
         /// How fast, by second; infinite if no time has passed.
         rate: f64,
@@ -54,20 +66,25 @@ pub enum Fault {
         limit: f64,
     },
     /// An output leads further into an end stop.
+    #[error("at {position:.4} it is driven further into the end stop that begins at {stop}")]
     EndStop {
         /// Where the axis is.
         position: f64,
         /// Where the stop begins.
         stop: f64,
     },
-    /// A sensor says the same for too long.
+    /// A sensor has returned the same value for too long.
+    #[error("it has been {value} for {time:?}; check the sensor and its cable")]
     Frozen {
-        /// What it says.
+        /// The value.
         value: f64,
         /// For how long by now.
         time: Duration,
     },
     /// A sensor is too noisy.
+    #[error(
+        "its noise is {level}, at most {limit} is allowed; check the sensor, its shield and its supply"
+    )]
     Noisy {
         /// The mean size of the second difference.
         level: f64,
@@ -75,10 +92,11 @@ pub enum Fault {
         limit: f64,
     },
     /// Two sensors, or two channels, disagree for too long.
+    #[error("{value} and {other} have been further apart than {tolerance} for {time:?}")]
     Disagree {
-        /// What the first says.
+        /// The first value.
         value: f64,
-        /// What the other says.
+        /// The other value.
         other: f64,
         /// How far apart they may be.
         tolerance: f64,
@@ -86,6 +104,9 @@ pub enum Fault {
         time: Duration,
     },
     /// An actuator is driven and does not move.
+    #[error(
+        "driven by {output} it has stayed at {position:.4} for {time:?}; check what blocks it, its motor and its encoder"
+    )]
     Blocked {
         /// By what it is driven.
         output: f64,
@@ -95,6 +116,7 @@ pub enum Fault {
         time: Duration,
     },
     /// Nothing has come for too long.
+    #[error("nothing has come for {time:?}, at most {limit:?} is allowed")]
     Silent {
         /// For how long by now.
         time: Duration,
@@ -102,13 +124,16 @@ pub enum Fault {
         limit: Duration,
     },
     /// One of two channels has no valid value.
+    #[error("channel {channel:?} has no valid value")]
     Missing {
         /// Which one.
         channel: Channel,
     },
     /// A dead-man's key is not held.
+    #[error("the key is not held")]
     Released,
     /// A dead-man's key is held for longer than it may.
+    #[error("the key has been held for {time:?}, at most {limit:?} is allowed; release it")]
     HeldTooLong {
         /// For how long by now.
         time: Duration,
@@ -117,93 +142,16 @@ pub enum Fault {
     },
 }
 
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotFinite {
-                which: Which::Value,
-                value,
-            } => write!(f, "the value is {value}"),
-            Self::NotFinite {
-                which: Which::Feedback,
-                value,
-            } => write!(f, "the feedback is {value}"),
-            Self::NoFeedback => f.write_str("there is no feedback, or it is too old"),
-            Self::OutOfRange { value, min, max } => {
-                write!(f, "{value} is outside of {min} to {max}")
-            }
-            Self::TooFast { rate, limit } => {
-                write!(
-                    f,
-                    "it changes by {rate:.3} a second, at most {limit} is allowed"
-                )
-            }
-            Self::EndStop { position, stop } => write!(
-                f,
-                "at {position:.4} it is driven further into the end stop that begins at {stop}"
-            ),
-            Self::Frozen { value, time } => write!(
-                f,
-                "it has been {value} for {time:?}; look at the sensor and its cable"
-            ),
-            Self::Noisy { level, limit } => write!(
-                f,
-                "its noise is {level}, at most {limit} is allowed; look at the sensor, its shield and its supply"
-            ),
-            Self::Disagree {
-                value,
-                other,
-                tolerance,
-                time,
-            } => write!(
-                f,
-                "{value} and {other} have been further apart than {tolerance} for {time:?}"
-            ),
-            Self::Blocked {
-                output,
-                position,
-                time,
-            } => write!(
-                f,
-                "driven by {output} it has stayed at {position:.4} for {time:?}; look what blocks it, at its motor and at its encoder"
-            ),
-            Self::Silent { time, limit } => write!(
-                f,
-                "nothing has come for {time:?}, at most {limit:?} is allowed"
-            ),
-            Self::Missing { channel } => {
-                write!(f, "channel {channel:?} has no valid value")
-            }
-            Self::Released => f.write_str("the key is not held"),
-            Self::HeldTooLong { time, limit } => write!(
-                f,
-                "the key has been held for {time:?}, at most {limit:?} is allowed; release it"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for Fault {}
-
-/// A fault and the block that found it: what an emergency is raised with.
+/// A fault and the block that found it: the cause of an emergency.
 ///
-/// In the error of [`System::run`](luna::System::run) it is the source in [`Error::Other`](luna::Error::Other).
-#[derive(Debug, Clone, PartialEq)]
+/// In the error of [`System::run`](luna::System::run) it is the source in
+/// [`Error::Other`](luna::Error::Other).
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("safety block `{block}`: {fault}")]
 pub struct Finding {
     /// The block's name, as the set-up gave it.
     pub block: Arc<str>,
     /// What it found.
+    #[source]
     pub fault: Fault,
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "safety block `{}`: {}", self.block, self.fault)
-    }
-}
-
-impl std::error::Error for Finding {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        Some(&self.fault)
-    }
 }

@@ -2,14 +2,15 @@
 
 use std::time::Duration;
 
-/// Tells when something has lasted for a time: counted from the first sample that shows it.
+/// Measures how long a condition has lasted, from the first sample that shows it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Lasting {
     since: Option<Duration>,
 }
 
 impl Lasting {
-    /// Takes in whether it is so, `elapsed` after the sample before; gives for how long it has been.
+    /// Takes whether the condition holds, `elapsed` after the sample before. Returns for how long
+    /// it has held.
     pub(crate) fn step(&mut self, is_so: bool, elapsed: Duration) -> Option<Duration> {
         self.since = is_so.then(|| match self.since {
             None => Duration::ZERO,
@@ -23,7 +24,7 @@ impl Lasting {
     }
 }
 
-/// Tells when a value has stood still for a time while something drove it.
+/// Detects that a value has stood still for some time while it was driven.
 #[derive(Debug, Clone)]
 pub(crate) struct Still {
     band: f64,
@@ -45,7 +46,8 @@ impl Still {
         }
     }
 
-    /// Takes in the value, and whether it is driven from now on; gives for how long it has stood still, if that is too long.
+    /// Takes the value, and whether it is driven from now on. Returns for how long it has stood
+    /// still, if that is too long.
     pub(crate) fn step(
         &mut self,
         value: f64,
@@ -55,7 +57,7 @@ impl Still {
         let rests = self
             .anchor
             .is_some_and(|anchor| (value - anchor).abs() <= self.band);
-        // What drives it now acts from now on: the time before belongs to what drove it then.
+        // The new drive acts from now on: the time before belongs to the previous one.
         let was_driven = std::mem::replace(&mut self.was_driven, is_driven);
         if !rests || !was_driven {
             (self.anchor, self.since) = (Some(value), Duration::ZERO);
@@ -65,7 +67,7 @@ impl Still {
         (self.since >= self.time).then_some(self.since)
     }
 
-    /// Says what drives the value from the last sample on, other than was taken in with it.
+    /// Corrects whether the value is driven since the last sample.
     pub(crate) fn drive(&mut self, is_driven: bool) {
         self.was_driven = is_driven;
     }

@@ -1,22 +1,25 @@
-//! Safety blocks: what stands between a controller and an actuator, and lets nothing pass that harms.
+//! Safety blocks: they stand between a controller and an actuator and let no harmful value pass.
 //!
-//! A *block* is a type with a [`step`](Block::step): from a [`Sample`] to a [`Verdict`]. It has no clock, no channel, and no memory beyond its own, so it can be tested
-//! exhaustively, and used anywhere. A [`Chain`] is blocks one after the other, with what is done about their verdicts: a [`Response`], which is to warn, to hold neutral until it
-//! has recovered, or an emergency. [`Chain::process`] makes a process of it, between two channels.
+//! A *block* is a type with a [`step`](Block::step) from a [`Sample`] to a [`Verdict`]. It has no
+//! clock, no channel, and only its own state, so it can be tested exhaustively, and used anywhere.
+//! A [`Chain`] is a series of blocks, with a [`Response`] to the verdicts of each: a warning,
+//! neutral until it has recovered, a safe state, or an emergency. [`Chain::process`] makes it a
+//! process between two channels.
 //!
 //! | block | guards against | found |
 //! | --- | --- | --- |
 //! | [`Limit`], [`RateLimit`] | values that are too large, or change too fast | in the same sample |
 //! | [`EndStop`] | motion into an end stop; out of it is allowed | in the same sample |
-//! | [`Range`], [`MaxRate`] | measurements that cannot be | in the same sample |
-//! | [`Frozen`], [`Noise`], [`Disagreement`] | sensors that stand still, rustle, or contradict another | within a time, or a number of samples, that is set |
-//! | [`Blocked`] | output without motion | within a time that is set |
-//! | [`Timeout`] | set-points that stop coming | at a time that is set |
-//! | [`Agreement`] | one of two channels that fails | in the same round, or within a time that is set |
-//! | [`DeadMan`] | nobody there | at a time that is set |
+//! | [`Range`], [`MaxRate`] | impossible measurements | in the same sample |
+//! | [`Frozen`], [`Noise`], [`Disagreement`] | sensors that stand still, are noisy, or contradict another | within a set time, or number of samples |
+//! | [`Blocked`] | output without motion | within a set time |
+//! | [`Timeout`] | set-points that stop coming | at a set time |
+//! | [`Agreement`] | one of two channels that fails | in the same round, or within a set time |
+//! | [`DeadMan`] | an absent operator | at a set time |
 //!
-//! `docs/safety-blocks.md` has their parameters, bounds, and what each does not see. Values that are not finite are faults for all of them, and never passed on. Parameters are
-//! looked at when a block is made ([`SettingError`]). All steps are O(1), and allocate nothing.
+//! `docs/safety-blocks.md` describes their parameters, bounds, and what each does not detect.
+//! Values that are not finite are faults for all of them, and never passed on. Parameters are
+//! checked when a block is created ([`SettingError`]). All steps are O(1), and allocate nothing.
 //!
 //! ```
 //! use luna::prelude::*;
@@ -29,7 +32,8 @@
 //! system.virtual_clock();
 //! let main = system.executor("main").build()?;
 //! let register = || luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-//! let ((measured, angles), (safe, duties), (asked, wanted)) = (register(), register(), luna::channel());
+//! let ((measured, angles), (safe, duties), (asked, wanted)) =
+//!     (register(), register(), luna::channel());
 //!
 //! let mut motor = PlantLink::new("motor", Motor::new(PAN));
 //! motor.actuator("duty", duties)?;

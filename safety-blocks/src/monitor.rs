@@ -4,9 +4,9 @@ use crate::block::Verdict;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// What others see of a block while it works, and by which they reset it. Its clones are handles to the same block.
+/// The observable state of a running block, and its reset. Clones are handles to the same block.
 ///
-/// From any thread; O(1), no lock, no allocation but for the first.
+/// From any thread; O(1), no lock; only the first call allocates.
 #[derive(Debug, Clone, Default)]
 pub struct Monitor(Arc<Seen>);
 
@@ -40,7 +40,8 @@ impl Monitor {
         self.0.is_held.load(Ordering::Acquire)
     }
 
-    /// Asks the block to let values pass again. With its next sample it forgets what it has seen, and its fault; if that is still there, it is found anew.
+    /// Requests that the block lets values pass again. With its next sample it forgets the samples
+    /// seen and its fault; if the fault is still there, it is found again.
     pub fn reset(&self) {
         self.0.is_reset.store(true, Ordering::Release);
     }

@@ -1,4 +1,4 @@
-//! What is done about a verdict.
+//! Responses to verdicts.
 
 use crate::block::Verdict;
 use crate::fault::{Fault, Finding};
@@ -11,28 +11,33 @@ use std::time::Duration;
 /// What a fault leads to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Reaction {
-    /// It is told, and what came passes on, but for what is no finite number: in its place neutral is put out. The first one of a block is a
-    /// [warning](luna::Safety::warn) of the system.
+    /// It is reported, and the value passes, except that neutral replaces a value that is not
+    /// finite. The first warning of a block is a [warning](luna::Safety::warn) of the system.
     Warn,
-    /// Neutral is put out until the block has [recovered](Recovery). The first time is a warning of the system too.
+    /// Neutral is put out until the block has [recovered](Recovery). The first one is a warning of
+    /// the system too.
     Neutral,
-    /// The system enters its [safe state](luna::Safety::enter_safe_state): the processes of all blocks put out neutral, but those of
-    /// [sensors](crate::ChainProcess::of_sensor), until somebody [resets](luna::Safety::reset) it. If the fault is still there then, it is found anew.
+    /// The system enters its [safe state](luna::Safety::enter_safe_state): the processes of all
+    /// blocks put out neutral, except those of [sensors](crate::ChainProcess::of_sensor), until a
+    /// [reset](luna::Safety::reset). If the fault is still there then, it is found again.
     SafeState,
-    /// It is an emergency ([`luna::emergency`]) with a [`Finding`], which ends the system. Nothing is put out any more.
+    /// An emergency ([`luna::emergency`]) with a [`Finding`], which ends the system. Nothing is put
+    /// out any more.
     Emergency,
 }
 
 /// When a block that holds neutral lets values pass again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Recovery {
-    /// When somebody says so: [`Monitor::reset`].
+    /// By a call of [`Monitor::reset`].
     Reset,
-    /// When samples have been good for this long, from the first good one to the last; zero is the first good one. Or by a reset.
+    /// After samples have been good for this long, from the first good one to the last; zero is the
+    /// first good one. Or by a reset.
     After(Duration),
 }
 
-/// What is done about a block's verdicts: which [`Reaction`], when it ends, and whether limiting is a fault in the end.
+/// The response to a block's verdicts: its [`Reaction`], its recovery, and whether limiting becomes
+/// a fault.
 ///
 /// ```
 /// use luna_safety_blocks::{Reaction, Recovery, Response};
@@ -52,7 +57,8 @@ pub struct Response {
 }
 
 impl Response {
-    /// This reaction. It is recovered from by a reset alone; a warning, and what led to a safe state, at the first good sample. Limiting is no fault.
+    /// A response with this reaction. It recovers only by a reset; a warning, and a block that led
+    /// to a safe state, at the first good sample. Limiting is no fault.
     pub const fn new(reaction: Reaction) -> Self {
         Self {
             reaction,
@@ -71,7 +77,8 @@ impl Response {
         self
     }
 
-    /// Makes it a fault when a block has [limited](Verdict::Limited) for `time` without a pause: a set-point that has run away, an end stop that is pressed. Zero is the first time.
+    /// Makes it a fault that a block has [limited](Verdict::Limited) for `time` without a pause: a
+    /// run-away set-point, a pressed end stop. Zero is the first time.
     #[must_use]
     pub const fn limited_for(mut self, time: Duration) -> Self {
         self.limited_for = Some(time);
@@ -88,7 +95,7 @@ impl From<Reaction> for Response {
 /// A fault has begun.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
-    /// Who found what.
+    /// The fault and its block.
     pub finding: Finding,
     /// What it leads to.
     pub reaction: Reaction,
@@ -96,9 +103,10 @@ pub struct Alarm {
     pub is_first: bool,
 }
 
-/// Turns verdicts into what is put out.
+/// Turns verdicts into outputs.
 ///
-/// A [`Chain`](crate::Chain) has one for each of its blocks. By itself it is for what gives verdicts and is no block.
+/// A [`Chain`](crate::Chain) has one for each of its blocks. Use it directly for verdicts of other
+/// sources.
 #[derive(Debug)]
 pub struct Reactor {
     name: Arc<str>,
@@ -112,11 +120,11 @@ pub struct Reactor {
 }
 
 impl Reactor {
-    /// Of a block called `name`; `neutral` is what is put out in the place of what must not be. Allocates.
+    /// A responder for a block called `name`; `neutral` replaces refused values. Allocates.
     ///
     /// # Errors
     ///
-    /// `neutral` is no finite number.
+    /// `neutral` is not finite.
     pub fn new(
         name: &str,
         neutral: f64,
@@ -139,7 +147,7 @@ impl Reactor {
         &self.name
     }
 
-    /// What is put out in the place of what must not be.
+    /// The value that replaces refused ones, in the unit of the signal.
     pub fn neutral(&self) -> f64 {
         self.neutral
     }
@@ -149,7 +157,7 @@ impl Reactor {
         self.monitor.clone()
     }
 
-    /// Whether somebody has asked for a reset since the last look; if so there is no fault any more.
+    /// Whether a reset was requested since the last call; if so the fault is cleared.
     pub fn take_reset(&mut self) -> bool {
         let is_asked = self.monitor.take_reset();
         if is_asked {
@@ -161,14 +169,15 @@ impl Reactor {
         is_asked
     }
 
-    /// The system's safe state is over: who led to it looks anew.
+    /// The system's safe state is over: a block that led to it judges again.
     pub(crate) fn rearm(&self) {
         if self.response.reaction == Reaction::SafeState {
             self.monitor.reset();
         }
     }
 
-    /// What is put out upon `verdict` on `came`, `elapsed` after the one before: always a finite number. And the alarm, when a fault begins.
+    /// The output for `verdict` on `came`, `elapsed` after the one before, which is always finite.
+    /// And the alarm, when a fault begins.
     ///
     /// Real-time path: yes; O(1), no allocation (an alarm shares the name).
     pub fn react(
@@ -218,7 +227,7 @@ impl Reactor {
             Verdict::Refused(Fault::NotFinite { .. }) => self.neutral,
             Verdict::Refused(_) => came,
         };
-        // The last word, also about a block of somebody's own that keeps no promise.
+        // A final check, since a block of the user's may break its promise.
         let value = match value.is_finite() {
             true => value,
             false => self.neutral,

@@ -1,10 +1,11 @@
-//! Parameters are looked at when a block is made, so that none can be wrong while it works.
+//! Parameters are checked when a block is created, so that none can be wrong while it works.
 
 use std::fmt;
 use std::time::Duration;
 
 /// A parameter that a block cannot work with.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{block}: {parameter} is {given}, allowed is {allowed}")]
 pub struct SettingError {
     /// The kind of block.
     pub block: &'static str,
@@ -12,7 +13,7 @@ pub struct SettingError {
     pub parameter: &'static str,
     /// What was given.
     pub given: Given,
-    /// What is allowed, in words.
+    /// The allowed values, as text.
     pub allowed: &'static str,
 }
 
@@ -36,18 +37,6 @@ impl fmt::Display for Given {
         }
     }
 }
-
-impl fmt::Display for SettingError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} is {}, allowed is {}",
-            self.block, self.parameter, self.given, self.allowed
-        )
-    }
-}
-
-impl std::error::Error for SettingError {}
 
 impl From<SettingError> for luna::Error {
     fn from(error: SettingError) -> luna::Error {

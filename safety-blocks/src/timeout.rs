@@ -5,11 +5,12 @@ use crate::fault::Fault;
 use crate::setting::{Of, SettingError};
 use std::time::Duration;
 
-/// Notices that no set-point has come for too long; what is put out then is a fall-back.
+/// Detects that no set-point has come for too long, and replaces it by a fall-back.
 ///
-/// Guards against a controller that hangs, has died, or is late, and against a link that is cut. Bound: `time` from the last set-point, or from the beginning. As a process
-/// ([`ChainProcess::timeout`](crate::ChainProcess::timeout)) it wakes up by itself at that instant. Does not see a controller that goes on with the same
-/// set-point: see [`Frozen`](crate::Frozen).
+/// Guards against a controller that hangs, has ended, or is late, and against a broken link. Bound:
+/// `time` from the last set-point, or from the beginning. As a process
+/// ([`ChainProcess::timeout`](crate::ChainProcess::timeout)) it wakes up by itself at that instant.
+/// Does not detect a controller that repeats the same set-point: see [`Frozen`](crate::Frozen).
 ///
 /// ```
 /// use luna_safety_blocks::{Timeout, Verdict};
@@ -32,11 +33,11 @@ pub struct Timeout {
 }
 
 impl Timeout {
-    /// At least one set-point in each `time`; else `fallback`, in the unit of the signal.
+    /// At least one set-point in each `time`; otherwise `fallback`, in the unit of the signal.
     ///
     /// # Errors
     ///
-    /// `time` is zero, or `fallback` no finite number.
+    /// `time` is zero, or `fallback` is not finite.
     pub fn new(time: Duration, fallback: f64) -> Result<Self, SettingError> {
         let of = Of("timeout");
         Ok(Self {
@@ -48,8 +49,9 @@ impl Timeout {
         })
     }
 
-    /// As a process, puts the fall-back out again each `time` while nothing comes; without, at the pace of the timeout. What is behind it, such as a rate
-    /// limit that leads to the fall-back in steps, or a driver with a watchdog, goes on at that pace.
+    /// As a process, puts the fall-back out again each `time` while nothing comes; the default is
+    /// the time of the timeout. Later blocks, such as a rate limit that approaches the fall-back,
+    /// or a driver with a watchdog, work at that pace.
     ///
     /// # Errors
     ///
@@ -69,7 +71,7 @@ impl Timeout {
         self.repeat
     }
 
-    /// What is put out when nothing comes.
+    /// The value to put out without set-points, in the unit of the signal.
     pub fn fallback(&self) -> f64 {
         self.fallback
     }
@@ -79,8 +81,9 @@ impl Timeout {
         self.last
     }
 
-    /// Takes in a set-point, or that there is none, `elapsed` after the call before. Until the time is over the last one passes in its place. What is no number is
-    /// refused, and is no set-point. O(1); allocates nothing.
+    /// Takes a set-point, or none, `elapsed` after the call before. Until the time is over the last
+    /// one passes instead. A set-point that is not finite is refused, and counts as none. O(1);
+    /// allocates nothing.
     pub fn step(&mut self, value: Option<f64>, elapsed: Duration) -> Verdict {
         self.silent = self.silent.saturating_add(elapsed);
         if let Some(value) = value {
@@ -98,7 +101,7 @@ impl Timeout {
         })
     }
 
-    /// Begins anew, as if a set-point had come now.
+    /// Starts again, as if a set-point had come now.
     pub fn reset(&mut self) {
         self.silent = Duration::ZERO;
     }

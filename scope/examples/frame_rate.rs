@@ -1,7 +1,9 @@
-//! Measures how many frames a second the page draws with 32 curves of 1 kHz, in a headless Chromium: `cargo run --release -p luna-scope --example frame_rate`.
+//! Measures how many frames a second the page draws with 32 curves of 1 kHz, in a headless
+//! Chromium: `cargo run --release -p luna-scope --example frame_rate`.
 //!
-//! The times between frames are those that `requestAnimationFrame` tells, for ten seconds after five of warming up; what a frame's own script takes is told beside them.
-//! A headless Chromium draws without a graphics card, by the processor alone, at most 60 times a second.
+//! The times between frames are those of `requestAnimationFrame`, for ten seconds after a warm-up
+//! of five; the run time of each frame's script is reported too. A headless Chromium draws without
+//! a graphics card, on the processor alone, at most 60 times a second.
 
 #[path = "../tests/support/mod.rs"]
 mod support;

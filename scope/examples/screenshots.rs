@@ -1,4 +1,5 @@
-//! Makes the pictures of the documentation: `cargo run -p luna-scope --example screenshots -- docs/scope`.
+//! Makes the pictures of the documentation:
+//! `cargo run -p luna-scope --example screenshots -- docs/scope`.
 
 #[path = "../tests/support/mod.rs"]
 mod support;

@@ -1,4 +1,4 @@
-// Which instant is looked at: it follows what happens, or stands, or moves slowly through what is in memory.
+// The instant that is shown: it follows the recording, stands, or moves slowly through what is in memory.
 
 const SOFT = 0.06; // how much of a difference is made up for with each block that comes
 

@@ -1,4 +1,4 @@
-// Which process is part of which, what state each is in, and who waits at which channel.
+// Processes and their parts, the state of each process, and which channel each waits at.
 
 import { $, make, put, span, instant, count } from "./text.js";
 import { STATES, SUBJECT } from "./events.js";
@@ -15,7 +15,7 @@ export class Composition {
     this.version = -1;
     this.read = -Infinity;
     this.body = make("tbody");
-    const head = make("tr", {}, ...["Channel", "Each s", "Who waits"].map((text, n) => make("th", { class: n === 1 ? "n" : "", scope: "col" }, text)));
+    const head = make("tr", {}, ...["Channel", "Each s", "Waiting"].map((text, n) => make("th", { class: n === 1 ? "n" : "", scope: "col" }, text)));
     this.channels = make("div", { class: "panel" }, make("header", {}, make("h2", {}, "Channels")), make("table", {}, make("thead", {}, head), this.body));
     $("#channels").append(this.channels);
     this.quiet = make("div", { class: "quiet" }, make("div", {}, make("h2", {}, "No processes yet"), make("p", {}, "Here are the processes of the system with their states, when the recording has its events.")));
@@ -74,12 +74,12 @@ export class Composition {
   }
 
   row(number) {
-    const name = make("td"), rate = make("td", { class: "n" }), who = make("td", { class: "muted" });
-    const root = make("tr", { tabindex: "0" }, name, rate, who);
+    const name = make("td"), rate = make("td", { class: "n" }), waiting = make("td", { class: "muted" });
+    const root = make("tr", { tabindex: "0" }, name, rate, waiting);
     const mark = () => { this.marked = this.marked === number ? null : number; };
     root.onclick = mark;
     root.onkeydown = (event) => { if (event.key === "Enter") mark(); };
-    return { root, name, rate, who, seen: null, at: null, perSecond: null };
+    return { root, name, rate, waiting, seen: null, at: null, perSecond: null };
   }
 
   frame(now) {
@@ -110,7 +110,7 @@ export class Composition {
         box.root.classList.toggle("marked", isMarked);
       }
     }
-    if (reads) this.tellChannels(waiting, isLive);
+    if (reads) this.showChannels(waiting, isLive);
     if (reads) put($("#composition-instant"), isLive ? "" : `at ${instant(clock.now, clock.speed > 0 && clock.speed < 0.5 ? 1e-5 : 1e-6)}`);
   }
 
@@ -130,7 +130,7 @@ export class Composition {
     }
   }
 
-  // What it waited for last: who runs a thousand times a second would only flicker.
+  // The last wait. The present state of a process that runs a thousand times a second would only flicker.
   last(process) { return process.a ? this.waits(process.a, process.b) : "running"; }
 
   waits(a, b) {
@@ -151,10 +151,10 @@ export class Composition {
     box.at = latest;
   }
 
-  tellChannels(waiting, isLive) {
+  showChannels(waiting, isLive) {
     const { latest } = this.clock;
     for (const [number, row] of this.rows) {
-      put(row.who, (waiting.get(number) ?? []).join(", ") || "–");
+      put(row.waiting, (waiting.get(number) ?? []).join(", ") || "–");
       row.root.classList.toggle("chosen", this.marked === number);
       if (!isLive) continue;
       if (row.at !== null && latest - row.at >= 0.4) {

@@ -1,4 +1,4 @@
-// The WebSocket to the scope. It is closed while nobody looks, and opened again; what was missed meanwhile is told by the scope.
+// The WebSocket to the scope. It is closed while the page is hidden, and opened again later; the scope then sends what was missed.
 
 import { Decoder } from "./decode.js";
 
@@ -73,7 +73,7 @@ export class Connection {
     if (typeof data !== "string") this.bytes += data.byteLength;
     const word = typeof data === "string" ? JSON.parse(data) : null;
     if (word && !["begin", "missed"].includes(word.type)) return this.hear(word);
-    // While the page is paused, memory stays as it is: else what is looked at would be overwritten.
+    // While the page is paused, memory is kept: otherwise what is shown would be overwritten.
     if (!this.clock.live) return this.keep(word ?? data);
     this.apply(word ?? data);
     if (!word) this.clock.settle(performance.now());

@@ -46,7 +46,7 @@ export class Cursors {
 
   move(which, x) {
     this.at[which] = this.signals.time(x);
-    this.told = null;
+    this.updated = null;
   }
 
   draw(context, palette, bottom, top) {

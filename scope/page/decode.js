@@ -1,4 +1,4 @@
-// Blocks of a recording (docs/logger.md) into records. Times become seconds since the first one that was seen.
+// Decodes blocks of a recording (docs/logger.md) into records. Times become seconds since the first one seen.
 
 const HEAD = 16;
 const text = new TextDecoder();
@@ -29,7 +29,7 @@ export class Decoder {
     this.values = new Float64Array(16);
   }
 
-  // Takes one block. `declares`: it repeats what was declared, with the last state of each process.
+  // Takes one block. `declares`: it repeats the declarations, with the last state of each process.
   block(buffer, declares) {
     this.bytes = new Uint8Array(buffer);
     this.view = new DataView(buffer);

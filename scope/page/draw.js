@@ -1,4 +1,4 @@
-// Drawing: canvases in device pixels, and a painter that fills columns of an image, which is many times as fast as strokes where there are many lines.
+// Drawing: canvases in device pixels, and a painter that fills columns of an image, which is many times faster than strokes where there are many lines.
 
 const NAMES = ["grid", "line", "text", "muted", "faint", "surface", "accent", "on-accent", "on-alarm", "running", "ready", "waiting", "done", "failed", "arrow"];
 let palette = null;
@@ -14,13 +14,13 @@ export function colours() {
   return palette;
 }
 
-// A palette that can be told apart with any colour vision where neighbours differ in lightness too.
+// Colours that can be distinguished with any colour vision; neighbours differ in lightness too.
 const LIGHT = ["#2b62d9", "#c25a00", "#00816a", "#a63a94", "#7a6100", "#0b87a8", "#b8322a", "#5f4fc9"];
 const DARK = ["#7ba6ff", "#f59a4a", "#3fcfab", "#e58ad6", "#d9be52", "#5cc8e6", "#ff8a7d", "#ada1ff"];
 export const isDark = () => document.documentElement.dataset.theme === "dark";
 export const colourOf = (n) => (isDark() ? DARK : LIGHT)[n % LIGHT.length];
 
-// The canvas as large as it is shown; says whether it has changed.
+// Resizes the canvas to its size on the screen. Returns whether it has changed.
 export function fit(canvas, width = canvas.clientWidth, height = canvas.clientHeight) {
   const ratio = Math.min(2, window.devicePixelRatio || 1);
   const wide = Math.max(1, Math.round(width * ratio)), high = Math.max(1, Math.round(height * ratio));
@@ -48,7 +48,7 @@ export class Painter {
     return (((number & 0xff) << 16) | (number & 0xff00) | (number >> 16)) >>> 0;
   }
 
-  // One column of a curve from `top` to `bottom`, whose ends are as strong as they cover their pixels.
+  // One column of a curve from `top` to `bottom`. Its end pixels are as opaque as the part that it covers.
   column(x, top, bottom, colour, ceiling, floor) {
     if (top < ceiling) top = ceiling;
     if (bottom > floor) bottom = floor;

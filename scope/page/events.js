@@ -1,4 +1,4 @@
-// The last events, in bounded memory, and the states that they tell.
+// The last events, in bounded memory, and the states of processes that follow from them.
 
 const FIRST = 1 << 14, MOST = 1 << 20;
 const BETWEEN = 1 << 12, CHECKPOINTS = MOST / BETWEEN; // events from one checkpoint of all states to the next
@@ -8,7 +8,7 @@ export const SUBJECT = { process: 1, executor: 2, channel: 3, barrier: 4, lock: 
 export const STATES = ["unknown", "ready", "running", "waiting", "done", "failed"];
 const STILL_READY = 255;
 
-// The state that an event says, as an index into STATES; 0 if it says none.
+// The state that an event leads to, as an index into STATES; 0 if none.
 export function stateOf(code, a) {
   if (code === CODE.waiting) return a === STILL_READY ? 1 : 3;
   if (code === CODE.done) return a === 1 || a === 2 ? 5 : 4;
@@ -47,7 +47,7 @@ export class Events {
     }
     const last = (this.end - 1) & this.mask;
     const at = this.end & this.mask;
-    // What a round of the recorder merged a little out of order is found all the same.
+    // Sorts in events that a round of the recorder merged slightly out of order.
     this.time[at] = this.end > this.begin && time < this.time[last] ? this.time[last] : time;
     this.code[at] = code;
     this.thread[at] = thread;

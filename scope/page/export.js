@@ -11,7 +11,7 @@ function save(blob, name) {
 
 const cell = (text) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
 
-// A row for each instant at which one of the curves has a sample; a cell is empty where one has none.
+// A row for each instant at which one of the curves has a sample; cells of curves without a sample there are empty.
 export function csv(curves, from, to) {
   const names = curves.map(({ name, signal }) => cell(signal.unit ? `${name} (${signal.unit})` : name));
   const lines = [["time (s)", ...names].join(",")];

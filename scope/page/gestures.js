@@ -1,6 +1,6 @@
 // Pan by drag, zoom by wheel and pinch, and the same by keys.
 
-// `on`: pan(pixels), zoom(factor, x), tap(x, y), hover(x, y) or leave(), grab(x, y) -> something that is dragged instead, with drag(x, y), key(event) -> handled.
+// `on`: pan(pixels), zoom(factor, x), tap(x, y), hover(x, y) or leave(), grab(x, y) -> an object that is dragged instead, with drag(x, y), key(event) -> handled.
 export function gestures(element, on) {
   const pointers = new Map();
   let held = null, moved = 0, distance = 0;

@@ -3,7 +3,6 @@
 import { $, make, put, spanParts, span, instant, count } from "./text.js";
 import { colours, fit } from "./draw.js";
 
-const PARTS = 16, FINE = 32; // of the scope's histograms: a sixteenth of an octave
 const CAUSES = ["unknown", "the loop itself", "another process of its executor", "another thread on its core"];
 
 // The cause of a late cycle with its share, from the second number of its event; one without a share is not named.
@@ -18,12 +17,6 @@ export function causeText({ cause, percent }, who, stolen) {
   if (cause) causes.push(`${who ?? CAUSES[cause] ?? `cause ${cause}`} (${percent} %)`);
   if (stolen) causes.push(`a hypervisor (at least ${stolen} %)`);
   return causes.join("; ") || CAUSES[0];
-}
-
-// The bounds of a part of a histogram, in nanoseconds.
-export function bounds(at) {
-  const lower = (n) => (n < FINE ? n : (n - (Math.floor(n / PARTS) - 1) * PARTS) * 2 ** (Math.floor(n / PARTS) - 1));
-  return [lower(at), lower(at + 1)];
 }
 
 export class Loops {
@@ -78,20 +71,21 @@ export class Loops {
     this.histogram(card.canvas, one);
   }
 
-  // Counts on a logarithmic scale, so that one late cycle in a million is seen; so is time.
-  histogram(canvas, { parts, p50, p99, max }) {
+  // Counts and times are on logarithmic scales, so that one late cycle in a million is visible.
+  histogram(canvas, { buckets, p50, p99, max }) {
     const { context, width, height } = fit(canvas);
     const palette = colours();
     context.clearRect(0, 0, width, height);
-    const bottom = height - 22, low = Math.max(100, Math.min(...parts.map(([at]) => bounds(at)[0])) * 0.7);
+    const bottom = height - 22, low = Math.max(100, Math.min(...buckets.map(([from]) => from)) * 0.7);
     const high = Math.max(low * 20, max * 1.4);
     const x = (nanos) => (Math.log(Math.max(low, nanos) / low) / Math.log(high / low)) * width;
-    const bars = new Map(); // four sixteenths are a bar
-    for (const [at, number] of parts) {
-      const bar = at < FINE ? at : Math.floor(at / 2) * 2;
-      bars.set(bar, (bars.get(bar) ?? 0) + number);
+    const bars = new Map(); // two buckets are a bar
+    for (const [from, to, number] of buckets) {
+      const size = 2 * (to - from), start = Math.floor(from / size) * size;
+      const bar = bars.get(start) ?? { size, number: 0 };
+      bars.set(start, { ...bar, number: bar.number + number });
     }
-    const tallest = Math.log1p(Math.max(1, ...bars.values()));
+    const tallest = Math.log1p(Math.max(1, ...[...bars.values()].map((bar) => bar.number)));
     context.font = "12px ui-sans-serif, system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "alphabetic";
@@ -101,9 +95,8 @@ export class Loops {
       const text = `${span(decade / 1e9).replace(/\.0+(?= )/, "")}`;
       if (x(decade) > 20 && x(decade) < width - 22) { context.fillStyle = palette.faint; context.fillText(text, x(decade), height - 5); }
     }
-    for (const [at, number] of bars) {
-      const [from] = bounds(at), to = bounds(at < FINE ? at : at + 1)[1];
-      const left = x(from), right = Math.max(left + 1.5, x(to) - 0.5);
+    for (const [from, { size, number }] of bars) {
+      const left = x(from), right = Math.max(left + 1.5, x(from + size) - 0.5);
       const high = Math.max(2, (Math.log1p(number) / tallest) * (bottom - 10));
       context.fillStyle = from > p99 ? palette.ready : palette.accent;
       context.fillRect(left, bottom - high, right - left, high);
@@ -127,6 +120,6 @@ export class Loops {
     this.body.replaceChildren(...lines);
   }
 
-  // A time as the scope tells it, since the beginning that the page knows.
+  // Converts a time as the scope sends it to seconds since the beginning that the page knows.
   seconds(text) { return Number(BigInt(text) - BigInt(Math.round(this.model.base ?? 0))) / 1e9; }
 }

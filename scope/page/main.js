@@ -1,4 +1,4 @@
-// The page: which view is seen, the header, and one frame after the other.
+// The page: the selected view, the header, and the loop over frames.
 
 import { Clock } from "./clock.js";
 import { Model } from "./model.js";
@@ -17,9 +17,9 @@ const clock = new Clock();
 const model = new Model(clock);
 let problem = null;
 const connection = new Connection(model, clock, {
-  begin: () => { problem = null; tellState(); },
-  state: () => tellState(),
-  hello: (hello) => { $("#tab-parameters").hidden = !hello.parameters; parameters.tell(); },
+  begin: () => { problem = null; showState(); },
+  state: () => showState(),
+  hello: (hello) => { $("#tab-parameters").hidden = !hello.parameters; parameters.send(); },
   parameters: (list) => parameters.list(list),
   authorized: (ok) => parameters.authorized(ok),
   problem: (text) => { problem = text; },
@@ -74,9 +74,9 @@ $("#speed").onchange = (event) => {
   // From the beginning of what is seen, if its end is reached.
   if (clock.speed > 0 && clock.now >= clock.latest - 1e-6) clock.now = Math.max(0, clock.latest - 2);
 };
-clock.listeners.add(tellState);
+clock.listeners.add(showState);
 
-function tellState() {
+function showState() {
   const isAway = connection?.state !== "open";
   const is = !clock.live ? "paused" : isAway ? "away" : model.ended ? "over" : "live";
   const words = { paused: "Paused", away: "No connection", over: "At its end", live: "Live" };
@@ -103,20 +103,20 @@ function banner() {
   if (box.dataset.key === key) return;
   box.dataset.key = key;
   box.dataset.degree = degree;
-  const who = model.processes.get(emergency.process)?.name;
+  const raiser = model.processes.get(emergency.process)?.name;
   const seconds = model.base === undefined ? "" : `since ${instant(Number(BigInt(emergency.time) - BigInt(Math.round(model.base))) / 1e9, 1e-3)}`;
-  box.replaceChildren(`${DEGREES[degree] ?? "Emergency"}${who ? `, said by ${who}` : ""}`, make("span", { class: "when number" }, seconds));
+  box.replaceChildren(`${DEGREES[degree] ?? "Emergency"}${raiser ? `, raised by ${raiser}` : ""}`, make("span", { class: "when number" }, seconds));
 }
 
-let told = 0, frames = 0, bytes = 0, samples = 0;
+let updated = 0, frames = 0, bytes = 0, samples = 0;
 function foot(now) {
-  const elapsed = (now - told) / 1000;
+  const elapsed = (now - updated) / 1000;
   if (elapsed < 1) return;
   put($("#frames"), `${Math.round(frames / elapsed)} frames/s`);
   put($("#rate"), `${count(Math.max(0, model.samples - samples) / elapsed)} samples/s · ${((connection.bytes - bytes) / elapsed / 1000).toFixed(0)} kB/s`);
   ({ bytes } = connection);
   ({ samples } = model);
-  told = now;
+  updated = now;
   frames = 0;
   const { status } = model;
   const losses = [];
@@ -135,7 +135,7 @@ function foot(now) {
   put($("#message-count"), count(bad));
   put($("#system"), model.system);
   $("#system").hidden = model.system === "";
-  tellState();
+  showState();
 }
 
 function frame(now) {
@@ -149,12 +149,12 @@ function frame(now) {
   requestAnimationFrame(frame); // which the browser does not call while the page is hidden
 }
 
-// For tests, and for who looks closer in the browser's console.
+// For tests, and for the browser's console.
 window.scope = { model, clock, connection, views, show };
 
 let first = "signals";
 try { first = sessionStorage.getItem("view") ?? first; } catch { /* private */ }
 show(first);
 theme();
-tellState();
+showState();
 requestAnimationFrame(frame);

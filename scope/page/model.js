@@ -101,7 +101,7 @@ export class Model {
     return channel;
   }
 
-  // The last state of a process, told to who comes late.
+  // The last state of a process, sent to a viewer that connects later.
   lastEvent(time, code, subject, a, b, thread) {
     const state = stateOf(code, a);
     if (state === 0) return;
@@ -132,7 +132,7 @@ export class Model {
     if (process.state === 2) process.busy += Math.max(0, time - process.since);
     if (state === 2) {
       process.turns++;
-      // Where it runs is told with its name, or by where it is seen to run.
+      // The executor is declared with the name, or known from the events' threads.
       if (process.executor === null) { process.executor = thread; this.version++; }
     }
     process.state = state;
@@ -160,7 +160,7 @@ export class Model {
     return this.executors.get(number)?.name ?? this.threads.get(number) ?? (number === null ? "not seen to run yet" : `thread ${number}`);
   }
 
-  // Processes by executor, each after the one that it is a part of: [{ number, name, processes: [{ process, depth }] }].
+  // Processes by executor, each after its parent: [{ number, name, processes: [{ process, depth }] }].
   tree() {
     const children = new Map(), roots = new Map();
     for (const process of this.processes.values()) {

@@ -1,4 +1,4 @@
-// Parameters: seen by all, set by who has the token.
+// Parameters: shown to all viewers, set by those with the token.
 
 import { $, make, put } from "./text.js";
 
@@ -16,17 +16,17 @@ export class Parameters {
   authorized(ok) {
     this.maySet = ok;
     for (const row of this.rows.values()) row.allow(ok);
-    this.tell();
+    this.send();
   }
 
-  tell() {
+  send() {
     const { hello, token } = this.connection;
     put(this.note, this.maySet ? "" : !hello?.can_set ? "They can be looked at. The scope was started without a token to set them." : token ? "The token is not the one that the scope was started with." : "They can be looked at. To set them, open the address with the token.");
     this.note.hidden = this.note.textContent === "";
   }
 
   list(list) {
-    this.tell();
+    this.send();
     const names = new Set(list.map(({ name }) => name));
     for (const [name, row] of this.rows) if (!names.has(name)) { row.root.remove(); this.rows.delete(name); }
     for (const parameter of list) {

@@ -1,4 +1,4 @@
-// The last samples of a signal, in bounded memory, and how they look in so many columns of pixels.
+// The last samples of a signal, in bounded memory, and their reduction to columns of pixels.
 
 const FIRST = 1 << 12, MOST = 1 << 17;
 const BLOCK = 64; // samples that are summed up by their least and greatest
@@ -64,7 +64,7 @@ export class Series {
     return index < this.begin ? NaN : this.value(index, element);
   }
 
-  // Fills the least and greatest value of each column of pixels between two instants; the line between samples counts, so that columns join. Gives [least, greatest] of all.
+  // Fills the least and greatest value of each column of pixels between two instants, including the line between samples, so that columns join. Returns [least, greatest] of all.
   columns(element, from, to, width, least, most) {
     least.fill(Infinity, 0, width);
     most.fill(-Infinity, 0, width);
@@ -135,11 +135,11 @@ export class Series {
   }
 }
 
-// The columns of a curve from one frame to the next: what was computed is moved along, and only what is new is computed.
+// The columns of a curve from one frame to the next: known columns are moved, and only new ones are computed.
 export class Columns {
   constructor() { this.least = this.most = null; }
 
-  // From column number `start` on, counted from the beginning of time; gives [least, greatest] of all.
+  // From column number `start` on, counted from time 0. Returns [least, greatest] of all.
   update(series, element, start, perSecond, width) {
     const isSame = this.series === series && this.perSecond === perSecond && this.least?.length === width;
     const by = start - this.start;

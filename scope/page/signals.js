@@ -203,7 +203,7 @@ export class Signals {
     if (!this.clock.live && this.trigger.single) this.clock.follow();
   }
 
-  // Looks for crossings in what has come, and holds the plot at the last one that is there as a whole.
+  // Searches new samples for crossings, and holds the plot at the last one that is complete.
   look() {
     const { trigger, clock } = this;
     const row = trigger.on && clock.live && this.rows.get(trigger.signal);
@@ -263,7 +263,7 @@ export class Signals {
     this.values(curves);
   }
 
-  // Columns of all curves, and the lanes that they are in: each with its own scale, or one for all.
+  // Columns of all curves, and their lanes, each with its own scale or one for all.
   scales(curves, start, perSecond, columns, { height }) {
     const bottom = height - BOTTOM;
     const lanes = this.layout === "stack" ? Math.max(1, curves.length) : 1;
@@ -421,17 +421,17 @@ export class Signals {
     context.setLineDash([]);
   }
 
-  // The list's figures: the last value, or that at the instant that is looked at; ten times a second, to be read.
+  // The list's figures: the last value, or the value at the selected instant. Updated ten times a second, to be readable.
   values() {
     const now = performance.now();
-    if (now - (this.told ?? -Infinity) < 100) return;
-    this.told = now;
+    if (now - (this.updated ?? -Infinity) < 100) return;
+    this.updated = now;
     const at = this.clock.live ? Infinity : this.clock.now;
     for (const row of this.rows.values()) {
       const { signal, element, figure } = row;
       const { series } = signal;
       const value = at === Infinity ? (series.end > series.begin ? series.value(series.end - 1, element) : NaN) : series.at(at, element);
-      // As many decimals as its greatest value leaves room for: figures that stand still can be read.
+      // The number of decimals follows from the greatest value, so that the figures do not jump.
       row.peak = Math.max(row.peak ?? 0, Math.abs(value) || 0);
       const decimals = Math.max(0, Math.min(4, 3 - Math.floor(Math.log10(row.peak || 1))));
       const text = Number.isFinite(value) && row.peak < 1e7 && row.peak >= 1e-3 && !Number.isInteger(row.peak) ? value.toFixed(decimals).replace("-", "−") : number(value);

@@ -15,7 +15,7 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-// What is called by its place in a program's source: its file, and the folder if that says something.
+// Short name of a process that is named by its place in the source: its file, and its folder unless that is common.
 export function place(name) {
   const found = /(?:^|\/)((?:[^/]+\/)?[^/]+\.rs:\d+.*)$/.exec(name);
   return found ? found[1].replace(/^src\//, "") : name;

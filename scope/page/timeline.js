@@ -83,7 +83,7 @@ export class Timeline {
   x(time) { return this.gutter + ((this.bent(time, 0, 1) - this.to) / this.span + 1) * this.wide; }
   time(x) { return this.bent(this.to - this.span + ((x - this.gutter) / this.wide) * this.span, 1, 0); }
 
-  // An instant as it is drawn, or the other way round: straight between knots.
+  // Converts an instant to its drawn position, or back: linear between knots.
   bent(value, from, to) {
     const { knots } = this;
     if (knots === null) return value;
@@ -188,8 +188,8 @@ export class Timeline {
     const high = this.box.clientHeight;
     this.lane = Math.floor(Math.max(LOWEST, Math.min(HIGHEST, (high - AXIS - 8) / Math.max(1, this.lanes.length))));
     const room = this.lanes.length * this.lane + AXIS;
-    const spare = `${Math.max(0, room - high)}px`;
-    if (this.spacer.style.height !== spare) this.spacer.style.height = spare;
+    const rest = `${Math.max(0, room - high)}px`;
+    if (this.spacer.style.height !== rest) this.spacer.style.height = rest;
     if (this.canvas.style.height !== `${high}px`) this.canvas.style.height = `${high}px`;
     const surface = fit(this.canvas, this.canvas.clientWidth, high);
     // What stands still is drawn once.
@@ -218,7 +218,7 @@ export class Timeline {
     context.rect(gutter, AXIS, right - gutter, height - AXIS);
     context.clip();
 
-    // Bars by state: [x, y, width, height, ...]; what is narrower than a pixel is summed up for each pixel.
+    // Bars by state: [x, y, width, height, ...]. Bars narrower than a pixel are summed up for each pixel.
     const bars = { running: [], faint: [], ready: [], waiting: [], failed: [] };
     const names = [], pending = this.lanes.map(() => ({ pixel: -1, running: 0, ready: 0 }));
     const flush = (lane) => {
@@ -311,11 +311,11 @@ export class Timeline {
     context.fillStyle = palette.line;
     context.fillRect(0, AXIS - 1, width, 1);
     const { grid, muted } = palette;
-    let told = -Infinity;
+    let labelled = -Infinity;
     for (let n = Math.ceil(from / every); n * every <= to; n++) {
       const x = this.x(n * every);
-      if (x - told < 84 && this.knots !== null) continue;
-      told = x;
+      if (x - labelled < 84 && this.knots !== null) continue;
+      labelled = x;
       context.fillStyle = grid;
       context.fillRect(Math.round(x), AXIS, 1, height - AXIS);
       context.fillStyle = muted;
@@ -397,7 +397,7 @@ export class Timeline {
           break;
       }
     }
-    // Where there is no room for all labels, those next to the present instant have them.
+    // Without room for all labels, those nearest to the selected instant get one.
     late.sort((one, other) => Math.abs(events.time[one] - this.clock.now) - Math.abs(events.time[other] - this.clock.now));
     const labels = new Map();
     for (const slot of late) this.late(context, palette, events, slot, y, labels);

@@ -1,4 +1,4 @@
-//! From a recorder's thread to the store, without ever holding the recorder up.
+//! Passes blocks from a recorder's thread to the store, without delaying the recorder.
 
 use crate::scope::Shared;
 use crate::store::Recording;
@@ -8,7 +8,8 @@ use std::io::{self, Read};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-/// So many blocks may wait to be looked at: with 64 KiB each 16 MiB, with those of 10 ms two seconds.
+/// The limit of waiting blocks: 16 MiB with blocks of 64 KiB, two seconds with one block each 10
+/// ms.
 const WAITING: usize = 256;
 
 enum Piece {
@@ -16,10 +17,11 @@ enum Piece {
     Block(Vec<u8>),
 }
 
-/// Takes a recording's blocks for the viewers of a [`Scope`](crate::Scope): a [`Sink`] for [`Logging::to_sink`](luna_logger::Logging::to_sink).
+/// Takes a recording's blocks for the viewers of a [`Scope`](crate::Scope): a [`Sink`] for
+/// [`Logging::to_sink`](luna_logger::Logging::to_sink).
 ///
-/// It never waits, unless it is to be [patient](Self::patient). A block for which there is no room is refused, so that the recorder counts what is in it as lost, and repeats all
-/// declarations.
+/// It never waits, unless it is [patient](Self::patient). A block for which there is no room is
+/// refused, so that the recorder counts its contents as lost and repeats all declarations.
 pub struct ScopeSink {
     pieces: SyncSender<Piece>,
     is_patient: bool,
@@ -38,7 +40,8 @@ impl ScopeSink {
         })
     }
 
-    /// Waits for room instead of refusing: for who receives recordings and cannot ask for anything again. Room comes as fast as the scope reads, whoever looks at it.
+    /// Waits for room instead of refusing: for a receiver of recordings, which cannot request
+    /// declarations again. Room comes as fast as the scope decodes, independently of its viewers.
     ///
     /// ```
     /// use luna_scope::{Scope, Settings};
@@ -81,12 +84,12 @@ impl std::fmt::Debug for ScopeSink {
     }
 }
 
-/// What waits, as a reader wants it; it ends where another recording begins.
+/// The waiting blocks as a reader. It ends where another recording begins.
 struct Waiting<'a> {
     pieces: &'a Receiver<Piece>,
     piece: Vec<u8>,
     at: usize,
-    /// The head of the recording that has begun.
+    /// The header of the next recording.
     next: Option<Vec<u8>>,
 }
 
@@ -136,7 +139,8 @@ fn feed(pieces: &Receiver<Piece>, shared: &Shared) {
     }
 }
 
-/// Takes a recording to its end, also when another is shown meanwhile: who sends it is not to wait. Says which it is as soon as it has begun.
+/// Reads a recording to its end, also while another is shown, so that its sender need not wait.
+/// Sets `begun` as soon as the recording has begun.
 fn recording(
     waiting: &mut Waiting<'_>,
     shared: &Shared,

@@ -1,102 +1,72 @@
-//! How often a loop was how late, in bounded memory and for as long as it runs.
+//! How late the cycles of a loop began, in bounded memory.
 
-/// Each octave has so many parts: a value is known to a sixteenth.
-const PARTS: usize = 16;
-const PARTS_LOG: u32 = PARTS.ilog2();
-/// Up to 2^38 ns, 275 s; what is longer counts as that.
-const OCTAVES: usize = 38;
+/// The resolution is a sixteenth of a value (one significant digit). Values above 275 s count as
+/// that.
+const SIGNIFICANT_DIGITS: u8 = 1;
+const LONGEST: u64 = 1 << 38;
 
-/// Counts of nanoseconds. The page knows the bounds of its parts by the same rule.
+/// Counts of nanoseconds.
 #[derive(Debug, Clone)]
 pub(crate) struct Histogram {
-    counts: Box<[u64]>,
-    count: u64,
-    most: u64,
+    counts: hdrhistogram::Histogram<u64>,
+    /// Exact; that of `counts` is rounded up.
+    max: u64,
 }
 
 impl Histogram {
     pub(crate) fn new() -> Self {
+        let counts = hdrhistogram::Histogram::new_with_bounds(1, LONGEST, SIGNIFICANT_DIGITS);
         Self {
-            counts: vec![0; PARTS * (OCTAVES - PARTS_LOG as usize + 1)].into(),
-            count: 0,
-            most: 0,
+            counts: counts.expect("the bounds are valid"),
+            max: 0,
         }
     }
 
     pub(crate) fn add(&mut self, nanos: u64) {
-        let at = part(nanos).min(self.counts.len() - 1);
-        self.counts[at] += 1;
-        self.count += 1;
-        self.most = self.most.max(nanos);
+        self.counts.saturating_record(nanos);
+        self.max = self.max.max(nanos);
     }
 
     pub(crate) fn count(&self) -> u64 {
-        self.count
+        self.counts.len()
     }
 
-    pub(crate) fn most(&self) -> u64 {
-        self.most
+    pub(crate) fn max(&self) -> u64 {
+        self.max
     }
 
-    /// So large a share of all values is not above this: the upper bound of the part where that is so, at most the greatest value.
+    /// The value that this share of all values does not exceed; at most the greatest value.
     pub(crate) fn quantile(&self, share: f64) -> u64 {
-        let wanted = (self.count as f64 * share).ceil() as u64;
-        let mut seen = 0;
-        for (at, count) in self.counts.iter().enumerate() {
-            seen += count;
-            if seen >= wanted && *count > 0 {
-                return (lower_bound(at + 1) - 1).min(self.most);
-            }
-        }
-        self.most
+        self.counts.value_at_quantile(share).min(self.max)
     }
 
-    /// The parts that are not empty, with their counts.
-    pub(crate) fn parts(&self) -> impl Iterator<Item = (usize, u64)> + '_ {
-        let counted = |(at, count): (usize, &u64)| (*count > 0).then_some((at, *count));
-        self.counts.iter().enumerate().filter_map(counted)
+    /// The buckets that are not empty: lower bound, upper bound (exclusive), count.
+    pub(crate) fn buckets(&self) -> impl Iterator<Item = (u64, u64, u64)> + '_ {
+        self.counts.iter_recorded().map(|bucket| {
+            let value = bucket.value_iterated_to();
+            (
+                self.counts.lowest_equivalent(value),
+                self.counts.next_non_equivalent(value),
+                bucket.count_at_value(),
+            )
+        })
     }
-}
-
-/// The part of a value: below 32 one for each, then 16 an octave.
-fn part(nanos: u64) -> usize {
-    let octave = nanos.max(1).ilog2();
-    if octave <= PARTS_LOG {
-        return nanos as usize;
-    }
-    let shift = octave - PARTS_LOG;
-    shift as usize * PARTS + (nanos >> shift) as usize
-}
-
-/// The least value of a part.
-fn lower_bound(at: usize) -> u64 {
-    if at < 2 * PARTS {
-        return at as u64;
-    }
-    let shift = at / PARTS - 1;
-    ((at - shift * PARTS) as u64) << shift
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn parts_follow_each_other_without_a_gap() {
-        for at in 0..PARTS * 30 {
-            let (from, to) = (lower_bound(at), lower_bound(at + 1));
-            assert!(from < to, "{at}");
-            assert_eq!((part(from), part(to - 1), part(to)), (at, at, at + 1));
-        }
+    fn of(values: impl IntoIterator<Item = u64>) -> Histogram {
+        let mut histogram = Histogram::new();
+        values.into_iter().for_each(|nanos| histogram.add(nanos));
+        histogram
     }
 
     #[test]
     fn quantiles_are_right_to_a_sixteenth() {
-        let mut histogram = Histogram::new();
-        for nanos in 1..=100_000 {
-            histogram.add(nanos);
-        }
-        assert_eq!((histogram.count(), histogram.most()), (100_000, 100_000));
+        let histogram = of(1..=100_000);
+        assert_eq!((histogram.count(), histogram.max()), (100_000, 100_000));
         for (share, exact) in [(0.5, 50_000.0), (0.99, 99_000.0), (1.0, 100_000.0)] {
             let found = histogram.quantile(share) as f64;
             assert!(
@@ -104,18 +74,31 @@ mod tests {
                 "{share}: {found}"
             );
         }
-        assert_eq!(
-            histogram.parts().map(|(_, count)| count).sum::<u64>(),
-            100_000
-        );
     }
 
     #[test]
-    fn nothing_is_too_long() {
-        let mut histogram = Histogram::new();
-        histogram.add(u64::MAX);
-        assert_eq!((histogram.count(), histogram.most()), (1, u64::MAX));
-        assert_eq!(histogram.parts().count(), 1);
+    fn buckets_hold_all_values_and_have_no_gaps() {
+        let histogram = of(0..100_000);
+        let buckets: Vec<_> = histogram.buckets().collect();
+        assert_eq!(buckets[0], (0, 1, 1));
+        for pair in buckets.windows(2) {
+            assert_eq!(pair[0].1, pair[1].0);
+        }
+        let full = &buckets[..buckets.len() - 1];
+        assert!(full.iter().all(|(from, to, count)| to - from == *count));
+        assert!(
+            full.iter()
+                .all(|(from, to, _)| to - from <= 1.max(from / 16))
+        );
+        let all: u64 = buckets.iter().map(|(_, _, count)| count).sum();
+        assert_eq!(all, 100_000);
+    }
+
+    #[test]
+    fn no_value_is_too_large() {
+        let histogram = of([u64::MAX]);
+        assert_eq!((histogram.count(), histogram.max()), (1, u64::MAX));
+        assert_eq!(histogram.buckets().count(), 1);
         assert_eq!(Histogram::new().quantile(0.5), 0);
     }
 }

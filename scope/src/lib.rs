@@ -1,18 +1,23 @@
-//! The scope of LUNA: what a running system does, live in a browser.
+//! The scope of LUNA: shows a running system live in a browser.
 //!
 //! ```text
-//!   recorder's thread ── blocks ──> [sink] ── bounded queue ──> feed ──> store ──> viewers (WebSocket)
+//!   recorder's thread ── blocks ──> [sink] ── bounded queue ──> feed ──> store ──> viewers
 //!   a recording's file ── records, at their pace ──────────────────────────^
 //! ```
 //!
-//! A [`Scope`] serves a page, which is part of the program and needs no internet, and to each viewer of it what is recorded: [`Scope::sink`] takes the blocks of a running system,
-//! [`Scope::replay`] plays a recording. Nothing here is on the real-time path, and nothing here makes the recorder wait: what the scope cannot take in time is refused, and
-//! counted as lost for it.
+//! A [`Scope`] serves a page, which is part of the program and needs no internet, and sends each of
+//! its viewers the recording: [`Scope::sink`] takes the blocks of a running system,
+//! [`Scope::replay`] plays a recording. Nothing here is on the real-time path, and nothing here
+//! makes the recorder wait: blocks that the scope cannot take in time are refused and counted as
+//! lost for it.
 //!
-//! - Memory is bounded: the last blocks (16 MiB, unless [`Settings::memory`] says otherwise), what was declared, and a histogram for each loop. Who comes late gets these.
-//! - A viewer that reads too slowly misses blocks, and is told how many; one that does not read at all is dropped.
-//! - More than a browser can draw is reduced: of the samples of one signal within 0.2 ms the first, the least and the greatest stay.
-//! - A viewer can only look. Parameters can be set by who has the token, if there is one.
+//! - Memory is bounded: the last blocks (16 MiB, unless [`Settings::memory`] sets another size),
+//!   the declarations, and a histogram for each loop. A viewer that connects later gets these.
+//! - A viewer that reads too slowly misses blocks, and gets their number; a viewer that does not
+//!   read at all is disconnected.
+//! - Data beyond what a browser can draw is reduced: of the samples of one signal within 0.2 ms the
+//!   first, the least and the greatest remain.
+//! - A viewer can only look. Parameters can be set with a token, if one was made.
 //!
 //! ```
 //! use luna_scope::{Scope, Settings};

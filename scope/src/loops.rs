@@ -1,4 +1,4 @@
-//! What is known of each loop since the beginning: its jitter, and its late cycles.
+//! The statistics of each loop since the beginning: its jitter, and its late cycles.
 
 use crate::histogram::Histogram;
 use luna_logger::format::Event;
@@ -15,7 +15,7 @@ const NAMED_FROM: u64 = 50;
 
 /// More loops than that are not counted.
 const MOST_LOOPS: usize = 1024;
-/// So many late cycles are remembered, the last ones.
+/// How many late cycles are kept: the last ones.
 const MOST_LATE: usize = 256;
 
 #[derive(Debug, Default)]
@@ -113,7 +113,7 @@ impl Loops {
         self.version
     }
 
-    /// All of it, for the page. Times are texts, since they may have more than 53 bits.
+    /// All statistics, for the page. Times are strings, since they may have more than 53 bits.
     pub(crate) fn json(&self) -> Value {
         let loops = self.of.iter().map(|(number, histogram)| {
             json!({
@@ -121,8 +121,8 @@ impl Loops {
                 "count": histogram.count(),
                 "p50": histogram.quantile(0.5),
                 "p99": histogram.quantile(0.99),
-                "max": histogram.most(),
-                "parts": histogram.parts().collect::<Vec<_>>(),
+                "max": histogram.max(),
+                "buckets": histogram.buckets().collect::<Vec<_>>(),
             })
         });
         let late = self.late.iter().map(|late| {

@@ -1,4 +1,4 @@
-//! What the page is made of: part of the program, so that it works without internet.
+//! The files of the page, compiled in, so that it works without internet.
 
 /// A file of the page.
 pub(crate) struct Asset {
@@ -55,7 +55,7 @@ pub(crate) fn asset(path: &str) -> Option<&'static Asset> {
 mod tests {
     use super::*;
 
-    /// What is imported is there, and nothing comes from elsewhere.
+    /// All imports exist, and nothing is loaded from elsewhere.
     #[test]
     fn the_page_is_whole() {
         for asset in ASSETS {

@@ -3,7 +3,8 @@
 use serde::Serialize;
 use serde_json::Value;
 
-/// What a program lets its viewers see and, with the token, set. It is called from threads of the scope, which may wait.
+/// The parameters that a program shows to its viewers and, with the token, lets them set. Called on
+/// threads of the scope, which may block.
 ///
 /// ```
 /// use luna_scope::{Parameter, Parameters};
@@ -18,7 +19,9 @@ use serde_json::Value;
 ///     }
 ///
 ///     fn set(&self, name: &str, value: &Value) -> Result<(), String> {
-///         let gain = value.as_f64().filter(|gain| name == "pan/gain" && (0.0..=50.0).contains(gain));
+///         let gain = value
+///             .as_f64()
+///             .filter(|gain| name == "pan/gain" && (0.0..=50.0).contains(gain));
 ///         *self.0.lock().unwrap() = gain.ok_or("a gain is a number from 0 to 50")?;
 ///         Ok(())
 ///     }
@@ -31,7 +34,7 @@ use serde_json::Value;
 /// # Ok::<(), String>(())
 /// ```
 pub trait Parameters: Send + Sync {
-    /// All of them, in the order in which they are to be shown.
+    /// All of them, in the order of presentation.
     fn list(&self) -> Vec<Parameter>;
 
     /// Sets one.
@@ -54,10 +57,10 @@ pub struct Parameter {
     pub unit: String,
     /// What it is; may be empty.
     pub description: String,
-    /// The least value that it may have.
+    /// The least value that it may have, in its unit; none if unlimited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least: Option<f64>,
-    /// The greatest.
+    /// The greatest value that it may have, in its unit; none if unlimited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub greatest: Option<f64>,
 }
@@ -87,7 +90,7 @@ impl Parameter {
         self
     }
 
-    /// What it may be, both included.
+    /// Sets its range, in its unit, both ends included.
     pub fn range(mut self, least: f64, greatest: f64) -> Self {
         (self.least, self.greatest) = (Some(least), Some(greatest));
         self

@@ -1,10 +1,11 @@
-//! More than a browser can draw, made less.
+//! Reduces data to what a browser can draw.
 //!
-//! All is counted in recorded time, so that the same recording is always reduced the same.
+//! All limits refer to recorded time, so that a recording is always reduced in the same way.
 
 use luna_logger::format::Values;
 
-/// The samples of a signal that lie in one span of time: the first of them goes on at once, of the others each element's least and greatest stay.
+/// The samples of a signal in one span of time: the first passes at once; of the others the least
+/// and greatest of each element are kept.
 #[derive(Debug, Default)]
 pub(crate) struct Bucket {
     span: u64,
@@ -22,7 +23,8 @@ struct Held {
 }
 
 impl Bucket {
-    /// Whether the sample is to go on at once. What was held of the span before has to be [taken](Self::take) first, if [`is_over`](Self::is_over).
+    /// Whether the sample passes at once. If [`is_over`](Self::is_over), [take](Self::take) the
+    /// samples of the span before first.
     pub(crate) fn put(&mut self, span: u64, time: u64, values: Values<'_>) -> bool {
         if self.span != span {
             self.span = span;
@@ -57,7 +59,8 @@ impl Bucket {
         self.span != span && !self.held.is_empty()
     }
 
-    /// Gives what is held, in the order of time and each sample once, and says how many are left out.
+    /// Passes the kept samples to `give`, in the order of time and each once. Returns how many are
+    /// left out.
     pub(crate) fn take(&mut self, mut give: impl FnMut(u64, &[u8])) -> u64 {
         if self.held.is_empty() {
             return 0;
@@ -84,7 +87,7 @@ impl Held {
     }
 }
 
-/// How long spans are, and how many events go on: what a second of the recording may take.
+/// The length of spans, and how many events pass: limits for a second of the recording.
 #[derive(Debug)]
 pub(crate) struct Budget {
     second: u64,
@@ -96,9 +99,9 @@ pub(crate) struct Budget {
 /// The shortest span, and the longest.
 const SHORTEST: u64 = 200_000;
 const LONGEST: u64 = 1_000_000_000;
-/// So many bytes of samples in a second are too many: spans then double.
+/// The limit of bytes of samples in a second: beyond it, spans double.
 const MOST_SAMPLE_BYTES: u64 = 6 << 20;
-/// So many events go on in a second. Jiwy's 51 processes at 1 kHz make about half as many.
+/// This many events pass in a second. Jiwy's 51 processes at 1 kHz make about half as many.
 pub(crate) const MOST_EVENTS: u64 = 500_000;
 
 impl Budget {
@@ -111,7 +114,7 @@ impl Budget {
         }
     }
 
-    /// The span that `time` lies in.
+    /// The span that contains `time`.
     pub(crate) fn span(&mut self, time: u64) -> u64 {
         self.advance(time);
         time / self.span
@@ -125,7 +128,7 @@ impl Budget {
         }
     }
 
-    /// Whether one more event may go on.
+    /// Whether one more event may pass.
     pub(crate) fn has_event(&mut self, time: u64) -> bool {
         self.advance(time);
         self.events += 1;

@@ -2,12 +2,11 @@
 
 use crate::scope::Shared;
 use luna_logger::format::{ReadError, Reader, Record};
-use std::fmt;
 use std::io::Read;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-/// How fast a recording is played: a factor of the time that it took, or at once.
+/// How fast a recording is played: a factor of recorded time, or at once.
 ///
 /// ```
 /// use luna_scope::Speed;
@@ -22,7 +21,7 @@ impl Speed {
     /// As fast as it can be read.
     pub const AT_ONCE: Speed = Speed(f64::INFINITY);
 
-    /// So many times as fast as it was recorded: more than 0, else it is once.
+    /// A factor of the recorded speed. Values that are not above 0 count as 1.
     pub fn times(factor: f64) -> Speed {
         Speed(if factor > 0.0 { factor } else { 1.0 })
     }
@@ -41,23 +40,16 @@ impl FromStr for Speed {
 }
 
 /// Why a recording could not be played to its end.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// It is no recording, or cannot be read at all; there is nothing to look at.
+    /// It is no recording, or cannot be read at all; there is nothing to show.
+    #[error(transparent)]
     Open(ReadError),
-    /// It cannot be read further; what came before is there to be looked at.
+    /// It cannot be read to its end; what came before the error is shown.
+    #[error(transparent)]
     Read(ReadError),
 }
-
-impl fmt::Display for ReplayError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Open(error) | Self::Read(error)) = self;
-        error.fmt(f)
-    }
-}
-
-impl std::error::Error for ReplayError {}
 
 /// Plays a recording; returns early when the scope is closed.
 pub(crate) fn play(shared: &Shared, input: impl Read, speed: Speed) -> Result<(), ReplayError> {
@@ -91,7 +83,8 @@ struct Pace {
 }
 
 impl Pace {
-    /// How long it is until what was recorded at `time` is due; records that are due within a frame of a screen go together.
+    /// The time until a record of `time` is due; records that are due within a frame of the screen
+    /// go together.
     fn until(&mut self, time: u64) -> Option<Duration> {
         let now = Instant::now();
         let (begun, first) = *self.begun.get_or_insert((now, time));

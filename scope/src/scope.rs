@@ -47,7 +47,7 @@ impl Shared {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits; says whether the scope was closed meanwhile.
+    /// Waits. Returns whether the scope was closed meanwhile.
     pub(crate) fn closes_within(&self, time: Duration) -> bool {
         let guard = self
             .is_closed
@@ -69,9 +69,10 @@ impl Shared {
     }
 }
 
-/// A page that shows what a system does, and the server that it comes from. Dropping it ends the server.
+/// A page that shows a running system, and its server. Dropping it ends the server.
 ///
-/// To be made by an ordinary thread before the system runs: its threads have the policy and the cores of the thread that makes it.
+/// Create it on an ordinary thread before the system runs: its threads inherit that thread's policy
+/// and cores.
 pub struct Scope {
     shared: Arc<Shared>,
     address: SocketAddr,
@@ -106,7 +107,8 @@ impl Scope {
         self.address
     }
 
-    /// What to type into the browser; with the token, if there is one. The token stands behind a `#`, which no browser sends over the network.
+    /// The address to open in the browser, with the token if there is one. The token follows a `#`;
+    /// a browser does not send that part over the network.
     pub fn url(&self) -> String {
         let host = match self.address.ip() {
             ip if ip.is_unspecified() => "localhost".to_owned(),
@@ -118,7 +120,8 @@ impl Scope {
         format!("http://{host}:{}/{token}", self.address.port())
     }
 
-    /// What takes a recording's blocks. If there are several, the one that begins last is shown, alone; the others are taken as well, and left out.
+    /// A sink for a recording's blocks. Of several, the recording that begins last is shown, alone;
+    /// the blocks of the others are taken and ignored.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Record};
@@ -136,16 +139,16 @@ impl Scope {
     ///
     /// # Errors
     ///
-    /// The system makes no thread for it.
+    /// The system cannot create a thread.
     pub fn sink(&self) -> io::Result<ScopeSink> {
         ScopeSink::new(&self.shared)
     }
 
-    /// Plays a recording, and returns at its end. Its viewers see the end of it for as long as the scope is there.
+    /// Plays a recording, and returns at its end. Viewers see its end until the scope is dropped.
     ///
     /// # Errors
     ///
-    /// It is no recording, or damaged; what comes before the damage is shown.
+    /// It is not a recording, or damaged; records before the damage are shown.
     pub fn replay(&self, recording: impl Read, speed: Speed) -> Result<(), ReplayError> {
         play(&self.shared, recording, speed)
     }
@@ -159,7 +162,7 @@ impl Scope {
 impl Drop for Scope {
     fn drop(&mut self) {
         self.shared.close();
-        // Who waits for a connection sees the end at the next one.
+        // A connection of our own makes the accepting thread return and see the end.
         let mut to = self.address;
         if to.ip().is_unspecified() {
             to.set_ip(match to {

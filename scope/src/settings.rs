@@ -1,4 +1,4 @@
-//! Who may see what.
+//! The settings of a scope.
 
 use crate::parameters::Parameters;
 use crate::token::Token;
@@ -10,7 +10,7 @@ use std::time::Duration;
 /// The port if none is stated.
 const PORT: u16 = 8620;
 
-/// Where a scope listens, whom it lets in, and how much it keeps.
+/// Where a scope listens, which host names it accepts, and how much it keeps.
 ///
 /// ```
 /// use luna_scope::Settings;
@@ -46,46 +46,53 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Listens there; on port 8620 of the loopback if not stated. Port 0 lets the system choose one.
+    /// The address to listen on; default port 8620 of the loopback. Port 0 lets the system choose
+    /// one.
     ///
-    /// There is no encryption: on other addresses than the loopback all who can reach it see all, and a token can be overheard.
+    /// There is no encryption: on an address other than the loopback everyone with access to it
+    /// sees all data, and a token can be intercepted.
     pub fn address(mut self, address: SocketAddr) -> Self {
         self.address = address;
         self
     }
 
-    /// Answers under this name too, without a port. Otherwise only under `localhost` and the address that a viewer has reached: a page of another origin cannot pretend to be
-    /// this one by a name of its own that leads here.
+    /// Accepts this host name too, without a port. Otherwise only `localhost` and the address that
+    /// a viewer has reached are accepted: a page of another origin cannot pose as this one by a
+    /// name that resolves to this address.
     pub fn host(mut self, name: impl Into<String>) -> Self {
         self.hosts.push(name.into().to_ascii_lowercase());
         self
     }
 
-    /// At most so many viewers at a time, 8 if not stated; others are refused.
+    /// The limit of viewers at a time, default 8; others are refused.
     pub fn viewers(mut self, most: usize) -> Self {
         self.viewers = most;
         self
     }
 
-    /// Keeps so many bytes of the last blocks for who comes late, 16 MiB if not stated, at least 1 MiB.
+    /// Keeps this many bytes of the last blocks for viewers that connect later; default 16 MiB, at
+    /// least 1 MiB.
     pub fn memory(mut self, bytes: usize) -> Self {
         self.memory = bytes.max(1 << 20);
         self
     }
 
-    /// Drops a viewer that takes nothing for so long, 10 s if not stated. Others are not held up by it meanwhile.
+    /// Disconnects a viewer that takes nothing for this time; default 10 s. It does not delay other
+    /// viewers meanwhile.
     pub fn patience(mut self, time: Duration) -> Self {
         self.patience = time;
         self
     }
 
-    /// Shows these parameters. They can be set by who has the token of [`allow_setting`](Self::allow_setting).
+    /// Shows these parameters. They can be set with the token of
+    /// [`allow_setting`](Self::allow_setting).
     pub fn parameters(mut self, parameters: Arc<dyn Parameters>) -> Self {
         self.parameters = Some(parameters);
         self
     }
 
-    /// Makes a token; who has it may set parameters. It is in [`Scope::url`](crate::Scope::url).
+    /// Makes a token, with which parameters can be set. It is part of
+    /// [`Scope::url`](crate::Scope::url).
     ///
     /// # Errors
     ///

@@ -1,6 +1,6 @@
-//! What the scope remembers: what was declared, the last blocks, and what is counted from the beginning.
+//! The data that the scope keeps: declarations, the last blocks, and counts since the beginning.
 //!
-//! Its blocks are of the recordings' own format, numbered anew.
+//! Its blocks have the format of recordings, and their own numbers.
 
 mod declared;
 #[cfg(test)]
@@ -15,16 +15,17 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A block is cut when somebody looks and so much time has gone by: each second frame of a screen.
+/// A block is cut when a viewer reads and this time has passed: two frames of a screen.
 const CUT: Duration = Duration::from_millis(30);
 
 /// Samples of more signals than that are left out.
 const MOST_FOLLOWED: usize = 4096;
 
-/// What was declared has so many bytes of blocks at most; the rest is left out.
+/// The limit of the bytes of declarations; the rest is left out.
 const MOST_DECLARED: usize = 1 << 20;
 
-/// Codes of events whose order and number matter more than their cost: ended, late, emergency, spawned.
+/// Codes of events that always pass: ended, late, emergency, spawned. They are rare, and their
+/// order and number matter.
 const ALWAYS: [u16; 4] = [4, 11, 12, 13];
 
 #[derive(Debug)]
@@ -36,7 +37,7 @@ pub(crate) struct Store {
     first: u64,
     bytes: usize,
     most_bytes: usize,
-    /// Which recording it is: viewers begin anew with each.
+    /// The shown recording: viewers begin again with each.
     recording: Recording,
     declared: Declared,
     buckets: BTreeMap<u32, Bucket>,
@@ -48,7 +49,8 @@ pub(crate) struct Store {
     problem: Option<String>,
 }
 
-/// Which of the recordings that a store has begun. Several may come at once: the one that began last is shown, and what is still told of the others is left out.
+/// Identifies one of the recordings that a store has begun. Several may arrive at once: the one
+/// that began last is shown, and records of the others are ignored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Recording(u64);
 
@@ -57,10 +59,10 @@ impl Recording {
     pub(crate) const NONE: Recording = Recording(1);
 }
 
-/// What a viewer has not got yet.
+/// The blocks that a viewer does not have yet.
 pub(crate) struct News {
     pub(crate) blocks: Vec<Arc<[u8]>>,
-    /// So many of them, the first ones, repeat what was declared.
+    /// The number of blocks at the beginning that repeat declarations.
     pub(crate) declarations: usize,
     /// How many blocks were gone before it got them.
     pub(crate) missed: u64,
@@ -95,7 +97,7 @@ impl Store {
         }
     }
 
-    /// A recording begins: what is known of another is forgotten.
+    /// A recording begins: the data of the previous one is dropped.
     pub(crate) fn begin(&mut self) -> Recording {
         let recording = Recording(self.recording.0 + 1);
         let first = self.first + self.blocks.len() as u64;
@@ -104,14 +106,15 @@ impl Store {
         recording
     }
 
-    /// Says why nothing more comes of a recording, if it is the one that is shown.
+    /// Sets why the recording ended early, if it is the shown one.
     pub(crate) fn fail(&mut self, of: Recording, problem: String) {
         if of == self.recording {
             self.problem = Some(problem);
         }
     }
 
-    /// Takes a record of a recording, if it is the one that is shown. O(its length), but for a change of span.
+    /// Takes a record, if its recording is the shown one. O(its length), except at a change of
+    /// span.
     pub(crate) fn take(&mut self, of: Recording, record: &Record<'_>) {
         if of != self.recording {
             return;
@@ -165,7 +168,7 @@ impl Store {
         }
     }
 
-    /// Ends the block that is under way, if it is due; what is held of signals goes into it.
+    /// Ends the current block, if it is due; kept samples go into it.
     fn cut_if_due(&mut self) {
         if self.cut.elapsed() < CUT {
             return;
@@ -195,7 +198,8 @@ impl Store {
         }
     }
 
-    /// What has come since a viewer looked last: at most `most` bytes of it, or what was declared if that is more, beside one block.
+    /// The blocks since a viewer's last read: at most `most` bytes of them, or the declarations if
+    /// those are longer, beside one block.
     pub(crate) fn news(&mut self, position: &mut Position, most: usize) -> News {
         self.cut_if_due();
         let begins = position.recording != Some(self.recording);
@@ -217,7 +221,7 @@ impl Store {
         }
         news.declarations = news.blocks.len();
         let mut bytes: usize = news.blocks.iter().map(|block| block.len()).sum();
-        // One in any case: who is told again and again what was declared is to go on.
+        // At least one, so that a viewer that gets the declarations repeatedly makes progress.
         while (bytes < most || news.blocks.len() == news.declarations)
             && let Some(block) = self.blocks.get((position.next - self.first) as usize)
         {
@@ -234,7 +238,7 @@ impl Store {
         self.recording
     }
 
-    /// What is counted of loops, with a number that changes with it.
+    /// The loops' statistics, with a version that changes with them.
     pub(crate) fn loops(&self) -> &Loops {
         &self.loops
     }
@@ -262,7 +266,7 @@ impl Store {
     }
 }
 
-/// Puts what a bucket holds into the block; says how many it has left out.
+/// Puts the kept samples into the block. Returns how many were left out.
 fn give(bucket: &mut Bucket, encoder: &mut Encoder, signal: u32, of: Type) -> u64 {
     bucket.take(|time, bytes| {
         encoder.put(&Record::Sample {

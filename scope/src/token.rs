@@ -22,7 +22,7 @@ impl Token {
         &self.0
     }
 
-    /// Whether `given` is it, in a time that does not depend on where they differ.
+    /// Whether `given` equals the token, in a time that does not depend on where they differ.
     pub(crate) fn is(&self, given: &str) -> bool {
         let (own, given) = (self.0.as_bytes(), given.as_bytes());
         let difference =

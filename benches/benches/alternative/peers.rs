@@ -7,7 +7,8 @@ use luna_benches::channels::{Received, Receiving};
 
 use crate::Record;
 
-/// Any number of asynchronous receivers, by the usual means: a set of futures, of which one that has ended is replaced.
+/// Any number of asynchronous receivers, by the usual means: a set of futures, in which each
+/// completed future is replaced.
 pub(crate) async fn unordered<R: Receiving>(inputs: Vec<R>, mut record: Record) -> Duration {
     async fn next<R: Receiving>(channel: usize, mut input: R) -> (usize, R, Option<u64>) {
         let number = input.recv().await.value();

@@ -21,7 +21,7 @@ static void expect(std::uint64_t value, std::uint64_t expected) {
     }
 }
 
-// Performs the operation so often, after a warm-up, and tells how long that took. Fibers that never end go with the program.
+// Performs this many operations after a warm-up, and prints the elapsed time. Fibers that never end are abandoned with the program.
 template <class Operation> [[noreturn]] static void timed(long operations, double scale, Operation operation) {
     for (long i = 0; i < operations / 16 + 1; i++) operation();
     auto start = std::chrono::steady_clock::now();

@@ -13,7 +13,7 @@ import (
 	"time"
 )
 
-// warmUp says how many operations go before the clock starts.
+// warmUp returns how many operations precede the measurement.
 func warmUp(operations int) int { return operations/16 + 1 }
 
 // timed performs the operation so often, after a warm-up.
@@ -139,7 +139,7 @@ func alternative(operations, size int) float64 {
 	})
 }
 
-// makeRing gives the two ends of an open ring of so many processes, the caller included.
+// makeRing returns the two ends of an open ring of this many processes, the caller included.
 func makeRing(size int) (chan uint64, chan uint64) {
 	first := make(chan uint64)
 	last := first
@@ -165,7 +165,7 @@ func ring(operations, size int) float64 {
 	return elapsed * float64(operations) / float64(laps*size)
 }
 
-// memory says how many bytes a process and its channel keep resident.
+// memory returns the resident bytes of a process and its channel.
 func memory(size int) float64 {
 	resident := func() float64 {
 		text, _ := os.ReadFile("/proc/self/statm")

@@ -1,11 +1,13 @@
-//! Runs every bench, and makes a page of what they found.
+//! Runs every bench, and makes a page of the results.
 //!
 //! ```text
-//! cargo run --release -p luna-benches --bin all-benches [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
+//! cargo run --release -p luna-benches --bin all-benches
+//!     [-- [--quick] [--only ring,switch] [--docs FOLDER] [--page]]
 //! ```
 //!
-//! The page is `docs/benchmarks.md`, with its plots in `docs/benchmarks`; a short run's (`--quick`) goes to `bench/docs` in the target folder, so that
-//! it does not take the place of a real one. `--only` runs some benches, and takes the others' figures from when they ran last; `--page` runs none.
+//! The page is `docs/benchmarks.md`, with its plots in `docs/benchmarks`; a short run's (`--quick`)
+//! goes to `bench/docs` in the target folder, so that it does not replace a full one. `--only` runs
+//! some benches, and uses the others' last figures; `--page` runs none.
 
 use std::{
     env, fs,

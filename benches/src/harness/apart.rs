@@ -11,14 +11,15 @@ use super::case::{Block, Case};
 /// Whether this process was started for one block.
 static APART: AtomicBool = AtomicBool::new(false);
 
-/// Ends this process with `elapsed` as its block's result, if the case is measured [`apart`](Case::apart); else nothing happens.
+/// Ends this process with `elapsed` as its block's result, if the case is measured
+/// [`apart`](Case::apart); otherwise does nothing.
 ///
-/// Whatever the block has started is left to the operating system.
+/// Everything that the block has started is left to the operating system.
 pub fn finish(elapsed: Duration) {
     finish_with(elapsed.as_secs_f64() * 1e9);
 }
 
-/// As [`finish`], of a block that gives a figure.
+/// As [`finish`], for a block that returns a figure.
 pub fn finish_with(figure: f64) {
     if APART.load(Ordering::Relaxed) {
         println!("{figure}");
@@ -26,7 +27,7 @@ pub fn finish_with(figure: f64) {
     }
 }
 
-/// In the process that was started for it: runs the block, and tells its figure.
+/// In the process started for it: runs the block, and prints its figure.
 pub(super) fn run_here(case: &mut Case, operations: u64) -> ! {
     APART.store(true, Ordering::Relaxed);
     match &mut case.block {
@@ -36,7 +37,8 @@ pub(super) fn run_here(case: &mut Case, operations: u64) -> ! {
     unreachable!("this process has ended with the block's figure")
 }
 
-/// Starts a process for one block of `case`; its figure, which is nanoseconds if the block is timed.
+/// Starts a process for one block of `case`. Returns its figure, in nanoseconds if the block is
+/// timed.
 pub(super) fn run(case: &Case, operations: u64) -> f64 {
     let program = std::env::current_exe().expect("the system knows which program runs");
     let mut command = Command::new(program);

@@ -1,4 +1,4 @@
-//! What is measured.
+//! A measured case.
 
 use std::{fmt, time::Duration};
 
@@ -6,9 +6,9 @@ use super::goal::Goal;
 
 /// One scenario with one peer.
 pub struct Case {
-    /// The scenario; cases of the same name stand in one table.
+    /// The scenario; cases of the same name are in one table.
     pub name: &'static str,
-    /// Who is measured, and how.
+    /// The measured peer and configuration.
     pub peer: &'static str,
     /// Of one operation, such as `ns/cycle`.
     pub unit: &'static str,
@@ -24,20 +24,21 @@ pub struct Case {
     pub(super) most_blocks: usize,
 }
 
-/// What is called many times.
+/// The measured function.
 pub(super) enum Block {
-    /// Performs so many operations, and says how long they took.
+    /// Performs this many operations, and returns how long they took.
     Timed(Box<dyn FnMut(u64) -> Duration>),
-    /// Gives a figure.
+    /// Returns a figure.
     Once(Box<dyn FnMut() -> f64>),
 }
 
 impl Case {
-    /// A case that is measured by calling `block` many times.
+    /// A case that is measured by repeated calls of `block`.
     ///
-    /// `block` gets a number of operations, performs at least as many, checks their result (it panics when the result
-    /// is wrong), and returns how long just that number took. What it started has ended when it returns. It is called
-    /// on a thread that is not pinned; see [`on_core`](crate::cores::on_core) and [`on_cores`](crate::cores::on_cores).
+    /// `block` gets a number of operations, performs at least that many, checks their result (it
+    /// panics when the result is wrong), and returns how long exactly that number took. Everything
+    /// that it started has ended when it returns. It is called on a thread that is not pinned; see
+    /// [`on_core`](crate::cores::on_core) and [`on_cores`](crate::cores::on_cores).
     pub fn new(
         name: &'static str,
         peer: &'static str,
@@ -47,7 +48,7 @@ impl Case {
         Self::with(name, peer, unit, Block::Timed(Box::new(block)))
     }
 
-    /// A case whose every block gives one figure in `unit`, however it comes by it.
+    /// A case in which every block returns one figure in `unit`, by any method.
     pub fn once(
         name: &'static str,
         peer: &'static str,
@@ -72,7 +73,7 @@ impl Case {
         }
     }
 
-    /// Of this size: cases of one name and peer with several sizes make a line in a plot.
+    /// Sets the size: cases of one name and peer with several sizes make a line in a plot.
     pub fn size(mut self, size: u64) -> Self {
         self.size = Some(size);
         self
@@ -84,27 +85,27 @@ impl Case {
         self
     }
 
-    /// With at least so many operations in a block: for a scenario that is expensive to set up.
+    /// Sets the least number of operations in a block, for a scenario with an expensive set-up.
     pub fn at_least(mut self, operations: u64) -> Self {
         self.first = operations;
         self
     }
 
-    /// With just so many operations in each block, however long they take.
+    /// With exactly this many operations in each block, however long they take.
     pub fn exactly(mut self, operations: u64) -> Self {
         self.first = operations;
         self.fixed = true;
         self
     }
 
-    /// With at most so many blocks.
+    /// The limit of blocks.
     pub fn blocks(mut self, most: usize) -> Self {
         self.most_blocks = most;
         self
     }
 
-    /// With a process of the operating system for each block: its memory is fresh, and a scenario that is expensive to take down can
-    /// leave that to the system by [`finish`](super::finish).
+    /// Uses an operating-system process for each block: its memory is fresh, and a scenario that is
+    /// expensive to end can leave that to the system by [`finish`](super::finish).
     pub fn apart(mut self) -> Self {
         self.apart = true;
         self

@@ -1,4 +1,4 @@
-//! What a figure is to be, and what came of it.
+//! Goals of figures, and their outcomes.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,8 +8,8 @@ use crate::primitives::PRIMITIVES;
 /// What a case is to reach.
 #[derive(Debug, Clone)]
 pub enum Goal {
-    /// A figure of the reference machine, in the case's unit. Also the ratios to the [primitives](crate::primitives) of the same run are told, since
-    /// this machine is another one.
+    /// A figure of the reference machine, in the case's unit. The ratios to the
+    /// [primitives](crate::primitives) of the same run are printed too, since this machine differs.
     AtMost(f64),
     /// A multiple of another case of the same rounds.
     Times {
@@ -21,17 +21,18 @@ pub enum Goal {
         peer: &'static str,
         /// The other case's size.
         size: Option<u64>,
-        /// What the multiple is of, in words.
+        /// The base of the multiple, as text.
         of: &'static str,
     },
 }
 
-/// What came of a goal, as it stands in the JSON file.
+/// The outcome of a goal, as in the JSON file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
-    /// The goal in words, such as `at most 34 ns/cycle`.
+    /// The goal as text, such as `at most 34 ns/cycle`.
     pub goal: String,
-    /// What is reached divided by the goal: met up to 1. It is the median of the rounds' ratios where the goal is a multiple of another case.
+    /// The result divided by the goal: met up to 1. The median of the rounds' ratios if the goal is
+    /// a multiple of another case.
     pub ratio: f64,
     /// Whether it is met.
     pub met: bool,
@@ -39,7 +40,8 @@ pub struct Outcome {
     pub primitives: Vec<(String, f64)>,
 }
 
-/// What came of the goals of `case`, whose samples are the `index`th; those that compare with a case that was left out are left out.
+/// The outcomes of the goals of `case`, with the samples at `index`; goals that refer to an omitted
+/// case are omitted.
 pub(super) fn outcomes(case: &Case, index: usize, cases: &[Case], rows: &[Row]) -> Vec<Outcome> {
     let mine = &rows[index];
     let judge = |goal: &Goal| match *goal {
@@ -122,7 +124,8 @@ mod tests {
         };
         let cases = [case("a", "LUNA").goal(goal), case("b", "bare")];
         let rows = [
-            // Both are four times as fast in the second round: the ratio of the medians would say nothing.
+            // Both are four times as fast in the second round: the ratio of the medians would be
+            // meaningless.
             Row::new(&cases[0], vec![400.0, 90.0, 110.0]),
             Row::new(&cases[1], vec![200.0, 50.0, 50.0]),
         ];

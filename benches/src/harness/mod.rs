@@ -27,17 +27,18 @@ use options::Options;
 
 use crate::machine;
 
-/// The peer to which the others are compared: a case whose `peer` begins with this.
+/// The peer that others are compared with: cases with this prefix in `peer`.
 pub const LUNA: &str = "LUNA";
 
-/// No block takes this long, so one that does waits for something that never comes.
+/// No block takes this long: a block that does hangs.
 const HUNG: Duration = Duration::from_secs(60);
 
-/// Measures `cases` as the command line asks, prints the tables and the goals, and writes `bench/<bench>.json` in the target folder.
+/// Measures `cases` according to the command line, prints the tables and the goals, and writes
+/// `bench/<bench>.json` in the target folder.
 ///
 /// # Panics
 ///
-/// When a check of a case fails, or the file cannot be written.
+/// A check of a case fails, or the file cannot be written.
 pub fn run(bench: &str, cases: Vec<Case>) {
     let options = Options::of_program().unwrap_or_else(|message| {
         eprintln!("{message}\nusage: cargo bench --bench {bench} -- [--quick] [--filter TEXT]");
@@ -97,7 +98,7 @@ fn block(case: &mut Case, operations: u64, watchdog: &Watchdog) -> f64 {
     })
 }
 
-/// How many operations make a block of `length`; warms up with such a block.
+/// The number of operations for a block of `length`; warms up with such a block.
 fn calibrate(case: &mut Case, length: Duration, watchdog: &Watchdog) -> u64 {
     if matches!(case.block, Block::Once(_)) {
         return 1;
@@ -159,7 +160,7 @@ fn median(samples: &[f64]) -> f64 {
     }
 }
 
-/// Ends the program when a case hangs, and says which.
+/// Ends the program when a case hangs, and names the case.
 #[derive(Debug)]
 struct Watchdog(mpsc::Sender<String>);
 
@@ -190,13 +191,13 @@ impl Watchdog {
 
 /// Cargo's target folder.
 pub fn target_folder() -> PathBuf {
-    // A relative path is relative to where cargo was called, which a bench does not know.
+    // A relative path is relative to cargo's working directory, which a bench does not know.
     if let Some(folder) = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from)
         && folder.is_absolute()
     {
         return folder;
     }
-    // The bench lies somewhere in the target folder, which cargo marks as a cache.
+    // The bench is somewhere in the target folder, which cargo marks as a cache.
     let program = std::env::current_exe().unwrap_or_default();
     let marked = program
         .ancestors()

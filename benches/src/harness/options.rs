@@ -1,15 +1,16 @@
-//! What the command line asks of a bench.
+//! A bench's command line.
 
 use std::time::Duration;
 
 use super::Case;
 
-/// What the command line asks for.
+/// The options of the command line.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Options {
     pub(super) quick: bool,
     pub(super) filter: String,
-    /// One block of one case, which this process was started for: its title, and how many operations.
+    /// One block of one case, for which this process was started: its title, and the number of
+    /// operations.
     pub(super) apart: Option<(String, u64)>,
 }
 
@@ -36,7 +37,7 @@ impl Options {
                 _ => return Err(format!("unknown argument {argument}")),
             }
         }
-        // `cargo test --benches` runs the program too: it wants the checks, not the figures.
+        // `cargo test --benches` runs the program too, for the checks, not the figures.
         options.quick |= !by_cargo_bench;
         Ok(options)
     }
@@ -55,7 +56,7 @@ impl Options {
     }
 }
 
-/// Whether this run is to be short: for a bench that then leaves out its largest sizes.
+/// Whether this run is short: a bench then leaves out its largest sizes.
 pub fn is_quick() -> bool {
     Options::of_program().is_ok_and(|options| options.quick)
 }

@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Case, LUNA, goal::Outcome, median};
 
-/// A line of the table, as it stands in the JSON file.
+/// A line of the table, as in the JSON file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Row {
     /// The scenario.
     pub name: String,
-    /// Who was measured.
+    /// The measured peer and configuration.
     pub peer: String,
     /// Of the figures.
     pub unit: String,
@@ -45,7 +45,8 @@ impl Row {
         }
     }
 
-    /// The row that this one is compared with, among those of its scenario: LUNA's, or the best where LUNA does not take part.
+    /// The row that this one is compared with, in its scenario: LUNA's, or the best if LUNA does
+    /// not take part.
     pub fn reference<'a>(&self, scenario: &'a [Row]) -> (&'static str, &'a Row) {
         let alike = || scenario.iter().filter(|row| row.size == self.size);
         if let Some(luna) = alike().find(|row| row.peer.starts_with(LUNA)) {
@@ -66,13 +67,13 @@ pub(super) fn table(rows: &[Row]) -> String {
     let mut text = String::new();
     for scenario in scenarios(rows) {
         let title = format!("{}, {}", scenario[0].name, scenario[0].unit);
-        let (whose, _) = scenario[0].reference(scenario);
+        let (label, _) = scenario[0].reference(scenario);
         let peers = scenario.iter().map(|row| row.peer.chars().count());
         let size_width = if scenario[0].size.is_some() { 10 } else { 0 };
         let peer_width = peers.max().unwrap_or_default().max(50 - size_width);
         let title_width = (2 + peer_width + size_width).max(title.chars().count());
         text += &format!(
-            "\n{title:<title_width$} {:>10} {:>10} {whose:>8}\n",
+            "\n{title:<title_width$} {:>10} {:>10} {label:>8}\n",
             "median", "min"
         );
         for row in scenario {
@@ -88,7 +89,7 @@ pub(super) fn table(rows: &[Row]) -> String {
     text
 }
 
-/// A line per goal; nothing where there is none.
+/// A line per goal; empty without goals.
 pub(super) fn goals(rows: &[Row]) -> String {
     let mut text = String::new();
     for row in rows {

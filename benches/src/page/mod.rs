@@ -1,4 +1,5 @@
-//! The page of what all benches found: `docs/benchmarks.md`, with a table and a plot for each scenario.
+//! The page of all benches' results: `docs/benchmarks.md`, with a table and a plot for each
+//! scenario.
 
 mod svg;
 
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::harness::{LUNA, Row, scenarios};
 use svg::{Dot, Line, short};
 
-/// What stands above the figures: where they come from.
+/// The origin of the figures, for the page's head.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Origin {
     /// The lines of [`machine::facts`](crate::machine::facts).
@@ -18,7 +19,7 @@ pub struct Origin {
     pub date: String,
     /// Whether the benches were cut short.
     pub quick: bool,
-    /// Seconds of CPU time that a virtual machine's host gave to others meanwhile, of how many all took.
+    /// Seconds of CPU time that a virtual machine's host gave to others meanwhile, and the total.
     pub stolen: Option<(f64, f64)>,
 }
 
@@ -51,7 +52,7 @@ pub fn date(time: SystemTime) -> String {
 ///
 /// # Errors
 ///
-/// When a file cannot be written.
+/// A file cannot be written.
 pub fn write(docs: &Path, origin: &Origin, benches: &[Found]) -> io::Result<()> {
     let plots = docs.join("benchmarks");
     match fs::remove_dir_all(&plots) {
@@ -145,9 +146,9 @@ fn table(scenario: &[Row]) -> String {
 }
 
 fn table_of_peers(scenario: &[Row]) -> String {
-    let (whose, reference) = scenario[0].reference(scenario);
+    let (label, reference) = scenario[0].reference(scenario);
     let mut text = format!(
-        "| {} | median | min | {whose} |\n| --- | ---: | ---: | ---: |\n",
+        "| {} | median | min | {label} |\n| --- | ---: | ---: | ---: |\n",
         scenario[0].unit
     );
     for row in scenario {

@@ -12,7 +12,7 @@ pub(super) struct Dot {
     pub(super) ours: bool,
 }
 
-/// A line: what it stands for, where it goes, and whether it is one of ours.
+/// A line: its label, its points, and whether it is one of ours.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) label: String,
@@ -23,7 +23,7 @@ pub(super) struct Line {
 const WIDTH: f64 = 760.0;
 const FONT: f64 = 13.0;
 
-/// Colours of the others' lines and points, in light and in dark; ours have one of their own.
+/// Colours of the peers' lines and points, in light and in dark; ours have one of their own.
 const COLOURS: [(&str, &str); 8] = [
     ("#0969da", "#58a6ff"),
     ("#8250df", "#bc8cff"),
@@ -167,7 +167,7 @@ pub(super) fn lines(title: &str, unit: &str, lines: &[Line]) -> String {
     const ROW: f64 = 20.0;
     let points = || lines.iter().flat_map(|line| line.points.iter().copied());
     let (low, high) = decades(points().map(|(_, figure)| figure));
-    // A size of nothing has no logarithm: it stands at one.
+    // A size of 0 has no logarithm: it is drawn at 1.
     let size = |size: f64| size.max(1.0);
     let (first, last) = decades(points().map(|(of, _)| size(of)));
     let x = |of: f64| {

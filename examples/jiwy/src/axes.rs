@@ -25,13 +25,14 @@ pub struct Axis {
     pub max_speed: f64,
 }
 
-/// The two axes. Set-points end 0.2 and 0.1 rad before the stops, the guard begins 0.03 rad before them.
+/// The two axes. Set-points end 0.2 and 0.1 rad before the stops, the guard begins 0.03 rad before
+/// them.
 pub static AXES: [Axis; 2] = [
     Axis {
         name: "pan",
         stick: |deflection| deflection.pan,
         plant: PAN,
-        // Close to the counter's end, so that every run of the demo passes its wrap.
+        // Close to the counter's end, so that every run of the demo includes its wrap.
         count_at_zero: i32::MAX - 1000,
         tuning: pid::Tuning {
             bandwidth: 80.0,

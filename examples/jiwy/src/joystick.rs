@@ -1,13 +1,14 @@
-//! A joystick's recording: CSV with the columns `time` (s), `pan` and `tilt` (−1 to 1), played back as often as needed.
+//! A joystick's recording: CSV with the columns `time` (s), `pan` and `tilt` (−1 to 1), played back
+//! as often as needed.
 
 mod playback;
 
 pub use playback::Playback;
 
-use std::fmt;
 use std::path::Path;
 
-/// The recording inside the program, so that the demo runs from any folder. `data/README.md` says how it was made.
+/// The recording inside the program, so that the demo runs from any folder. `data/README.md`
+/// describes its origin.
 const BUILT_IN: &str = include_str!("../data/joystick.csv");
 
 const COLUMNS: [&str; 3] = ["time", "pan", "tilt"];
@@ -21,7 +22,8 @@ pub struct Deflection {
     pub tilt: f64,
 }
 
-/// The ends of the process called `joystick`, for one that [stands in](luna::System::stand_in) for it: where it tells pan and tilt how far they are deflected, −1 to 1.
+/// The ends of the process called `joystick`, for one that [stands in](luna::System::stand_in) for
+/// it: it sends the deflections of pan and tilt, −1 to 1.
 #[derive(Debug)]
 pub struct Sticks(
     /// Of pan, and of tilt.
@@ -52,7 +54,8 @@ impl Recording {
         Self::parse(&text)
     }
 
-    /// Reads a recording's text. Columns are found by their names, others are left alone, empty lines too.
+    /// Parses a recording. Columns are found by their names; other columns and empty lines are
+    /// ignored.
     pub fn parse(text: &[u8]) -> Result<Self, Error> {
         let mut reader = csv::ReaderBuilder::new()
             .flexible(true)
@@ -112,7 +115,8 @@ impl Recording {
                     _ => Ok(sample),
                 }
             };
-            // Lines are counted for an error alone: for each sample it would take the square of their number.
+            // Lines are counted only for an error: counting for each sample would take quadratic
+            // time.
             let sample = sample().map_err(|fault| Error::at(line_of(text, at), fault))?;
             samples.push(sample);
         }
@@ -134,17 +138,22 @@ impl Recording {
 }
 
 /// Why a recording cannot be read.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file itself.
+    #[error("{0}")]
     File(std::io::Error),
     /// Nothing but, at most, a header.
+    #[error(
+        "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
+    )]
     NoSamples,
-    /// A line says what it must not.
+    /// A line is malformed.
+    #[error("line {line}: {fault}")]
     Line {
         /// Counted from 1, as editors do.
         line: u64,
-        /// What is wrong there.
+        /// The fault.
         fault: Fault,
     },
 }
@@ -155,31 +164,36 @@ impl Error {
     }
 }
 
-/// What is wrong with a line.
-#[derive(Debug, Clone, PartialEq)]
+/// A fault of a line.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// The header, or this line, ends before it.
+    #[error("column `{0}` is missing")]
     MissingColumn(&'static str),
     /// Text where a number belongs.
+    #[error("{field:?} in column `{column}` is not a number")]
     NotANumber {
         /// Where.
         column: &'static str,
-        /// What stands there.
+        /// The field's text.
         field: String,
     },
     /// A NaN or an infinity.
+    #[error("column `{column}` is not finite")]
     NotFinite {
         /// Where.
         column: &'static str,
     },
     /// A deflection beyond 1.
+    #[error("{value} in column `{column}` is not within -1 and 1")]
     OutOfRange {
         /// Where.
         column: &'static str,
-        /// What stands there.
+        /// The value.
         value: f64,
     },
     /// Not later than the line before.
+    #[error("time {time} is not after the {before} of the line before")]
     NotIncreasing {
         /// Of this line.
         time: f64,
@@ -188,45 +202,8 @@ pub enum Fault {
     },
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::File(error) => error.fmt(f),
-            Self::NoSamples => {
-                write!(
-                    f,
-                    "it holds no samples; it needs the columns `time`, `pan`, `tilt` and a line for each sample"
-                )
-            }
-            Self::Line { line, fault } => write!(f, "line {line}: {fault}"),
-        }
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::MissingColumn(column) => write!(f, "column `{column}` is missing"),
-            Self::NotANumber { column, field } => {
-                write!(f, "{field:?} in column `{column}` is not a number")
-            }
-            Self::NotFinite { column } => write!(f, "column `{column}` is not finite"),
-            Self::OutOfRange { column, value } => {
-                write!(f, "{value} in column `{column}` is not within -1 and 1")
-            }
-            Self::NotIncreasing { time, before } => {
-                write!(
-                    f,
-                    "time {time} is not after the {before} of the line before"
-                )
-            }
-        }
-    }
-}
-
-impl std::error::Error for Error {}
-
-/// The line that holds the first text at or after `byte`. The reader's own count is off after `\r\n` and empty lines.
+/// The line with the first text at or after `byte`. The reader's own count is wrong after `\r
+/// ` and empty lines.
 fn line_of(text: &[u8], byte: u64) -> u64 {
     let from = (byte as usize).min(text.len());
     let skipped = text[from..]

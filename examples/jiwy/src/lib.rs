@@ -1,7 +1,9 @@
-//! Jiwy, the pan-tilt camera of the thesis (appendix A.1): its model as communicating sequential processes, complete.
+//! Jiwy, the pan-tilt camera of the thesis (appendix A.1): its complete model as communicating
+//! sequential processes.
 //!
-//! [`network::build`] draws the processes and says how they communicate; `processes` is what each of them does, [`parts`] what they compute. [`hardware`]
-//! is what they see of the machine, and who is behind that: processes that simulate it, or a simulator outside of the system.
+//! [`network::build`] creates the processes and connects them; `processes` has their code,
+//! [`parts`] their computations. [`hardware`] has their view of the machine, and the machine:
+//! processes that simulate it, a simulator outside of the system, or a card.
 //!
 //! ```
 //! use luna::prelude::*;

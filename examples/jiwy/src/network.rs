@@ -1,4 +1,4 @@
-//! Jiwy's model: which processes there are, and who communicates with whom. After the thesis' figures A.2 and H.1.
+//! Jiwy's model: its processes and their channels. After the thesis' figures A.2 and H.1.
 //!
 //! ```text
 //!                                  one axis (pan; tilt is the same)
@@ -25,21 +25,28 @@
 //!  ──> rendezvous channel      ~> register: a buffer of one that forgets the older value, never waited for
 //! ```
 //!
-//! 51 processes: 21 of each axis, the timer, safety, the joystick, and 3 of the machine for each axis; one more than the picture shows, since each axis has a `timer in`
-//! that starts its readers. There is **one loop**, as in the thesis: `timer` stalls the whole model until the next period, and all else is woken by
-//! what it receives. A cycle is 44 rendezvous. (The machine has its own time, and the joystick is sampled at 100 Hz.)
+//! 51 processes: 21 of each axis, the timer, safety, the joystick, and 3 of the machine for each
+//! axis; one more than the picture shows, since each axis has a `timer in` that starts its readers.
+//! There is **one loop**, as in the thesis: `timer` delays the whole model until the next period,
+//! and all other processes are woken by values that they receive. A cycle is 44 rendezvous. (The
+//! machine has its own time, and the joystick is sampled at 100 Hz.)
 //!
-//! **Levels.** All processes of an axis have one level, pan's is above tilt's, both are above the timer's: so a cycle of pan is through, from its encoder to its motor, before
-//! tilt's begins. Safety is above all.
+//! **Levels.** All processes of an axis have one level, pan's is above tilt's, both are above the
+//! timer's: so a cycle of pan is complete, from its encoder to its motor, before tilt's begins.
+//! Safety has the highest level.
 //!
-//! **No deadlock.** Within a cycle values flow one way, from the timer to the writers. Where ways part and meet again (timer in to calibration, position scaling to
-//! calibration and its watch), who sends does so in one order, and who receives from two takes the position first, then the target: each waits for one that waits for
-//! nothing behind it. What goes back, from safety to the gates and through the machine to the counters, goes through registers, where nobody waits.
+//! **No deadlock.** Within a cycle values flow one way, from the timer to the writers. Where paths
+//! part and join again (timer in to calibration, position scaling to calibration and its watch), a
+//! sender sends in one order, and a receiver of two receives the position first, then the target:
+//! so the wait-for relation has no cycle. Values that go back, from safety to the gates and through
+//! the machine to the counters, go through registers, which never block.
 //!
-//! **The end.** The timer returns after its number of cycles and drops its ends. Each process returns when what it reads is closed; the last of an axis write
-//! that the bridge is off. The same follows if any of them fails.
+//! **The end.** The timer returns after its number of cycles and drops its ends. Each process
+//! returns when its input is closed; the last of an axis write that the bridge is off. The same
+//! follows if any of them fails.
 //!
-//! **No allocation** after the start: values are `Copy`, state lies in the processes, results are handed over in `post_run`.
+//! **No allocation** after the start: values are `Copy`, state is in the processes, results are
+//! passed on in `post_run`.
 
 use crate::hardware::{self, Registers};
 use crate::joystick::{Playback, Sticks};
@@ -84,7 +91,7 @@ pub struct Settings {
     pub cycles: u64,
     /// How the axes begin.
     pub start: Start,
-    /// Who moves them.
+    /// What moves them.
     pub joystick: Playback,
 }
 
@@ -93,11 +100,12 @@ pub struct Settings {
 pub enum Start {
     /// They look for their end stops first: some seconds.
     Calibrate,
-    /// Their encoders are known to count from [`Axis::count_at_zero`](crate::Axis::count_at_zero).
+    /// Their encoders count from [`Axis::count_at_zero`](crate::Axis::count_at_zero).
     Calibrated,
 }
 
-/// Whether the process called `name` is one of those that control, on [`Executors::control`]: all but the joystick and the simulated machine.
+/// Whether the process called `name` is one of the control processes, on [`Executors::control`]:
+/// all but the joystick and the simulated machine.
 ///
 /// ```
 /// use luna_jiwy::network::controls;
@@ -120,7 +128,7 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// How often the safety layer changed a duty, as far as its processes have ended.
+    /// How often the safety layer changed a duty, counted by the processes that have ended.
     pub fn interventions(&self) -> Interventions {
         Interventions {
             not_finite: self.limit.get().map_or(0, |limit| limit.not_finite),
@@ -142,7 +150,8 @@ pub struct Executors {
     pub operator: Executor,
 }
 
-/// Adds the model's processes, which control the machine behind `registers`. Gives what those of pan and of tilt will have found.
+/// Adds the model's processes, which control the machine behind `registers`. Returns handles to the
+/// results of pan and of tilt.
 ///
 /// # Errors
 ///
@@ -188,7 +197,7 @@ pub fn build(
         .process("safety")
         .priority(level::SAFETY)
         .spawn(keep_safe(faults, [pan_stop, tilt_stop]))?;
-    // A set-up may let a real one stand in for it.
+    // A set-up may replace it by a real one.
     executors.operator.process(JOYSTICK).replaceable(
         Sticks([pan_stick, tilt_stick]),
         |Sticks(sticks)| Joystick {
@@ -199,7 +208,8 @@ pub fn build(
     Ok([pan, tilt])
 }
 
-/// A speed that the joint never exceeds, in rad/s: that of the motor without any friction at full duty, and a fifth more.
+/// An upper limit of the joint's speed, in rad/s: that of the motor without friction at full duty,
+/// and a fifth more.
 fn fastest(motor: &MotorParameters) -> f64 {
     1.2 * motor.supply / motor.joint_constant()
 }
@@ -350,7 +360,7 @@ impl AxisModel<'_> {
             "end-stop guard",
             Checking {
                 sanity: axis.limits.guard()?,
-                // There is none while it is being calibrated.
+                // There is none during calibration.
                 angle: |command| command.angle,
                 commands: to_guard,
                 checked: guarded,

@@ -2,7 +2,8 @@
 
 use luna_external_code::Submodel;
 
-/// Two inputs (set-point and angle, in rad), one output (duty), four states, five parameters: as `controller/pid.h` says.
+/// Two inputs (set-point and angle, in rad), one output (duty), four states, five parameters, as in
+/// `controller/pid.h`.
 pub type GeneratedPid = Submodel<2, 1, 4, 5>;
 
 mod generated {
@@ -14,7 +15,8 @@ mod generated {
 
 /// The controller of `controller/pid.c`.
 pub fn generated_pid() -> GeneratedPid {
-    // SAFETY: the numbers of the type are those of pid.h, which pid.c keeps to; it uses no globals.
+    // SAFETY: the array lengths of the type are those of pid.h, which pid.c keeps to; it uses no
+    // globals.
     unsafe { Submodel::new(generated::pid_initialize, generated::pid_step) }
 }
 
@@ -44,7 +46,7 @@ impl Pid {
         }
     }
 
-    /// The duty for what is wanted and measured at `time`.
+    /// The duty for the target and the measurement at `time`.
     pub fn step(&mut self, set_point: f64, angle: f64, time: f64) -> f64 {
         let h = time - self.last_time;
         let error = set_point - angle;

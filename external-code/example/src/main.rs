@@ -1,4 +1,4 @@
-//! A controller that was generated as C turns a simulated motor to where it is told.
+//! A controller generated as C positions a simulated motor.
 
 use luna::prelude::*;
 use luna_external_code::SubmodelProcess;

@@ -2,10 +2,11 @@
 
 use luna_external_code_example::{Pid, generated_pid};
 
-/// Relative to what an output can be. The operations are the same; a compiler may contract some of those in C, which rounds once less.
+/// Relative to the output's range. The operations are the same; a C compiler may contract some of
+/// them, which rounds once less.
 const TOLERANCE: f64 = 1e-9;
 
-/// Numbers from 0 to 1 (xorshift), from the seed `LUNA_SEED`, and without one always the same.
+/// Numbers from 0 to 1 (xorshift), from the seed `LUNA_SEED`; without it always the same.
 struct Random(u64);
 
 impl Random {
@@ -33,7 +34,7 @@ fn over_ten_thousand_random_steps() {
     let (mut time, mut angle, mut target) = (0.0, 0.0, 0.0);
     let (mut limited, mut free, mut widest) = (0, 0, 0.0_f64);
     for n in 0..10_000 {
-        // Steps of uneven length, some of none; targets that jump; angles that wander.
+        // Steps of uneven length, some of zero; targets that jump; angles that wander.
         if random.next() < 0.95 {
             time += random.next() * 2e-3;
         }
@@ -55,7 +56,7 @@ fn over_ten_thousand_random_steps() {
         }
     }
     println!("at most {widest} apart; {limited} at the limit");
-    // It was no matter of constants.
+    // Both ranges were covered.
     assert!(limited > 200 && free > 200, "{limited}, {free}");
 }
 

@@ -4,7 +4,7 @@ use crate::laps::laps;
 use crate::on_one_executor;
 use luna::prelude::*;
 
-/// Sends a number to each in turn, until nobody listens.
+/// Sends a number to each in turn, until the receivers are gone.
 async fn producer(outputs: Vec<Sender<u64>>) -> luna::Result<()> {
     for number in 0.. {
         let output = &outputs[number as usize % outputs.len()];

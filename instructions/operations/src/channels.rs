@@ -25,7 +25,7 @@ pub(crate) fn rendezvous(steps: u64) -> luna::Result<()> {
     })
 }
 
-/// By one process, so that nobody waits.
+/// Both ends in one process, which never waits.
 pub(crate) fn buffered(steps: u64) -> luna::Result<()> {
     on_one_executor("buffered", |executor| {
         let (output, input) = luna::buffered(Buffer::fifo(1));

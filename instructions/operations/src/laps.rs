@@ -1,20 +1,23 @@
-//! Where counting begins and ends: laps of an operation, with a mark between them.
+//! Begin and end of counting: laps of an operation, with a mark between them.
 
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-/// Before this, callgrind writes down what it has counted so far and begins anew: `luna-instructions` tells it the name.
+/// Before this function, callgrind writes its counts and resets them: `luna-instructions` passes it
+/// the name.
 ///
-/// It does what a client request of Valgrind would, without the headers that one needs to be built.
+/// It replaces a client request of Valgrind, which would need Valgrind's headers to build.
 #[inline(never)]
 #[unsafe(no_mangle)]
 extern "C" fn luna_instructions_mark() {
     std::hint::black_box(());
 }
 
-/// Does `operation`, which is told its number, for three laps: one of `steps` to warm up, one of `steps`, one of twice as many.
+/// Runs `operation`, with its number as argument, for three laps: one of `steps` to warm up, one of
+/// `steps`, one of twice as many.
 ///
-/// What the third costs beyond the second is `steps` operations and nothing else: neither what was set up nor what a lap costs by itself.
+/// The third costs exactly `steps` operations more than the second: set-up and the cost of a lap
+/// cancel out.
 pub(crate) async fn laps(steps: u64, mut operation: impl AsyncFnMut(u64)) {
     let mut number = 0;
     for length in [steps, steps, 2 * steps] {

@@ -1,7 +1,9 @@
-//! LUNA's hot operations, each a network on one executor, without a real-time policy, with one process that counts laps.
+//! LUNA's hot operations, each as a network on one executor without a real-time policy, in which
+//! one process counts laps.
 //!
-//! `luna-instructions` runs this program in callgrind, with `do` and an operation's name. `list` tells it the compiler, the C library, this
-//! program's path, and the operations, each with the number of operations by which its last two laps differ.
+//! `luna-instructions` runs this program in callgrind, with `do` and an operation's name. `list`
+//! prints the compiler, the C library, this program's path, and the operations, each with the
+//! number of operations by which its last two laps differ.
 
 mod alternatives;
 mod channels;
@@ -17,7 +19,7 @@ use std::env;
 struct Operation {
     /// What it is called in tables and in the recorded figures.
     name: &'static str,
-    /// How many steps the shorter of both laps has: enough for what happens now and then to be there in its share.
+    /// The number of steps of the shorter of both laps: enough for rare events to have their share.
     steps: u64,
     /// How many operations a step is.
     each: u64,
@@ -114,7 +116,8 @@ fn list() {
 /// What copies memory, allocates, and makes system calls.
 #[cfg(target_env = "gnu")]
 fn c_library() -> String {
-    // SAFETY: it gives a text that ends with a zero and is never changed or freed.
+    // SAFETY: the function takes nothing and returns a text that ends with a zero and is never
+    // changed or freed.
     let version = unsafe { std::ffi::CStr::from_ptr(libc::gnu_get_libc_version()) };
     format!("glibc {}", version.to_string_lossy())
 }

@@ -90,7 +90,7 @@ pub(crate) fn commstime_parallel(steps: u64) -> luna::Result<()> {
     commstime(steps, parallel_delta)
 }
 
-/// How many processes the ring has, and so how many hops a lap of the token.
+/// The number of processes in the ring, and so of hops in a lap of the token.
 pub(crate) const RING: u64 = 1000;
 
 pub(crate) fn ring(steps: u64) -> luna::Result<()> {

@@ -87,11 +87,12 @@ pub(crate) fn start_and_join(steps: u64) -> luna::Result<()> {
     })
 }
 
-/// Far enough ahead for the executor to be asleep by then, however slowly it runs.
+/// Late enough for the executor to be asleep by then, however slowly it runs.
 const DELAY: Duration = Duration::from_millis(4);
 
-/// Takes longer than the 10 µs after which an executor remembers a turn. In Valgrind a turn takes about as long by itself, so it would
-/// be remembered now and then. The C library's own functions for it are cancellation points, which have atomic instructions of their own.
+/// Takes longer than 10 µs, after which an executor does not treat a turn as short. In Valgrind a
+/// turn takes about as long by itself, so without this the result would vary. The C library's own
+/// functions for it are cancellation points, which have atomic instructions of their own.
 #[cfg(target_os = "linux")]
 fn be_remembered() {
     let pause = libc::timespec {
@@ -99,7 +100,8 @@ fn be_remembered() {
         tv_nsec: 30_000,
     };
     let rest = std::ptr::null_mut::<libc::timespec>();
-    // SAFETY: the kernel reads the time, and writes nothing, since there is nowhere to.
+    // SAFETY: the kernel reads `pause`, which is alive, and writes nothing, since the second
+    // pointer is null.
     unsafe { libc::syscall(libc::SYS_nanosleep, &raw const pause, rest) };
 }
 

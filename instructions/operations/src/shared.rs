@@ -23,7 +23,7 @@ pub(crate) fn barrier(steps: u64) -> luna::Result<()> {
                     while !is_over.load(Ordering::Relaxed) {
                         barrier.sync().await;
                     }
-                    // Whoever was quicker waits for a next round.
+                    // The faster one waits for a next round.
                     barrier.resign();
                     Ok(())
                 })?;
@@ -41,13 +41,13 @@ pub(crate) fn barrier(steps: u64) -> luna::Result<()> {
     })
 }
 
-/// That nobody else wants.
+/// Without contention.
 pub(crate) fn mutex(steps: u64) -> luna::Result<()> {
     on_one_executor("mutex", |executor| {
         let count = Mutex::new(0);
         executor.process("owner").spawn(move || async move {
             laps(steps, async |number| {
-                let mut count = count.lock().await.expect("nobody died holding it");
+                let mut count = count.lock().await.expect("no holder has panicked");
                 assert_eq!(*count, number);
                 *count += 1;
             })

@@ -1,6 +1,7 @@
 //! How many errors are too many.
 
-/// A leaky bucket of errors: each one fills it, each good cycle lets some of it leak, and when it is full there were too many.
+/// A leaky bucket of errors: each error fills it, each good cycle drains some, and a full bucket
+/// means too many errors.
 ///
 /// ```
 /// use hostmot2::Bucket;
@@ -20,7 +21,8 @@ pub struct Bucket {
 }
 
 impl Bucket {
-    /// An empty one into which each error puts `fill`, from which each good cycle takes `leak`, and that holds less than `limit`.
+    /// An empty bucket: each error adds `fill`, each good cycle removes `leak`, and it holds less
+    /// than `limit`.
     pub const fn new(fill: u32, leak: u32, limit: u32) -> Self {
         Self {
             fill,
@@ -30,7 +32,7 @@ impl Bucket {
         }
     }
 
-    /// An error; says whether there were too many. O(1).
+    /// Counts an error. Returns whether there were too many. O(1).
     pub fn fill(&mut self) -> bool {
         self.level = self.level.saturating_add(self.fill);
         self.is_full()
@@ -46,7 +48,7 @@ impl Bucket {
         self.level >= self.limit
     }
 
-    /// How much is in it.
+    /// The present level, from 0.
     pub const fn level(&self) -> u32 {
         self.level
     }

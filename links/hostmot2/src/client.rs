@@ -4,7 +4,6 @@ use crate::description::{Board, Description};
 use crate::idrom::{self, Idrom, IdromError};
 use crate::lbp16::{Packet, PacketError, Reader, Space, Width};
 use crate::registers::{self, board, scratch};
-use std::fmt;
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -12,7 +11,8 @@ use std::time::{Duration, Instant};
 /// How many elements of the IDROM are read at a time.
 const CHUNK: u8 = 64;
 
-/// Exchanges packets with a card and waits for the answers: for set-up and tools. Not for the real-time path.
+/// Exchanges packets with a card and waits for the answers: for set-up and tools. Not for the
+/// real-time path.
 ///
 /// ```no_run
 /// use hostmot2::{Client, Layout, Selection};
@@ -20,7 +20,14 @@ const CHUNK: u8 = 64;
 /// let mut client = Client::connect("192.168.1.121:27181".parse()?)?;
 /// let description = client.describe()?;
 /// println!("{description}");
-/// let layout = Layout::new(&description, &Selection { encoders: 2, pwms: 2, ..Selection::default() })?;
+/// let layout = Layout::new(
+///     &description,
+///     &Selection {
+///         encoders: 2,
+///         pwms: 2,
+///         ..Selection::default()
+///     },
+/// )?;
 /// for packet in layout.set_up()? {
 ///     client.confirmed(&packet)?;
 /// }
@@ -35,73 +42,42 @@ pub struct Client {
 }
 
 /// Why an exchange failed.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
     /// The socket cannot be had or used.
-    Socket(io::Error),
+    #[error("no socket to the card: {0}")]
+    Socket(#[source] io::Error),
     /// The card did not answer.
+    #[error("the card at {card} did not answer {attempts} times: {}", reason(.last))]
     Silent {
         /// Which.
         card: SocketAddr,
-        /// How often it was asked.
+        /// The number of attempts.
         attempts: u32,
-        /// What the system said last, if it refused to send or receive.
+        /// The system's last error, if it refused to send or receive.
+        #[source]
         last: Option<io::Error>,
     },
-    /// Who answers is no HostMot2: this is not its cookie.
+    /// The device that answers is not a HostMot2 card: it has another cookie.
+    #[error("the device that answers is no HostMot2: its cookie is {cookie:#010x}")]
     NotHostMot2 {
-        /// What it says instead.
+        /// Its cookie.
         cookie: u32,
     },
     /// The card's description cannot be read.
-    Idrom(IdromError),
+    #[error("{0}")]
+    Idrom(#[source] IdromError),
     /// The packet would be too long.
-    Packet(PacketError),
+    #[error("{0}")]
+    Packet(#[from] PacketError),
 }
 
-impl fmt::Display for ClientError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ClientError::Socket(error) => write!(f, "no socket to the card: {error}"),
-            ClientError::Silent {
-                card,
-                attempts,
-                last,
-            } => {
-                write!(f, "the card at {card} did not answer {attempts} times")?;
-                match last {
-                    Some(error) => write!(f, ": {error}"),
-                    None => f.write_str(": is it powered, and is this host in its network?"),
-                }
-            }
-            ClientError::NotHostMot2 { cookie } => {
-                write!(
-                    f,
-                    "who answers is no HostMot2: its cookie is {cookie:#010x}"
-                )
-            }
-            ClientError::Idrom(error) => error.fmt(f),
-            ClientError::Packet(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for ClientError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            ClientError::Socket(error) => Some(error),
-            ClientError::Silent { last, .. } => last.as_ref().map(|error| error as _),
-            ClientError::Idrom(error) => Some(error),
-            ClientError::Packet(error) => Some(error),
-            ClientError::NotHostMot2 { .. } => None,
-        }
-    }
-}
-
-impl From<PacketError> for ClientError {
-    fn from(error: PacketError) -> Self {
-        ClientError::Packet(error)
+/// Why there was no answer.
+fn reason(last: &Option<io::Error>) -> String {
+    match last {
+        Some(error) => error.to_string(),
+        None => "is it powered, and is this host in its network?".to_owned(),
     }
 }
 
@@ -121,7 +97,7 @@ impl Client {
             socket.connect(card)?;
             Ok(socket)
         };
-        // Not the same as that of who was here before.
+        // Different from the numbers of earlier clients.
         let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         let sequence = since.map_or(1, |since| since.as_nanos() as u32);
         Ok(Self {
@@ -132,7 +108,7 @@ impl Client {
         })
     }
 
-    /// Waits `timeout` for each answer, and asks at most `attempts` times; 100 ms and 5 if not stated.
+    /// Waits `timeout` for each answer, with at most `attempts` attempts; default 100 ms and 5.
     #[must_use]
     pub fn patience(mut self, timeout: Duration, attempts: u32) -> Self {
         self.timeout = timeout.max(Duration::from_millis(1));
@@ -145,18 +121,19 @@ impl Client {
         self.sequence
     }
 
-    /// The socket, for who goes on without this.
+    /// The socket, to continue without the client.
     pub fn into_socket(self) -> UdpSocket {
         self.socket
     }
 
-    /// Sends what `packet` says, again until the card confirms that it was done, and gives what it read.
+    /// Sends `packet` until the card confirms that it was executed, and returns what it read.
     ///
-    /// It may be done several times. Not after what comes later: answers to an earlier attempt are not taken for that of a later packet.
+    /// The card may execute it several times, but not after later packets: answers to an earlier
+    /// attempt are not accepted for a later packet.
     ///
     /// # Errors
     ///
-    /// The card is silent, or the packet too long with the number that is added to it.
+    /// The card is silent, or the packet is too long with the number that is added to it.
     pub fn confirmed(&mut self, packet: &Packet) -> Result<Vec<u8>, ClientError> {
         let mut last = None;
         for _ in 0..self.attempts {
@@ -192,11 +169,11 @@ impl Client {
         self.confirmed(&packet)
     }
 
-    /// Asks the card for all that it says of itself.
+    /// Reads the card's complete description.
     ///
     /// # Errors
     ///
-    /// The card is silent, or no HostMot2, or its description makes no sense.
+    /// The card is silent, or is no HostMot2, or its description is invalid.
     pub fn describe(&mut self) -> Result<Description, ClientError> {
         let mut packet = Packet::new();
         packet.read(Space::HostMot2, Width::Bits32, registers::CONFIG_COOKIE, 4)?;
@@ -250,7 +227,7 @@ impl Client {
         self.socket.send(&request).map_err(ClientError::Socket)?;
         let expected = numbered.answer_len() + packet.answer_len();
         let deadline = Instant::now() + self.timeout;
-        // One more than an answer has: a longer datagram is cut, and would else look like one.
+        // One byte more than an answer has, to recognize longer datagrams, which are cut.
         let mut answer = vec![0; expected + 1];
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -269,7 +246,7 @@ impl Client {
                 Ok(_) => {}
                 Err(error) if is_timeout(&error) => {}
                 Err(error) => {
-                    // Nobody listens there yet: not at once again.
+                    // No program listens there yet: wait before the next attempt.
                     std::thread::sleep(left);
                     return Err(ClientError::Socket(error));
                 }

@@ -1,11 +1,10 @@
-//! The packets of a control cycle, and what the answer says.
+//! The packets of a control cycle, and the contents of the answer.
 
 use crate::lbp16::{Packet, PacketError, Reader, Space, Width};
 use crate::registers::{encoder, scratch, watchdog};
 use crate::{Layout, SequenceWindow};
-use std::fmt;
 
-/// What the write packet of a cycle says. Made by [`Layout::outputs_at_rest`].
+/// The contents of a cycle's write packet. Made by [`Layout::outputs_at_rest`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outputs {
     duties: Vec<f64>,
@@ -14,14 +13,16 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Sets the duty of a PWM generator, −1 to 1: beyond, it is the end of the range; what is not a number is 0. Without such a generator, nothing.
+    /// Sets the duty of a PWM generator, −1 to 1; values outside saturate, and NaN counts as 0.
+    /// Ignored without such a generator.
     pub fn set_duty(&mut self, pwm: usize, duty: f64) {
         if let Some(place) = self.duties.get_mut(pwm) {
             *place = duty;
         }
     }
 
-    /// Switches a PWM generator's enable output, if there is such a generator. The duty of one that is not enabled is 0.
+    /// Switches a PWM generator's enable output, if there is such a generator. The duty of a
+    /// disabled generator is 0.
     pub fn set_enabled(&mut self, pwm: usize, enabled: bool) {
         if pwm < self.duties.len().min(32) {
             let bit = 1 << pwm;
@@ -37,7 +38,7 @@ impl Outputs {
     }
 }
 
-/// What an encoder's registers say.
+/// The registers of an encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RawEncoder {
     /// The count, which wraps.
@@ -50,7 +51,7 @@ pub struct RawEncoder {
     pub quadrature_error: bool,
 }
 
-/// What the answer to a read packet says.
+/// The contents of the answer to a read packet.
 #[derive(Debug, Clone, Copy)]
 pub struct Answer<'a> {
     layout: &'a Layout,
@@ -58,9 +59,10 @@ pub struct Answer<'a> {
     pub sequence: u32,
     /// The number of the write packet that the card has seen last.
     pub echo: u32,
-    /// The number of the start packet that the card has seen last: lost when it is restarted, though write packets go on.
+    /// The number of the last start packet that the card has received. A restarted card has lost
+    /// it, also if it receives write packets.
     pub session: u32,
-    /// Whether the watchdog has bitten: the card's outputs are off.
+    /// Whether the watchdog has expired: the card's outputs are off.
     pub has_bitten: bool,
     /// The time stamps' counter, if there are encoders.
     pub stamp: u16,
@@ -69,7 +71,8 @@ pub struct Answer<'a> {
 }
 
 /// Why bytes are no answer of this layout.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("an answer has {expected} bytes, this one {length}")]
 pub struct AnswerError {
     /// How many bytes there are.
     pub length: usize,
@@ -77,28 +80,20 @@ pub struct AnswerError {
     pub expected: usize,
 }
 
-impl fmt::Display for AnswerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { length, expected } = self;
-        write!(f, "an answer has {expected} bytes, this one {length}")
-    }
-}
-
-impl std::error::Error for AnswerError {}
-
-/// What an answer's number of the last write packet that the card has seen says.
+/// The meaning of the write packet's number in an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EchoState {
     /// It was the last one sent.
     UpToDate,
-    /// It was an earlier one: a write packet was lost, or overtaken, and its outputs do not hold.
+    /// It was an earlier one: a write packet was lost or overtaken, and its outputs are not in
+    /// effect.
     Behind,
-    /// It was none of ours: the card was restarted, or has another master.
+    /// It is a foreign one: the card was restarted, or has another master.
     Foreign,
 }
 
 impl Layout {
-    /// Outputs that harm nobody: duties of 0, nothing enabled, pins at their neutral levels. Allocates.
+    /// Harmless outputs: duties of 0, nothing enabled, pins at their neutral levels. Allocates.
     pub fn outputs_at_rest(&self) -> Outputs {
         Outputs {
             duties: vec![0.0; self.pwms.len()],
@@ -123,7 +118,7 @@ impl Layout {
     ///
     /// # Errors
     ///
-    /// [`PacketError`]: it would be too long. Then it is so for every number.
+    /// [`PacketError`]: it would be too long. This does not depend on the number.
     pub fn read_request(&self, sequence: u32, packet: &mut Packet) -> Result<(), PacketError> {
         packet.clear();
         let (timers, wide) = (Space::Timers, Width::Bits16);
@@ -133,7 +128,7 @@ impl Layout {
             scratch::READ_SEQUENCE,
             &sequence.to_le_bytes(),
         )?;
-        // All three numbers, which lie side by side.
+        // All three numbers, which are adjacent.
         packet.read(timers, wide, scratch::READ_SEQUENCE, 6)?;
         let mut read = |address| {
             packet
@@ -198,11 +193,12 @@ impl Layout {
         })
     }
 
-    /// Makes the write packet of number `sequence`: it feeds the watchdog, sets all outputs, and leaves its number. O(PWM generators + ports), allocates nothing.
+    /// Makes the write packet of number `sequence`: it restarts the watchdog, sets all outputs, and
+    /// leaves its number. O(PWM generators + ports), allocates nothing.
     ///
     /// # Errors
     ///
-    /// [`PacketError`]: it would be too long. Then it is so for every number.
+    /// [`PacketError`]: it would be too long. This does not depend on the number.
     pub fn write_request(
         &self,
         sequence: u32,
@@ -210,7 +206,7 @@ impl Layout {
         packet: &mut Packet,
     ) -> Result<(), PacketError> {
         packet.clear();
-        packet.write_register(self.watchdog.cookie, watchdog::FOOD)?;
+        packet.write_register(self.watchdog.cookie, watchdog::RESTART)?;
         self.write_outputs(outputs, packet)?;
         let number = sequence.to_le_bytes();
         packet.write(
@@ -222,8 +218,9 @@ impl Layout {
         Ok(())
     }
 
-    /// Makes the packet that ends it: all outputs neutral, and then the watchdog's time is 0. It bites at once, and the card's pins become inputs, whatever packets
-    /// are still under way: none of those of a cycle gives them back. It may be sent several times.
+    /// Makes the packet that ends the link: all outputs neutral, then a watchdog time of 0. The
+    /// watchdog expires at once, and the card's pins become inputs, also if packets of a cycle are
+    /// still in transit: none of those enables the outputs again. It may be sent several times.
     ///
     /// # Errors
     ///
@@ -255,7 +252,7 @@ impl Layout {
 }
 
 impl Answer<'_> {
-    /// What an encoder's registers say; none if it is not read.
+    /// The registers of an encoder; none if it is not read.
     pub fn encoder(&self, number: usize) -> Option<RawEncoder> {
         let at = number.checked_mul(8)?;
         let mut reader = Reader::new(self.encoders.get(at..)?);
@@ -278,7 +275,8 @@ impl Answer<'_> {
         Some(reader.u32()? >> (u32::from(pin) % width) & 1 != 0)
     }
 
-    /// Whether the card drives all pins that are to be outputs, and no other. It does not before its start, after its watchdog has bitten, and when it was restarted.
+    /// Whether the card drives exactly the selected outputs. It does not before its start, after
+    /// its watchdog has expired, and after a restart.
     pub fn is_driving(&self) -> bool {
         let mut reader = Reader::new(self.ports);
         self.layout.pins.ports.iter().all(|port| {

@@ -1,18 +1,18 @@
-//! All that is known of a card once it was asked.
+//! The description of a card.
 
 use crate::idrom::{Idrom, Tag};
 use std::fmt;
 
-/// What the card itself says, apart from its configuration.
+/// The card's data apart from its configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Board {
     /// Its name, such as `7I92`.
     pub name: String,
-    /// The protocol's version.
+    /// The version of LBP16.
     pub lbp16_version: u16,
-    /// The version of the firmware that speaks it.
+    /// The version of the card's Ethernet firmware.
     pub firmware_version: u16,
-    /// How its jumpers are set.
+    /// The settings of its jumpers, a bit each.
     pub jumpers: u16,
 }
 

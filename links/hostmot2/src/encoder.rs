@@ -1,4 +1,4 @@
-//! A card's 16-bit counters as positions that do not wrap, and rates by time stamp.
+//! Converts a card's 16-bit counters to positions that do not wrap, and time stamps to rates.
 
 mod stamps;
 #[cfg(test)]
@@ -7,54 +7,40 @@ mod tests;
 pub use stamps::Stamps;
 
 use crate::cycle::RawEncoder;
-use std::fmt;
 use std::time::Duration;
 
-/// What an encoder says in one answer.
+/// An encoder's values in one answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Encoder {
     /// Counts since the tracker began.
     pub position: i64,
-    /// Counts a second: between the last two edges, at a reversal between the last two readings; when none comes it sinks to what the wait allows. Never beyond the encoder's greatest speed.
+    /// Counts a second: between the last two edges, or at a reversal between the last two readings.
+    /// Without an edge it decreases to what the wait allows. Never beyond the encoder's greatest
+    /// speed.
     pub rate: f64,
-    /// The position at the index, once it was seen. None for an index that was latched before the first reading, unless it is too near to be mistaken.
+    /// The position at the index, once it was seen. None for an index that was latched before the
+    /// first reading, unless it is near enough to be unambiguous.
     pub index: Option<i64>,
 }
 
-/// Why a position is not known any more. It never becomes known again by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Why a position is unknown. It does not become known again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lost {
-    /// Between two answers it may have moved by more than half of the counter's range.
+    /// Between two answers the position may have moved by more than half of the counter's range.
+    #[error("its position is lost: no answer came for so long that its counter may have wrapped")]
     Wrapped,
     /// It has moved further than it can: a counter that was reset, or a fault.
+    #[error("its position is lost: it jumped by {by} counts, more than it can move")]
     Jumped {
         /// By how many counts.
         by: i64,
     },
     /// A and B changed at once: the card has lost counts.
+    #[error("its position is lost: both of its lines changed at once")]
     Quadrature,
 }
-
-impl fmt::Display for Lost {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Lost::Wrapped => f.write_str(
-                "its position is lost: no answer came for so long that its counter may have wrapped",
-            ),
-            Lost::Jumped { by } => write!(
-                f,
-                "its position is lost: it jumped by {by} counts, more than it can move"
-            ),
-            Lost::Quadrature => {
-                f.write_str("its position is lost: both of its lines changed at once")
-            }
-        }
-    }
-}
-
-impl std::error::Error for Lost {}
 
 /// Follows one counter.
 ///
@@ -63,7 +49,11 @@ impl std::error::Error for Lost {}
 /// use hostmot2::encoder::{Lost, Stamps, Tracker};
 /// use std::time::Duration;
 ///
-/// let (mut tracker, mut stamps, ms) = (Tracker::new(100_000.0), Stamps::new(1e6), Duration::from_millis(1));
+/// let (mut tracker, mut stamps, ms) = (
+///     Tracker::new(100_000.0),
+///     Stamps::new(1e6),
+///     Duration::from_millis(1),
+/// );
 /// let says = |count, stamp| RawEncoder { count, stamp, index: None, quadrature_error: false };
 /// stamps.update(0, ms);
 /// assert_eq!(tracker.update(says(65_530, 0), &stamps, ms)?.position, 0);
@@ -100,7 +90,8 @@ struct State {
     rate: f64,
 }
 
-/// Counts that a counter may differ by from what the time allows: its edges are not equal, nor is the time exact.
+/// Tolerance in counts between a counter and the elapsed time: edges are not equidistant, and the
+/// time is not exact.
 const SLACK: f64 = 4.0;
 
 impl Tracker {
@@ -123,12 +114,14 @@ impl Tracker {
         self
     }
 
-    /// What the counter says in an answer, whose stamps are `stamps`; `elapsed` is the most time that may lie between this reading and the one before; at the first, since the
-    /// latch of the index was armed (an index that the encoder may have left by more than half of the counter's range since then is not told). The first reading is position 0. O(1).
+    /// Evaluates the counter in an answer with the stamps `stamps`. `elapsed` is the longest
+    /// possible time between this reading and the one before; for the first reading, since the
+    /// latch of the index was armed (an index is not reported if the encoder may have moved away
+    /// from it by more than half of the counter's range). The first reading is position 0. O(1).
     ///
     /// # Errors
     ///
-    /// [`Lost`], and then for ever.
+    /// [`Lost`], and from then on always.
     pub fn update(
         &mut self,
         raw: RawEncoder,
@@ -156,7 +149,7 @@ impl Tracker {
         }
         let now = stamps.now();
         let farthest = self.fastest * elapsed.as_secs_f64() + SLACK;
-        // A limit that is not a number is none.
+        // A NaN limit is no limit.
         let may_wrap = farthest.is_nan() || farthest >= f64::from(i16::MAX);
         let is_near = |moved: i64| !may_wrap && (moved as f64).abs() <= farthest;
         let next = match self.state {
@@ -182,7 +175,7 @@ impl Tracker {
         };
         if let (None, Some(latched)) = (self.index, raw.index) {
             let since = raw.count.wrapping_sub(latched).cast_signed().into();
-            // Latched before the first reading it may lie whole turns of the counter away.
+            // Latched before the first reading, it may be whole turns of the counter away.
             if self.is_armed || (self.state.is_none() && is_near(since)) {
                 self.index = Some(next.position.saturating_sub(since));
             }
@@ -200,12 +193,13 @@ impl Tracker {
 impl State {
     fn after(self, raw: RawEncoder, moved: i64, stamps: &Stamps, fastest: f64) -> State {
         let now = stamps.now();
-        // A stamp is less than a turn of the stamps' counter old if the answer before is.
+        // A stamp is less than a turn of the stamps' counter old if the previous answer is.
         let is_near = now - self.read < Stamps::TURN;
         let edge = is_near.then(|| now - stamps.age(raw.stamp));
         let (edge, direction, rate) = if moved != 0 {
             let direction = moved.signum();
-            // Without two edges of one direction: between the two readings. At a reversal the edges are those of the same line, as near to each other as may be.
+            // Without two edges of one direction: between the two readings. The edges at a reversal
+            // are those of the same line, and may be arbitrarily near to each other.
             let (from, to) = match (self.edge, edge) {
                 (Some(from), Some(to)) if to > from && direction == self.direction => (from, to),
                 _ => (self.read, now),
@@ -230,7 +224,7 @@ impl State {
             read: now,
             edge,
             direction,
-            // Not `clamp`, which panics on a limit that is none.
+            // Not `clamp`, which panics on a NaN limit.
             rate: rate.min(fastest).max(-fastest),
         }
     }

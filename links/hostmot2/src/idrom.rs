@@ -1,4 +1,4 @@
-//! What the card says of itself: the IDROM with its module and pin descriptors.
+//! The card's description of itself: the IDROM with its module and pin descriptors.
 
 use crate::lbp16::Reader;
 use std::fmt;
@@ -59,7 +59,7 @@ pub struct Module {
     pub clock: u32,
     /// How many units there are.
     pub instances: u8,
-    /// Where its first register lies.
+    /// The address of its first register.
     pub base: u16,
     /// How many different registers it has.
     pub registers: u8,
@@ -72,7 +72,7 @@ pub struct Module {
 }
 
 impl Module {
-    /// Where register `number` of unit `instance` lies; none if there is no such one.
+    /// The address of register `number` of unit `instance`; none if there is no such register.
     pub fn address(&self, number: u8, instance: u8) -> Option<u16> {
         if number >= self.registers || instance >= self.instances {
             return None;
@@ -111,7 +111,7 @@ pub struct Idrom {
     pub board: String,
     /// The FPGA's size, in thousands of gates or cells.
     pub fpga_size: u32,
-    /// The FPGA's pins.
+    /// The number of the FPGA's pins.
     pub fpga_pins: u32,
     /// How many ports there are.
     pub ports: u32,
@@ -130,43 +130,27 @@ pub struct Idrom {
 }
 
 /// Why an IDROM cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdromError {
-    /// It is shorter than it says that it is.
+    /// It is shorter than it states.
+    #[error("the card's IDROM ends too early")]
     Truncated,
     /// It is of a type that is not known.
+    #[error("the card's IDROM is of type {kind}; types 2 and 3 are known")]
     Kind {
         /// Which.
         kind: u32,
     },
-    /// It says what cannot be.
+    /// A value is impossible.
+    #[error("the card's IDROM has an impossible value for its {what}: {value}")]
     Impossible {
         /// Of what.
         what: &'static str,
-        /// What it says.
+        /// The value.
         value: u32,
     },
 }
-
-impl fmt::Display for IdromError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            IdromError::Truncated => f.write_str("the card's IDROM ends too early"),
-            IdromError::Kind { kind } => {
-                write!(
-                    f,
-                    "the card's IDROM is of type {kind}; types 2 and 3 are known"
-                )
-            }
-            IdromError::Impossible { what, value } => {
-                write!(f, "the card's IDROM says {value} of its {what}")
-            }
-        }
-    }
-}
-
-impl std::error::Error for IdromError {}
 
 impl Idrom {
     /// Reads `bytes`, from the IDROM's first one on. Allocates.
@@ -263,7 +247,7 @@ fn from(bytes: &[u8], offset: u32) -> Result<&[u8], IdromError> {
     bytes.get(offset..).ok_or(IdromError::Truncated)
 }
 
-/// Characters up to the first that is none of a name's.
+/// The characters up to the first that is not allowed in a name.
 pub(crate) fn text(bytes: &[u8]) -> String {
     let named = bytes.iter().map(|&byte| char::from(byte));
     named

@@ -1,4 +1,4 @@
-//! Where in a card's memory the things lie that are used, and the packets of its set-up.
+//! The addresses of the selected units in a card's memory, and the packets of its set-up.
 
 mod pins;
 
@@ -9,7 +9,7 @@ use crate::registers::{encoder, pwm, scratch, watchdog};
 use crate::{LayoutError, Selection};
 use pins::Pins;
 
-/// How many write packets may be under way: an echo of an older one is none of ours.
+/// The limit of write packets in transit: an echo of an older one is foreign.
 const WRITES_UNDER_WAY: u32 = 1_000;
 
 /// An encoder's control, with no latch.
@@ -18,20 +18,28 @@ const COUNTING: u16 = encoder::INDEX_HIGH | encoder::SLOW_FILTER;
 /// The time stamps count at a megahertz, or as near as the clock allows.
 const STAMPS_PER_SECOND: u32 = 1_000_000;
 
-/// The packets by which a card is used as a [`Selection`] says.
+/// The packets for using a card with a [`Selection`].
 ///
-/// In each cycle [`write_request`](Self::write_request) and [`read_request`](Self::read_request) are sent, and [`decode`](Self::decode) reads the answer. Before the
-/// first, the packets of [`set_up`](Self::set_up) have been sent, each of them confirmed, and [`start_request`](Self::start_request) until an answer shows that it has come.
-/// [`neutral_request`](Self::neutral_request) ends it: it takes the card's outputs away in such a way that no write packet that is still under way gives them back.
+/// In each cycle [`write_request`](Self::write_request) and [`read_request`](Self::read_request)
+/// are sent, and [`decode`](Self::decode) reads the answer. Before the first, send the packets of
+/// [`set_up`](Self::set_up), each of them confirmed, and [`start_request`](Self::start_request)
+/// until an answer shows that it has arrived. [`neutral_request`](Self::neutral_request) ends it:
+/// it disables the card's outputs in such a way that no write packet in transit enables them again.
 ///
-/// Making one allocates; all that a cycle needs does not.
+/// Creating one allocates; the functions of a cycle do not.
 ///
 /// ```
 /// use hostmot2::lbp16::Packet;
 /// use hostmot2::{EchoState, Layout, SequenceWindow};
 ///
-/// /// One cycle: what is sent by `send`, and what comes by `receive`.
-/// fn cycle(layout: &Layout, number: u32, duty: f64, send: fn(&[u8]), receive: fn(&mut [u8]) -> usize) -> Option<u16> {
+/// /// One cycle: `send` sends packets, and `receive` receives the answer.
+/// fn cycle(
+///     layout: &Layout,
+///     number: u32,
+///     duty: f64,
+///     send: fn(&[u8]),
+///     receive: fn(&mut [u8]) -> usize,
+/// ) -> Option<u16> {
 ///     let (mut packet, mut outputs) = (Packet::new(), layout.outputs_at_rest());
 ///     outputs.set_duty(0, duty);
 ///     outputs.set_enabled(0, true);
@@ -97,11 +105,11 @@ impl SequenceWindow {
 }
 
 impl Layout {
-    /// Finds what `selection` needs on the card of this `description`. Allocates.
+    /// Finds what `selection` needs on the card with this `description`. Allocates.
     ///
     /// # Errors
     ///
-    /// A [`LayoutError`]: the card has not enough of something, or one thing has two uses.
+    /// A [`LayoutError`]: the card has too few units, or one is used twice.
     pub fn new(description: &Description, selection: &Selection) -> Result<Self, LayoutError> {
         let idrom = &description.idrom;
         let encoders = units(idrom, Tag::ENCODERS, selection.encoders)?;
@@ -157,13 +165,14 @@ impl Layout {
         self.pins.outputs.len()
     }
 
-    /// The number of time stamps a second: for [`Stamps`](crate::encoder::Stamps).
+    /// The number of time stamps a second, for [`Stamps`](crate::encoder::Stamps).
     pub fn stamps_per_second(&self) -> f64 {
         self.frequency
     }
 
-    /// The packets of the set-up, in order: each is to be [confirmed](crate::Client::confirmed) before the next. Afterwards all is as selected, the watchdog is off, and no
-    /// pin is an output: that comes with the [`start_request`](Self::start_request). Allocates.
+    /// The packets of the set-up, in order: each has to be [confirmed](crate::Client::confirmed)
+    /// before the next. Afterwards all is as selected, the watchdog is off, and no pin is an
+    /// output: [`start_request`](Self::start_request) enables those. Allocates.
     ///
     /// # Errors
     ///
@@ -180,7 +189,7 @@ impl Layout {
             units.write_register(address, divider)?;
         }
         for at in &self.encoders {
-            // This also clears a quadrature error, as there is one whenever an encoder gets its power.
+            // This also clears a quadrature error, which occurs whenever an encoder is powered.
             units.write_register(at.control, COUNTING.into())?;
         }
         if let Some((address, rate)) = self.pwm_rate {
@@ -196,16 +205,19 @@ impl Layout {
         Ok([off, units])
     }
 
-    /// Makes the packet that makes the outputs outputs: neutral ones, with the watchdog waiting for the first write packet, which is to come within its time. It also arms the latches of the
-    /// index. `first` is the number before that one's, and not 0, which is that of a card without power: each answer brings it along from now on. It may be sent several times, until an answer
-    /// [says](crate::Answer::is_driving) that it has come. O(encoders + ports), allocates nothing.
+    /// Makes the packet that enables the outputs: neutral ones, with the watchdog waiting for the
+    /// first write packet, which has to come within its time. It also arms the latches of the
+    /// index. `first` is the number before that of the first write packet, and not 0, which a
+    /// restarted card has: each answer contains it from now on. It may be sent several times, until
+    /// an answer [shows](crate::Answer::is_driving) that it has arrived. O(encoders + ports),
+    /// allocates nothing.
     ///
     /// # Errors
     ///
     /// [`PacketError`]: it would be too long.
     pub fn start_request(&self, first: u32, packet: &mut Packet) -> Result<(), PacketError> {
         packet.clear();
-        // First the watchdog: from here on somebody cares for the outputs.
+        // First the watchdog, which guards the outputs from here on.
         packet.write_register(self.watchdog.time, self.watchdog_time)?;
         packet.write_register(self.watchdog.status, 0)?;
         for at in &self.pins.ports {
@@ -214,13 +226,14 @@ impl Layout {
             packet.write_register(at.direction, at.driven())?;
         }
         for (number, at) in self.encoders.iter().enumerate() {
-            // Not earlier: what is latched long before the first answer may lie turns of the counter away.
+            // Not earlier: an index latched long before the first answer may be turns of the
+            // counter away.
             if self.latches_index(number) {
                 let latching = COUNTING | encoder::LATCH_ON_INDEX | encoder::JUST_ONCE;
                 packet.write_register(at.control, latching.into())?;
             }
         }
-        // The numbers last: an answer that brings them says that all before was done.
+        // The numbers last: an answer that contains them shows that all before was executed.
         let (timers, wide, number) = (Space::Timers, Width::Bits16, first.to_le_bytes());
         packet.write(timers, wide, scratch::WRITE_SEQUENCE, &number)?;
         packet.write(timers, wide, scratch::SESSION, &number)?;
@@ -246,7 +259,8 @@ fn register(module: &Module, number: u8, instance: u8) -> Result<u16, LayoutErro
     address.ok_or(LayoutError::NoRegister { tag: module.tag })
 }
 
-/// The registers of the first units of encoders or PWM generators: both have their value first and their control next.
+/// The registers of the first encoders or PWM generators: both have their value first and their
+/// control next.
 fn units(idrom: &Idrom, tag: Tag, asked: u8) -> Result<Vec<Registers>, LayoutError> {
     const { assert!(encoder::COUNT == pwm::VALUE && encoder::CONTROL == pwm::MODE) };
     if asked == 0 {

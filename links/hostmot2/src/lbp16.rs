@@ -1,7 +1,8 @@
 //! LBP16: packets that read and write a card's memory spaces.
 //!
-//! A packet is a concatenation of commands: `[command u16] [address u16 if bit 14] [data if bit 15]`, little-endian. Its answer is what was read, alone and in order; a packet that
-//! reads nothing has no answer.
+//! A packet is a concatenation of commands:
+//! `[command u16] [address u16 if bit 14] [data if bit 15]`, little-endian. Its answer is the data
+//! read, in order, and nothing else; a packet that reads nothing has no answer.
 
 mod packet;
 mod parse;
@@ -95,11 +96,12 @@ pub struct Command {
     pub space: Space,
     /// How wide the elements are.
     pub width: Width,
-    /// Whether the address goes on with each element; else all are read from or written to one.
+    /// Whether the address advances with each element; else all are read from or written to one
+    /// address.
     pub increment: bool,
     /// How many elements, 1 to [`MAX_COUNT`].
     pub count: u8,
-    /// Where it begins, in bytes; without, where the space's last command has ended.
+    /// The start address, in bytes; without it, the end of the space's last command.
     pub address: Option<u16>,
 }
 
@@ -120,7 +122,7 @@ impl Command {
             | (self.count & MAX_COUNT) as u16
     }
 
-    /// Whether a command with this first word has an address, which follows it.
+    /// Whether a command with this first word is followed by an address.
     pub const fn has_address(word: u16) -> bool {
         word & ADDRESS != 0
     }
@@ -158,7 +160,7 @@ impl<'a> Reader<'a> {
         Reader(bytes)
     }
 
-    /// The next `N` bytes, if there are so many.
+    /// The next `N` bytes, if there are that many.
     pub fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (taken, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
@@ -175,7 +177,7 @@ impl<'a> Reader<'a> {
         self.take().map(u32::from_le_bytes)
     }
 
-    /// What is left.
+    /// The rest.
     pub const fn rest(&self) -> &'a [u8] {
         self.0
     }

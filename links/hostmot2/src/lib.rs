@@ -1,17 +1,19 @@
-//! Mesa Electronics' Anything I/O cards over Ethernet: the protocol LBP16, and what the HostMot2 firmware offers behind it.
+//! Mesa Electronics' Anything I/O cards over Ethernet: the protocol LBP16, and the functions of the
+//! HostMot2 firmware.
 //!
-//! | module | what |
+//! | module | contents |
 //! | --- | --- |
-//! | [`lbp16`] | packets: commands, and who reads or makes them |
-//! | [`registers`] | where HostMot2's registers lie, and their bits |
-//! | [`idrom`] | what the card says of itself: modules, pins, clocks |
+//! | [`lbp16`] | packets: commands, creation, parsing |
+//! | [`registers`] | HostMot2's registers and their bits |
+//! | [`idrom`] | the card's description of itself: modules, pins, clocks |
 //! | [`Client`] | blocking exchanges, for set-up: [`Client::describe`] |
 //! | [`Layout`] | the two packets of a control cycle, and the answer |
 //! | [`encoder`] | 16-bit counters as positions of 64 bits, rates by time stamp |
 //! | [`pwm`] | duties as registers |
-//! | [`Bucket`] | how many errors are too many |
+//! | [`Bucket`] | the limit of errors |
 //!
-//! Only [`Client`] does I/O. All else is computed on bytes, allocates nothing after it was made (what does says so), and panics on no input.
+//! Only [`Client`] does I/O. The rest computes on bytes, allocates nothing after creation
+//! (exceptions are documented), and never panics on its input.
 //!
 //! ```
 //! use hostmot2::lbp16::{Packet, Space, Width};
@@ -23,12 +25,14 @@
 //! # Ok::<(), hostmot2::lbp16::PacketError>(())
 //! ```
 //!
-//! # How an answer is told from another
+//! # How answers are identified
 //!
-//! An answer of LBP16 is data alone. So each request writes a number into the card's scratch registers and reads it back: an answer with another number
-//! is late, doubled or not ours, and is not used. The write packet of a cycle leaves a number too, which the next answer brings along: so a write that was lost or
-//! overtaken is seen. The packet that starts it leaves a third, which no other packet writes: so a card that was restarted or has another master is seen, also where nothing is driven that
-//! it would have let go of.
+//! An answer of LBP16 has only data. So each request writes a number into the card's scratch
+//! registers and reads it back: an answer with another number is late, doubled or foreign, and is
+//! not used. The write packet of a cycle leaves a number too, which the next answer contains: so a
+//! lost or overtaken write is detected. The start packet leaves a third number, which no other
+//! packet writes: so a card that was restarted or has another master is detected, even if it drives
+//! nothing.
 
 #![forbid(unsafe_code)]
 
@@ -54,7 +58,7 @@ pub use selection::{LayoutError, OutputPin, Selection};
 /// The UDP port on which cards listen.
 pub const PORT: u16 = 27181;
 
-/// Random cases from the seed `LUNA_SEED`, and without one always the same.
+/// Random cases from the seed `LUNA_SEED`; without it always the same.
 #[cfg(test)]
 fn seeded() -> proptest::test_runner::Config {
     let seed = std::env::var("LUNA_SEED")

@@ -5,10 +5,12 @@ use crate::registers::pwm;
 /// The generators' resolution: values are 0 to 4095 of 4096.
 pub const BITS: u32 = 12;
 
-/// The mode of a generator that drives a bridge with sign and magnitude: 12 bits, symmetrical, double-buffered.
+/// The mode of a generator for a bridge with sign and magnitude: 12 bits, symmetrical,
+/// double-buffered.
 pub const MODE: u32 = pwm::BITS_12 | pwm::SYMMETRICAL | pwm::DOUBLE_BUFFERED;
 
-/// The value register for `duty`, −1 to 1: magnitude and direction, in steps of 1/4096. Beyond, the largest magnitude (4095/4096); what is not a number is 0.
+/// The value register for `duty`, −1 to 1: magnitude and direction, in steps of 1/4096. Values
+/// outside have the largest magnitude (4095/4096); NaN counts as 0.
 ///
 /// ```
 /// use hostmot2::pwm::{duty, value};
@@ -19,7 +21,7 @@ pub const MODE: u32 = pwm::BITS_12 | pwm::SYMMETRICAL | pwm::DOUBLE_BUFFERED;
 /// assert_eq!(duty(value(2.0)), 4095.0 / 4096.0);
 /// ```
 pub fn value(duty: f64) -> u32 {
-    // A cast saturates, and makes 0 of what is not a number.
+    // A cast saturates, and makes 0 of NaN.
     let magnitude = ((duty.abs() * 4096.0).round() as u32).min((1 << BITS) - 1);
     let direction = match duty < 0.0 && magnitude > 0 {
         true => pwm::DIRECTION,
@@ -38,7 +40,8 @@ pub fn duty(value: u32) -> f64 {
     }
 }
 
-/// The rate register for a PWM frequency (Hz) in the mode [`MODE`], with the card's `clock_high` (Hz): the nearest that there is.
+/// The rate register for a PWM frequency (Hz) in the mode [`MODE`], with the card's `clock_high`
+/// (Hz): the nearest possible one.
 ///
 /// ```
 /// // 200 MHz: 20 kHz take a generator clock of 20 kHz * 2^13.

@@ -1,6 +1,7 @@
-//! Where HostMot2's registers lie, and what their bits mean: from Mesa's register map.
+//! HostMot2's registers and their bits, from Mesa's register map.
 //!
-//! Those of modules (encoders, PWM, ports, the watchdog) are where the card's [description](crate::idrom) says; what stands here are their numbers within the module.
+//! The card's [description](crate::idrom) has the addresses of modules (encoders, PWM, ports, the
+//! watchdog); these are the registers' numbers within a module.
 
 /// Reads [`COOKIE`].
 pub const CONFIG_COOKIE: u16 = 0x0100;
@@ -13,14 +14,14 @@ pub const IDROM_OFFSET: u16 = 0x010C;
 
 /// The watchdog's registers, by their number in the module.
 pub mod watchdog {
-    /// The time: it bites after `(value + 1) / ClockLow`, and is off with the highest bit set.
+    /// The time: it expires after `(value + 1) / ClockLow`, and is off with the highest bit set.
     pub const TIME: u8 = 0;
-    /// Bit 0: it has bitten.
+    /// Bit 0: it has expired.
     pub const STATUS: u8 = 1;
-    /// Where it is fed.
+    /// The register that restarts it.
     pub const COOKIE: u8 = 2;
-    /// What feeds it: 0x5A in the highest byte.
-    pub const FOOD: u32 = 0x5A00_0000;
+    /// The value that restarts it: 0x5A in the highest byte.
+    pub const RESTART: u32 = 0x5A00_0000;
     /// The time's bit that switches it off.
     pub const OFF: u32 = 1 << 31;
 }
@@ -41,7 +42,8 @@ pub mod port {
 
 /// The encoders' registers, by their number in the module.
 pub mod encoder {
-    /// Bits 15-0 the count, 31-16 the time stamp of its last change. One each. A write clears the count.
+    /// Bits 15-0 the count, 31-16 the time stamp of its last change. One each. A write clears the
+    /// count.
     pub const COUNT: u8 = 0;
     /// Bits 31-16 the count at the index, 15-0 the control bits. One each.
     pub const CONTROL: u8 = 1;
@@ -52,13 +54,13 @@ pub mod encoder {
     /// The input filter's rate.
     pub const FILTER: u8 = 4;
 
-    /// A and B have changed at once: counts were lost. Stays until 0 is written.
+    /// A and B have changed at once: counts were lost. Stays set until 0 is written.
     pub const QUADRATURE_ERROR: u16 = 1 << 15;
     /// The filter takes 15 clocks instead of 3.
     pub const SLOW_FILTER: u16 = 1 << 11;
     /// Clear and latch happen once.
     pub const JUST_ONCE: u16 = 1 << 6;
-    /// The count is latched at the index. With [`JUST_ONCE`] the card clears this bit when it was.
+    /// Latch the count at the index. With [`JUST_ONCE`] the card then clears this bit.
     pub const LATCH_ON_INDEX: u16 = 1 << 4;
     /// The index is active high.
     pub const INDEX_HIGH: u16 = 1 << 3;
@@ -87,17 +89,18 @@ pub mod pwm {
     pub const DIRECTION: u32 = 1 << 31;
 }
 
-/// The scratch registers, in the space [`Timers`](crate::lbp16::Space::Timers): eight of 16 bits, for any use.
+/// The scratch registers, in the space [`Timers`](crate::lbp16::Space::Timers): eight of 16 bits,
+/// for any use.
 pub mod scratch {
-    /// Here each request leaves its number (two words), which its answer then brings.
+    /// Each request leaves its number here (two words), and its answer contains it.
     pub const READ_SEQUENCE: u16 = 0x10;
     /// Here each write packet leaves its number (two words).
     pub const WRITE_SEQUENCE: u16 = 0x14;
-    /// Here the start packet alone leaves its number (two words): a card that was restarted has lost it.
+    /// Only the start packet leaves its number here (two words): a restarted card has lost it.
     pub const SESSION: u16 = 0x18;
 }
 
-/// What the space [`Board`](crate::lbp16::Space::Board) says.
+/// The contents of the space [`Board`](crate::lbp16::Space::Board).
 pub mod board {
     /// Up to 16 characters.
     pub const NAME: u16 = 0x00;

@@ -2,7 +2,6 @@
 
 use crate::idrom::Tag;
 use crate::lbp16::PacketError;
-use std::fmt;
 
 /// What of a card is used, and how. Nothing at first.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,7 +16,8 @@ pub struct Selection {
     pub pwm_frequency: f64,
     /// General-purpose pins that are outputs.
     pub outputs: Vec<OutputPin>,
-    /// The watchdog's time (ns): if no write packet comes for so long, all pins become inputs with pull-up.
+    /// The watchdog's time (ns): if no write packet comes for this long, all pins become inputs
+    /// with pull-up.
     pub watchdog_ns: u64,
 }
 
@@ -26,7 +26,7 @@ pub struct Selection {
 pub struct OutputPin {
     /// Its number on the card.
     pub pin: u8,
-    /// The level that harms nobody: at set-up, in an emergency and at the end.
+    /// The harmless level: at set-up, in an emergency and at the end.
     pub neutral: bool,
 }
 
@@ -44,80 +44,54 @@ impl Default for Selection {
 }
 
 /// Why a card cannot be used so.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LayoutError {
-    /// The card's configuration has not so many units.
+    /// The card's configuration has too few units.
+    #[error(
+        "the card has {there} {tag}, {asked} are requested: request fewer, or give it another configuration"
+    )]
     TooFew {
         /// Of what.
         tag: Tag,
-        /// How many are asked for.
+        /// How many are requested.
         asked: u8,
         /// How many there are.
         there: u8,
     },
-    /// A register of a module lies where none can.
+    /// The description has an impossible address for a module's register.
+    #[error("the card's description of its {tag} has no place for all registers")]
     NoRegister {
         /// Of what.
         tag: Tag,
     },
     /// The card has no pin of this number.
+    #[error("the card has no pin {pin}")]
     NoPin {
         /// Which.
         pin: u8,
     },
-    /// The pin is a module's that is used too, or is asked for twice.
+    /// The pin is used by a module, or requested twice.
+    #[error("pin {pin} cannot be an output: it has another use")]
     PinTaken {
         /// Which.
         pin: u8,
     },
     /// A PWM generator has no pin on the card.
+    #[error("PWM generator {pwm} has no pin on the card")]
     NoOutputPin {
         /// Which.
         pwm: u8,
     },
-    /// The card's clock cannot count so long, or so short a time.
+    /// The card's clock cannot count this time: it is too long, or too short.
+    #[error(
+        "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
+    )]
     WatchdogTime {
         /// How long (ns).
         asked: u64,
     },
     /// The packets would be too long.
-    Packet(PacketError),
-}
-
-impl fmt::Display for LayoutError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            LayoutError::TooFew { tag, asked, there } => write!(
-                f,
-                "the card has {there} {tag}, {asked} are asked for: ask for fewer, or give it another configuration"
-            ),
-            LayoutError::NoRegister { tag } => {
-                write!(
-                    f,
-                    "the card's description of its {tag} has no place for all registers"
-                )
-            }
-            LayoutError::NoPin { pin } => write!(f, "the card has no pin {pin}"),
-            LayoutError::PinTaken { pin } => {
-                write!(f, "pin {pin} cannot be an output: it has another use")
-            }
-            LayoutError::NoOutputPin { pwm } => {
-                write!(f, "PWM generator {pwm} has no pin on the card")
-            }
-            LayoutError::WatchdogTime { asked } => write!(
-                f,
-                "the card's watchdog cannot wait {asked} ns: take more than 1 µs, and a second or so at most"
-            ),
-            LayoutError::Packet(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for LayoutError {}
-
-impl From<PacketError> for LayoutError {
-    fn from(error: PacketError) -> Self {
-        LayoutError::Packet(error)
-    }
+    #[error(transparent)]
+    Packet(#[from] PacketError),
 }

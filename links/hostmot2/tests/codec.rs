@@ -1,4 +1,4 @@
-//! The codec: what is made is read again, and nothing panics.
+//! The codec: generated packets are parsed back, and nothing panics.
 
 use hostmot2::idrom::Idrom;
 use hostmot2::lbp16::{Command, MAX_COUNT, MAX_PACKET, Operations, Packet, Space, Width};

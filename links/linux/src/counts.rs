@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What a link has counted since it was made. Cloning it is cheap; whoever has one reads it at any time, on the real-time path too: O(1), one load.
+/// Counters of a link since it was created. Cloning is cheap. Reading is possible at any time, on
+/// the real-time path too: O(1), one load.
 ///
 /// ```
 /// let counts = luna_links::Counts::default(); // of no link
@@ -25,27 +26,28 @@ struct Inner {
 }
 
 impl Counts {
-    /// Records, events or transactions that went through whole.
+    /// The number of complete records, events or transactions.
     pub fn records(&self) -> u64 {
         self.0.records.load(Ordering::Relaxed)
     }
 
-    /// Broken records that came: garbled, cut off, too long. What becomes of them is for [`OnBad`](crate::OnBad) to say.
+    /// Broken records received: garbled, cut off, too long. [`OnBad`](crate::OnBad) determines what
+    /// is done with them.
     pub fn bad(&self) -> u64 {
         self.0.bad.load(Ordering::Relaxed)
     }
 
-    /// Times that the other side of a UDP link refused a packet, since nobody listens there.
+    /// How often the peer of a UDP link refused a packet, since no program listens there.
     pub fn refused(&self) -> u64 {
         self.0.refused.load(Ordering::Relaxed)
     }
 
-    /// TCP connections that there were.
+    /// The number of TCP connections made.
     pub fn connections(&self) -> u64 {
         self.0.connections.load(Ordering::Relaxed)
     }
 
-    /// Transactions that took longer than they should have.
+    /// The number of transactions that took longer than the driver's `late_after`.
     pub fn late(&self) -> u64 {
         self.0.late.load(Ordering::Relaxed)
     }
@@ -72,7 +74,7 @@ impl Counts {
         self.0.connections.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A transaction that took so long.
+    /// Counts a transaction of this time.
     pub(crate) fn took(&self, time: Duration, late_after: Duration) {
         self.record();
         let nanos = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);

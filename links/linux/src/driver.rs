@@ -1,8 +1,9 @@
-//! Drivers that block in system calls, those written for `embedded-hal` among them: each on a thread of its own, behind a call channel.
+//! Drivers that block in system calls, such as those for `embedded-hal`: each on a thread of its
+//! own, behind a call channel.
 //!
-//! [`driver`] takes a driver as it is, and a function that makes of a request an answer by it. Processes call it over a
-//! [call channel](luna::call_channel) and wait as processes do, wherever they run; the driver's thread alone waits for the bus. So any driver crate for
-//! `embedded-hal` is a link driver of LUNA:
+//! [`driver`] takes a driver, and a function that answers requests with it. Processes call it over
+//! a [call channel](luna::call_channel) without blocking their executor; only the driver's thread
+//! waits for the bus. So any driver crate for `embedded-hal` is a link driver of LUNA:
 //!
 //! ```
 //! use luna::devices::Sharing;
@@ -15,7 +16,9 @@
 //! // With an I2C bus: `i2c::open(...)`, and the crate's driver made with `I2c::new(&bus)`.
 //! let bus = system.devices().open("bus", "bus", Sharing::Shared, || Ok(()))?;
 //! let (thermometer, calls) = luna::call_channel::<(), f32>();
-//! let link = driver(&bus, Thermometer, calls, |sensor, ()| sensor.read_celsius().map_err(luna::Error::other));
+//! let link = driver(&bus, Thermometer, calls, |sensor, ()| {
+//!     sensor.read_celsius().map_err(luna::Error::other)
+//! });
 //! let counts = link.counts();
 //! let main = system.executor("main").build()?;
 //! main.process("thermometer").spawn(link)?;
@@ -40,18 +43,23 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// Makes a process that lets a driver answer the calls of others, on a thread that the driver has for itself.
+/// Creates a process that answers calls with a driver, on a thread of the driver's own.
 ///
-/// `serve` may block. Its errors are [counted](Counts::bad), and the call that met one ends as [unanswered](luna::CallError::Unanswered); after
-/// [so many in a row](Driver::errors_before_loss) the device is lost. Where a caller is to see errors, they are part of the answer.
+/// `serve` may block. Its errors are [counted](Counts::bad), and a call that meets one ends as
+/// [unanswered](luna::CallError::Unanswered); after [some in a row](Driver::errors_before_loss) the
+/// device is lost. If callers are to see errors, make them part of the answer.
 ///
-/// How long each transaction takes is counted ([`Counts::longest`], [`Counts::late`]), and one without end makes the device [lost](Driver::lost_after) while it
-/// hangs: nobody waits for it longer. `device` is what the driver uses; its own handle of it, if it has one, goes with it to the thread.
+/// The time of each transaction is measured ([`Counts::longest`], [`Counts::late`]), and one
+/// without end makes the device [lost](Driver::lost_after) while it hangs: nothing waits longer.
+/// `device` is what the driver uses; if it has a handle of its own, that goes with it to the
+/// thread.
 ///
-/// On a virtual clock it is refused when the system starts.
+/// On a virtual clock the system does not start.
 ///
-/// The link ends without an error when the last client is gone. Cancel-safe: a transaction that has begun runs to its end on the driver's thread, and its answer is dropped.
-/// Real-time path: a call takes two hand-overs between threads beside the transaction itself, and allocates nothing here.
+/// The link ends without an error when the last client is gone. Cancel-safe: a transaction in
+/// progress runs to its end on the driver's thread, and its answer is dropped. Real-time path: a
+/// call takes two hand-overs between threads beside the transaction itself, and allocates nothing
+/// here.
 pub fn driver<X, D, Q, A>(
     device: &Device<X>,
     driver: D,
@@ -106,7 +114,7 @@ pub struct Driver<D, Q, A> {
     calls: Option<Server<Q, A>>,
     jobs: Sender<Job<Q>>,
     answers: Answers<A>,
-    /// Says whether the device was brought to safety; for the emergency function.
+    /// Reports to the emergency function whether the device was brought to safety.
     safe: Option<Receiver<bool>>,
     /// Until the thread has it.
     work: Option<Work<D, Q, A>>,
@@ -129,9 +137,10 @@ struct Work<D, Q, A> {
     serve: Serve<D, Q, A>,
     make_safe: Option<MakeSafe<D>>,
     jobs: Receiver<Job<Q>>,
-    /// None once `serve` has panicked: that ends the link, and the driver stays for its emergency function.
+    /// None after a panic of `serve`: that ends the link, and the driver stays for its emergency
+    /// function.
     done: Option<Sender<luna::Result<A>>>,
-    /// Whether the emergency function has come to its end; nothing before.
+    /// Whether the emergency function has ended; none before.
     is_safe: Sender<bool>,
 }
 
@@ -154,24 +163,29 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
         self
     }
 
-    /// The device is lost when a transaction takes so long, while it still hangs; 1 s if not stated. The thread is then left to it.
+    /// The limit of a transaction; default 1 s. Beyond it the device is lost, even while the
+    /// transaction hangs, and the thread is detached.
     pub fn lost_after(mut self, time: Duration) -> Self {
         self.lost_after = time;
         self
     }
 
-    /// The device is lost after so many transactions in a row that failed; 3 if not stated, 0 is as 1.
+    /// The device is lost after this many failed transactions in a row; default 3, and 0 counts as
+    /// 1.
     pub fn errors_before_loss(mut self, errors: u32) -> Self {
         self.most_errors = errors;
         self
     }
 
-    /// What the driver does in an emergency. It does it on its own thread, after the transaction that is under way, and answers no call from then on; the emergency
-    /// thread waits for it, at most [so long](Self::lost_after) for it to be taken and to be done. State that time before. It is done also after a panic in a
-    /// transaction, by the driver as that has left it.
+    /// What the driver does in an emergency. It runs on the driver's thread, after the transaction
+    /// in progress, and no call is answered from then on. The emergency thread waits for it to
+    /// begin, and to end, at most the time of [`lost_after`](Self::lost_after) each: set that
+    /// before. It also runs after a panic in a transaction, with the driver as the panic left it.
     ///
-    /// If it cannot be done, the report says of it that it [panicked](luna::FunctionOutcome::Panicked), so that a guardian acts: a transaction hangs, `make_safe` panics
-    /// (it is to, if it fails) or takes too long, or the link does not run yet or has ended before the emergency while somebody else keeps the device open.
+    /// The report marks it as [panicked](luna::FunctionOutcome::Panicked), so that a guardian acts,
+    /// if it cannot be done: a transaction hangs; `make_safe` panics (as it should if it fails) or
+    /// takes too long; the link does not run yet; or it has ended before the emergency while the
+    /// device is still open elsewhere.
     ///
     /// # Errors
     ///
@@ -179,7 +193,7 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
     ///
     /// # Panics
     ///
-    /// When it is called twice.
+    /// When called twice.
     pub fn on_emergency(
         mut self,
         make_safe: impl FnMut(&mut D) + Send + 'static,
@@ -221,11 +235,12 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Driver<D, Q, A> {
 }
 
 impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver<D, Q, A> {
-    /// Starts the driver's thread. What it is refused is said on standard error.
+    /// Starts the driver's thread. Refused attributes are reported on standard error.
     ///
     /// # Errors
     ///
-    /// There is no thread to be had, or its policy or core makes no sense. The system runs on a virtual clock: a bus takes real time, and virtual time would jump over every limit meanwhile.
+    /// No thread can be created, or its policy or core is invalid. The system runs on a virtual
+    /// clock: a bus takes real time, and virtual time would exceed every limit meanwhile.
     fn pre_run(&mut self) -> luna::Result<()> {
         if Clock::is_virtual_here() {
             return Err(Error::other(format!(
@@ -278,7 +293,7 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
             match self.answers.recv_deadline(deadline).await {
                 Ok(Ok(answer)) => {
                     errors = 0;
-                    // A client that has gone does not want it.
+                    // The client is gone.
                     drop(reply.send(answer));
                 }
                 Ok(Err(error)) => {
@@ -295,18 +310,19 @@ impl<D: Send + 'static, Q: Send + 'static, A: Send + 'static> Process for Driver
         }
     }
 
-    /// Ends the thread; one that still hangs after [`lost_after`](Self::lost_after) is left behind, and standard error told.
+    /// Ends the thread. One that still hangs after [`lost_after`](Self::lost_after) is detached,
+    /// with a message on standard error.
     fn post_run(&mut self) {
         self.calls = None;
         if let Some(thread) = self.thread.take() {
-            let told = self.jobs.blocking_send_timeout(Job::End, self.lost_after);
-            if told.as_ref().is_err_and(|error| error.is_timeout()) {
+            let requested = self.jobs.blocking_send_timeout(Job::End, self.lost_after);
+            if requested.as_ref().is_err_and(|error| error.is_timeout()) {
                 eprintln!(
-                    "luna: the driver of `{}` hangs in a transaction; its thread is left behind, and its device stays open",
+                    "luna: the driver of `{}` hangs in a transaction; its thread is detached, and its device stays open",
                     self.name
                 );
             } else {
-                // Its panic was told by the hook.
+                // Its panic was reported by the hook.
                 let _ = thread.join();
             }
         }
@@ -331,14 +347,15 @@ impl<D, Q: Send, A: Send> Work<D, Q, A> {
                         }));
                         counts.took(Instant::now_real() - begin, late_after);
                         let Ok(answer) = served else {
-                            // The hook has told it; the link finds that no more answers come.
+                            // The hook has reported it; the link notices that no more answers come.
                             self.done = None;
                             continue;
                         };
                         answer
                     };
                     if let Some(done) = &self.done {
-                        // There is room: nobody asks before the last answer is taken. If nobody asks any more, `jobs` will tell.
+                        // There is room: the next request follows the last answer. If the link has
+                        // ended, `jobs` is closed.
                         let _ = done.try_send(answer);
                     }
                 }
@@ -355,7 +372,7 @@ impl<D, Q: Send, A: Send> Work<D, Q, A> {
     fn make_safe(&mut self) {
         if let Some(make_safe) = &mut self.make_safe {
             let made = catch_unwind(AssertUnwindSafe(|| make_safe(&mut self.driver)));
-            // There is room: it is told once.
+            // There is room: it is sent once.
             let _ = self.is_safe.try_send(made.is_ok());
         }
     }

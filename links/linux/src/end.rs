@@ -53,7 +53,7 @@ pub(crate) trait Lose: Send {
     /// As [`Device::lost`].
     fn lost(&self, error: Error) -> Error;
 
-    /// As [`Device::on_emergency_within`], for a function that needs no access to it.
+    /// As [`Device::on_emergency_within`], for a function without access to the device.
     fn on_emergency(
         &self,
         what: &str,

@@ -1,7 +1,8 @@
 //! I2C buses.
 //!
-//! A bus is one device, shared by count; [`I2c`] is a handle to it for a driver, by the traits of `embedded-hal`. Each call blocks in the system until the
-//! transaction is over, so it belongs on the thread of a [`driver`](mod@crate::driver).
+//! A bus is one device, which can be opened several times; [`I2c`] is a handle to it for a driver,
+//! by the traits of `embedded-hal`. Each call blocks in the system until the transaction is over,
+//! so it belongs on the thread of a [`driver`](mod@crate::driver).
 //!
 //! ```no_run
 //! use embedded_hal::i2c::I2c as _;
@@ -39,7 +40,7 @@ use std::time::Duration;
 
 const NODE: Node = Node::new("I2C bus").subsystem("i2c-dev").group("i2c");
 
-/// How a bus is to be set. Both are of the adapter: they hold for other programs that use it too.
+/// Settings of a bus. They belong to the adapter: they also hold for other programs that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     timeout: Duration,
@@ -57,7 +58,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// How long the adapter waits for a transaction, in steps of 10 ms, at least one. Adapters keep to it more or less.
+    /// How long the adapter waits for a transaction, in steps of 10 ms, at least one. Adapters keep
+    /// to it only approximately.
     ///
     /// ```
     /// use luna_links::i2c::Settings;
@@ -144,7 +146,8 @@ fn system_error(error: LinuxI2CError) -> io::Error {
     }
 }
 
-/// A user of a bus, for a driver: the traits of `embedded-hal` over it. A transaction is made as a whole, whoever else uses the bus.
+/// A handle to a bus for a driver, by the traits of `embedded-hal`. A transaction is not
+/// interrupted by other users of the bus.
 #[derive(Debug, Clone)]
 pub struct I2c {
     bus: Device<Bus>,
@@ -186,27 +189,17 @@ impl I2c {
 }
 
 /// A transaction that failed.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("an I2C transaction failed: {error}")]
 pub struct I2cError {
+    #[source]
     error: io::Error,
-}
-
-impl fmt::Display for I2cError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "an I2C transaction failed: {}", self.error)
-    }
-}
-
-impl std::error::Error for I2cError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        Some(&self.error)
-    }
 }
 
 impl embedded_hal::i2c::Error for I2cError {
     fn kind(&self) -> ErrorKind {
         use nix::errno::Errno;
-        // As the kernel's list of fault codes for I2C says.
+        // By the kernel's list of fault codes for I2C.
         match self.error.raw_os_error().map(Errno::from_raw) {
             Some(Errno::EBUSY | Errno::EIO | Errno::ETIMEDOUT) => ErrorKind::Bus,
             Some(Errno::EAGAIN) => ErrorKind::ArbitrationLoss,

@@ -12,11 +12,13 @@
 //! | a driver of your own that blocks | [`driver`](mod@driver) | – | a thread of the driver |
 //! | a device file of your own | [`reader`], [`writer`] | – | the executor |
 //!
-//! All are opened through the [device manager](luna::devices) while the system is set up, and none holds up an executor: what can be waited for is waited for as
-//! a file, what blocks in a system call does so on a thread of its own. A device that is lost while the system runs raises an emergency, unless
-//! [`on_loss`](luna::devices::Device::on_loss) says otherwise. Each link has [`Counts`], which anybody may read at any time.
+//! All are opened through the [device manager](luna::devices) while the system is set up, and none
+//! blocks an executor: a device that can be polled is awaited as a file, and system calls that
+//! block run on a thread of their own. A device that is lost while the system runs raises an
+//! emergency, unless [`on_loss`](luna::devices::Device::on_loss) sets another reaction. Each link
+//! has [`Counts`], which can be read at any time.
 //!
-//! They are for the real clock: a device knows nothing of a virtual one.
+//! They need the real clock: a device does not follow a virtual one.
 
 #![cfg(target_os = "linux")]
 

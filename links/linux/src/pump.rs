@@ -1,4 +1,4 @@
-//! What a link does all day: from a wire to a channel, and from a channel to a wire.
+//! The loops of a link: from a wire to a channel, and from a channel to a wire.
 
 use crate::Counts;
 use crate::end::Stop;
@@ -8,16 +8,18 @@ use luna::{Receiver, Sender};
 use std::pin::pin;
 use std::time::Duration;
 
-/// What a link does with a broken record: one that is garbled, cut off, or too long. All are [counted](Counts::bad).
+/// What a link does with a broken record: one that is garbled, cut off, or too long. All are
+/// [counted](Counts::bad).
 ///
-/// A value's type comes first: one that stands for broken records ([`FromBytes::from_bad`]), as `Result<T, BadRecord>`, gets them all.
+/// The value's type decides first: one that represents broken records ([`FromBytes::from_bad`]),
+/// such as `Result<T, BadRecord>`, gets them all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum OnBad {
     /// It ends with the record as its error. The device is not lost by that.
     #[default]
     End,
-    /// It drops the record, and goes on with the next.
+    /// It drops the record, and continues with the next.
     Drop,
 }
 
@@ -26,7 +28,7 @@ pub enum OnBad {
 pub(crate) enum Kind {
     /// Bytes in a row. No bytes are the end.
     Stream,
-    /// Packets, each for itself: an empty one is broken, and one that nobody takes is gone.
+    /// Packets, independent of each other: an empty one is broken, and one that is refused is lost.
     Packets,
 }
 
@@ -74,7 +76,7 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
                 counts.one_bad();
                 match (T::from_bad(splitter.bad(fault)), on_bad) {
                     (Ok(value), _) => value,
-                    // What is cut off because the other side has hung up: that is the cause.
+                    // A record that was cut off by hanging up: the hang-up is the cause.
                     (Err(_), _) if is_at_end => continue,
                     (Err(_), OnBad::Drop) => continue,
                     (Err(bad), OnBad::End) => return Stop::Record(bad),
@@ -89,7 +91,8 @@ pub(crate) async fn pump_in<T: FromBytes + Send>(
     }
 }
 
-/// Until something ends it. With `is_unsent` the packer's last record is written first; afterwards it says whether there is one that did not get out whole.
+/// Writes records until the end or an error. With `is_unsent` the packer's last record is written
+/// first; afterwards that shows whether a record was not written completely.
 pub(crate) async fn pump_out<T: ToBytes + Send>(
     wire: &mut Wire,
     packer: &mut Packer,
@@ -126,7 +129,7 @@ pub(crate) async fn pump_out<T: ToBytes + Send>(
     }
 }
 
-/// Nothing if a packet was refused because nobody listens: that ends nothing.
+/// None if a packet was refused because no program listens: that does not end the link.
 fn unless_refused(stop: Stop, kind: Kind, counts: &Counts) -> Option<Stop> {
     let (Stop::Failed(LinkError::Read(error)) | Stop::Failed(LinkError::Write { error, .. })) =
         &stop

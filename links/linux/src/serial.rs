@@ -1,6 +1,7 @@
 //! Serial ports: UARTs, USB adapters, pseudo-terminals.
 //!
-//! [`open`] opens and configures one; [`reader`](crate::reader) and [`writer`](crate::writer) are the links to it.
+//! [`open`] opens and configures one; [`reader`](crate::reader) and [`writer`](crate::writer) are
+//! the links to it.
 //!
 //! ```no_run
 //! use luna::external::{Frame, Framing};
@@ -14,7 +15,8 @@
 //! let (answers, replies) = luna::channel::<Frame<32>>();
 //! let (commands, orders) = luna::channel::<Frame<32>>();
 //! let main = system.executor("main").build()?;
-//! main.process("from motors").spawn(reader(&port, answers, Framing::lines(32))?.on_bad(OnBad::Drop))?;
+//! main.process("from motors")
+//!     .spawn(reader(&port, answers, Framing::lines(32))?.on_bad(OnBad::Drop))?;
 //! main.process("to motors").spawn(writer(&port, orders, Framing::lines(32))?)?;
 //! # drop((replies, commands, port));
 //! // and the processes that use them
@@ -31,10 +33,12 @@ use std::io;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::path::Path;
 
-/// No subsystem is compared: a pseudo-terminal has none. The configuration tells what is no terminal.
+/// No subsystem is compared: a pseudo-terminal has none. The configuration fails for a device that
+/// is not a terminal.
 const NODE: Node = Node::new("serial port").group("dialout");
 
-/// How a serial port is to be set: raw (the system changes no byte), with 8 bits, no parity, one stop bit and no flow control unless stated.
+/// Settings of a serial port: raw (the system changes no byte), with 8 bits, no parity, one stop
+/// bit and no flow control by default.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
     baud: u32,
@@ -62,7 +66,7 @@ impl Settings {
         }
     }
 
-    /// So many bits a character.
+    /// The number of bits a character.
     #[must_use]
     pub fn char_size(mut self, char_size: CharSize) -> Self {
         self.char_size = char_size;
@@ -76,14 +80,15 @@ impl Settings {
         self
     }
 
-    /// So many stop bits.
+    /// The number of stop bits.
     #[must_use]
     pub fn stop_bits(mut self, stop_bits: StopBits) -> Self {
         self.stop_bits = stop_bits;
         self
     }
 
-    /// This flow control. With one, a side that does not read holds up the writer: give that a [patience](crate::Writer::patience).
+    /// Sets the flow control. With it, a peer that does not read blocks the writer: give that a
+    /// [patience](crate::Writer::patience).
     #[must_use]
     pub fn flow_control(mut self, flow_control: FlowControl) -> Self {
         self.flow_control = flow_control;
@@ -109,12 +114,14 @@ pub struct SerialPort {
     file: File,
 }
 
-/// Opens the serial port at `path` and configures it. No other program may open it meanwhile (`TIOCEXCL`, but for one that is privileged, and `flock` for those that
-/// look at it). Opening does not wait for a carrier.
+/// Opens the serial port at `path` and configures it. No other program may open it meanwhile
+/// (`TIOCEXCL`, except for privileged ones, and `flock` for those that check it). Opening does not
+/// wait for a carrier.
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: missing, busy, no permission, no terminal; settings that the port cannot have are [`DeviceError::Settings`].
+/// A [`DeviceError`]: missing, busy, no permission, no terminal; settings that the port does not
+/// support are [`DeviceError::Settings`].
 ///
 /// ```
 /// use luna::devices::DeviceError;
@@ -153,19 +160,21 @@ pub fn open(
 }
 
 nix::ioctl_none_bad!(
-    /// Lets nobody else open the terminal.
+    /// Prevents other opens of the terminal.
     claim,
     nix::libc::TIOCEXCL
 );
 
 impl SerialPort {
-    /// Drops what was written and not sent yet, and then writes as much of `bytes` as there is room for, without waiting: for an emergency. Says how many that were.
+    /// Drops what was written and not sent yet, and then writes as much of `bytes` as there is room
+    /// for, without blocking: for an emergency. Returns how many bytes that were.
     ///
-    /// A record that a link is writing is cut off in the middle by this; bytes should begin with what ends a record.
+    /// This cuts off the record that a link is writing; so `bytes` should begin with the end of a
+    /// record.
     ///
     /// # Errors
     ///
-    /// What the system says; `WouldBlock` if there is no room at all.
+    /// The system's error; `WouldBlock` if there is no room at all.
     pub fn write_at_once(&self, bytes: &[u8]) -> io::Result<usize> {
         // What cannot be dropped must not keep the rest from being tried.
         let _ = self.port.discard_output_buffer();
@@ -193,7 +202,7 @@ impl SerialPort {
 
 impl Drop for SerialPort {
     fn drop(&mut self) {
-        // The mark is the terminal's: with a descriptor that somebody inherited it would outlive this one.
+        // The flag belongs to the terminal: with an inherited descriptor it would outlive this one.
         // SAFETY: as for `claim`.
         let _ = unsafe { release(self.file.as_raw_fd()) };
     }

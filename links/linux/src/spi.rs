@@ -1,7 +1,8 @@
 //! SPI devices.
 //!
-//! [`Spi`] is a handle to an open one for a driver, by the trait of `embedded-hal`. Each call blocks in the system until the transfer is over, so it belongs on
-//! the thread of a [`driver`](mod@crate::driver).
+//! [`Spi`] is a handle to an open one for a driver, by the trait of `embedded-hal`. Each call
+//! blocks in the system until the transfer is over, so it belongs on the thread of a
+//! [`driver`](mod@crate::driver).
 //!
 //! ```no_run
 //! use embedded_hal::spi::SpiDevice as _;
@@ -34,7 +35,7 @@ use std::path::Path;
 
 const NODE: Node = Node::new("SPI device").subsystem("spidev").group("spi");
 
-/// How an SPI device is to be set: mode 0 and 8 bits a word unless stated.
+/// Settings of an SPI device: mode 0 and 8 bits a word by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     max_hertz: u32,
@@ -43,7 +44,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// With a clock of at most so many hertz.
+    /// The limit of the clock, in hertz.
     ///
     /// ```
     /// let settings = luna_links::spi::Settings::new(500_000).mode(embedded_hal::spi::MODE_3);
@@ -64,7 +65,7 @@ impl Settings {
         self
     }
 
-    /// So many bits a word.
+    /// The number of bits a word.
     #[must_use]
     pub fn bits_per_word(mut self, bits: u8) -> Self {
         self.bits_per_word = bits;
@@ -92,11 +93,13 @@ pub struct SpiPort {
     device: PiLock<SpidevDevice>,
 }
 
-/// Opens the SPI device at `path`, as `/dev/spidev0.0`, and sets it. Nobody shares it; other devices of its bus are devices of their own.
+/// Opens the SPI device at `path`, such as `/dev/spidev0.0`, and configures it. It is not shared;
+/// other devices of its bus are devices of their own.
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: missing, busy, no permission, no SPI device, settings that it refuses.
+/// A [`DeviceError`]: missing, busy, no permission, no SPI device, settings that it does not
+/// support.
 ///
 /// ```
 /// use luna::devices::DeviceError;
@@ -121,7 +124,7 @@ pub fn open(
     })
 }
 
-/// A user of an SPI device, for a driver: the trait of `embedded-hal` over it.
+/// A handle to an SPI device for a driver, by the trait of `embedded-hal`.
 #[derive(Debug, Clone)]
 pub struct Spi {
     port: Device<SpiPort>,

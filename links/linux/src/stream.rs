@@ -1,4 +1,4 @@
-//! Links to what is read and written as a file.
+//! Links to files.
 
 use crate::Counts;
 use crate::end::{Lose, Stop};
@@ -13,18 +13,21 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// A device that is read and written as a file that can be waited for: what [`reader`] and [`writer`] are links to.
+/// A device with a file that can be polled, for [`reader`] and [`writer`].
 ///
-/// For a device of your own: a character device whose driver has `poll`, a socket.
+/// Implement it for a device of your own: a character device with `poll` support in its driver, a
+/// socket.
 pub trait Transport: Send + Sync + 'static {
-    /// A descriptor to read and write it by: another one of the same open file. It is put in non-blocking mode.
+    /// A descriptor to read and write it: a duplicate of the same open file. It is put in
+    /// non-blocking mode.
     ///
     /// # Errors
     ///
     /// The system has no more descriptors.
     fn file(&self) -> io::Result<OwnedFd>;
 
-    /// Whether it keeps packets apart, as UDP does: then an empty read is a broken packet, and not the end.
+    /// Whether it keeps packets apart, as UDP does: then an empty read is a broken packet, not the
+    /// end.
     fn keeps_packets(&self) -> bool {
         false
     }
@@ -37,19 +40,22 @@ fn kind(transport: &impl Transport) -> Kind {
     }
 }
 
-/// Makes a process that reads records from a device and sends them to `sender`'s channel.
+/// Creates a process that reads records from a device and sends them to `sender`'s channel.
 ///
-/// Spawn it on an executor or on a thread; it waits for the device as processes do. It reads ahead at most 4 KiB or one record; what it has read waits in it, and then
-/// in the kernel, until the channel takes it: so memory is bounded, and a buffer that overwrites keeps values new.
+/// Spawn it on an executor or on a thread; it waits for the device without blocking either. It
+/// reads ahead at most 4 KiB or one record; further data waits in the kernel until the channel
+/// takes the records. So memory is bounded, and a buffer that overwrites keeps values new.
 ///
-/// It ends without an error when the last receiver is gone. It is the [loss](Device::lost) of the device when reading fails, or the other side hangs up. A broken record
-/// is [counted](Reader::counts) and, unless [`on_bad`](Reader::on_bad) says otherwise, ends it with an error.
+/// It ends without an error when the last receiver is gone. The device is [lost](Device::lost) when
+/// reading fails, or the other side hangs up. A broken record is [counted](Reader::counts) and,
+/// unless [`on_bad`](Reader::on_bad) sets another reaction, ends it with an error.
 ///
-/// Real-time path: from its `run` on; a system call a read, no allocation. Cancel-safe: what was read and not sent is lost with the process alone.
+/// Real-time path: from its `run` on; a system call a read, no allocation. Cancel-safe: data that
+/// was read and not sent is lost only with the process.
 ///
 /// # Errors
 ///
-/// [`LinkError`]: the framing makes no sense, or the descriptor cannot be had.
+/// [`LinkError`]: the framing is invalid, or the system has no more descriptors.
 ///
 /// ```
 /// use luna::devices::Sharing;
@@ -68,7 +74,9 @@ fn kind(transport: &impl Transport) -> Kind {
 ///
 /// let mut system = System::new("machine");
 /// let (near, mut far) = std::io::pipe()?;
-/// let sensor = system.devices().open("sensor", "sensor", Sharing::Exclusive, || Ok(Sensor(near)))?;
+/// let sensor = system
+///     .devices()
+///     .open("sensor", "sensor", Sharing::Exclusive, || Ok(Sensor(near)))?;
 /// let (sender, lines) = luna::channel::<Frame<80>>();
 /// let main = system.executor("main").build()?;
 /// main.process("sensor").spawn(reader(&sensor, sender, Framing::lines(80))?)?;
@@ -101,13 +109,20 @@ pub fn reader<D: Transport, T: FromBytes + Send>(
     })
 }
 
-/// Makes a process that receives values from `receiver`'s channel and writes them to a device as records.
+/// Creates a process that receives values from `receiver`'s channel and writes them to a device as
+/// records.
 ///
-/// Each record is written whole before the next value is received. It ends without an error when the last sender is gone and all is written. It is the
-/// [loss](Device::lost) of the device when writing fails, or nothing can be written for as long as [`patience`](Writer::patience) says; without that
+/// Each record is written completely before the next value is received. It ends without an error
+/// when the last sender is gone and all is written. The device is [lost](Device::lost) when writing
+/// fails, or nothing could be written for the time of [`patience`](Writer::patience); without that
 /// it waits for ever, while the senders wait for it.
 ///
-/// Real-time path, cancellation and errors are as for [`reader`]; a record that is being written when the process is cancelled is cut off.
+/// Real-time path and cancellation are as for [`reader`]; a record in progress is cut off when the
+/// process is cancelled.
+///
+/// # Errors
+///
+/// As for [`reader`].
 ///
 /// ```
 /// use luna::devices::Sharing;
@@ -193,7 +208,7 @@ impl<T> Reader<T> {
 
 impl<T: FromBytes + Send> Process for Reader<T> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        // Now, off the real-time path. If it fails, so does the first wait, which tells.
+        // Here, off the real-time path. If it fails, the first wait fails too, and reports it.
         let _ = luna::prepare_files();
         async {
             // The channel ends with the body, without waiting for the clean-up.

@@ -1,9 +1,13 @@
 //! UDP: packets as the values of channels.
 //!
-//! One packet is one record, of at most as many bytes as the framing says ([`Framing::packets`](luna::external::Framing::packets)). A packet that is empty, too long, or does not decode is
-//! broken; one that nobody takes at the other side is [counted](crate::Counts::refused), and no loss of the device: UDP promises nothing. What comes
-//! while the channel is not read waits in the kernel's buffer, and is dropped there when that is full. Let a channel of set-points overwrite its oldest value, and let the
-//! receiver time out. Where others than the peer can send, let broken packets be [dropped](crate::OnBad::Drop): else anybody can end the link with one.
+//! One packet is one record, of at most the framing's size
+//! ([`Framing::packets`](luna::external::Framing::packets)). A packet that is empty, too long, or
+//! does not decode is broken. A packet that is refused because no program listens is
+//! [counted](crate::Counts::refused), and no loss of the device: UDP guarantees nothing. Packets
+//! wait in the kernel's buffer while the channel is not read, and are dropped there when it is
+//! full. Let a channel of set-points overwrite its oldest value, and let the receiver time out. If
+//! others than the peer can send, let broken packets be [dropped](crate::OnBad::Drop): otherwise
+//! any of them can end the link with one.
 //!
 //! ```
 //! use luna::external::Framing;
@@ -13,7 +17,11 @@
 //!
 //! let robot = UdpSocket::bind("127.0.0.1:0")?;
 //! let mut system = System::new("remote");
-//! let port = udp::open(&system.devices(), "127.0.0.1:0".parse().unwrap(), Some(robot.local_addr()?))?;
+//! let port = udp::open(
+//!     &system.devices(),
+//!     "127.0.0.1:0".parse().unwrap(),
+//!     Some(robot.local_addr()?),
+//! )?;
 //! let (speeds, receiver) = luna::channel::<[u8; 4]>();
 //! let main = system.executor("main").build()?;
 //! main.process("to robot").spawn(writer(&port, receiver, Framing::packets(4))?)?;
@@ -37,14 +45,15 @@ pub struct UdpPort {
     socket: UdpSocket,
 }
 
-/// Opens the UDP port `local`, whose port may be 0 for any that is free. With a `peer` it sends to that one and hears nobody else; without, it hears all, and can send
-/// to none.
+/// Opens the UDP port `local`; port 0 selects a free one. With a `peer` it sends to that address
+/// and receives only from there; without, it receives from all, and cannot send.
 ///
-/// The device's name is `udp:` and the local address as it was given, and the peer's: two of port 0 and without a peer are busy.
+/// The device's name is `udp:` with the given local address and the peer's: two of port 0 without a
+/// peer are busy.
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: busy, or what the system says.
+/// A [`DeviceError`]: busy, or the system's error.
 pub fn open(
     devices: &DeviceManager,
     local: SocketAddr,
@@ -88,20 +97,21 @@ pub(crate) fn refused(name: &str, error: io::Error) -> DeviceError {
 }
 
 impl UdpPort {
-    /// Its address, with the port that it has got.
+    /// Its address, with the actual port.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     pub fn local_address(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
     }
 
-    /// Sends one packet, at once: for an emergency. The links have put the socket in non-blocking mode; without one this may wait for room.
+    /// Sends one packet at once, for an emergency. The links have put the socket in non-blocking
+    /// mode; without a link this may block.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     pub fn send_at_once(&self, packet: &[u8]) -> io::Result<usize> {
         self.socket.send(packet)
     }

@@ -1,6 +1,7 @@
-//! A file in non-blocking mode, that is read and written as processes wait.
+//! A file in non-blocking mode, read and written without blocking the executor.
 //!
-//! Nearly the same as the `device` of `luna::external`, where it is said why they are two. What is found wrong with one is to be looked for in the other.
+//! It resembles the `device` of `luna::external`, which documents why there are two. Check each for
+//! defects found in the other.
 
 use crate::end::Stop;
 use luna::external::{LinkError, OsError};
@@ -15,7 +16,7 @@ use std::pin::{Pin, pin};
 use std::task::Poll;
 use std::time::Duration;
 
-/// How many calls are made in one go to a file that never lets its link wait. Then others have their turn.
+/// The limit of calls in one turn for a file that is always ready, so that other processes run.
 const CALLS_IN_ONE_GO: u32 = 16;
 
 #[derive(Debug)]
@@ -24,9 +25,9 @@ pub(crate) struct Wire {
     is_terminal: bool,
     /// Calls since the process last waited.
     calls: u32,
-    /// Whether the last read took all there was, so that the next one would be in vain.
+    /// Whether the last read took all there was, so that another read would find nothing.
     is_drained: bool,
-    /// Whether the system cannot wait for it, because it never has to be waited for: `/dev/zero`, a file on a disk.
+    /// Whether it cannot be polled since it is always ready: `/dev/zero`, a file on a disk.
     is_always_ready: bool,
 }
 
@@ -49,7 +50,8 @@ impl Wire {
         })
     }
 
-    /// Reads what is there, to a place that is not empty; waits for some, while the channel has not `ended`. 0: the other side has hung up, or an empty packet.
+    /// Reads into `to`, which is not empty; waits for data while the channel has not `ended`. 0:
+    /// the other side has hung up, or an empty packet.
     pub(crate) async fn read(
         &mut self,
         to: &mut [u8],
@@ -65,11 +67,11 @@ impl Wire {
                     self.is_drained = count < to.len() && !self.is_always_ready;
                     return Ok(count);
                 }
-                // What claims to be always ready, and is not, would be asked for ever.
+                // Only for files that can be polled: otherwise this would loop for ever.
                 Err(error) if error.kind() == ErrorKind::WouldBlock && !self.is_always_ready => {
                     self.is_drained = true;
                 }
-                // What a terminal says whose other side has hung up.
+                // A terminal's error after the other side has hung up.
                 Err(error) if self.is_terminal && error.raw_os_error() == Some(EIO) => {
                     return Ok(0);
                 }
@@ -78,7 +80,8 @@ impl Wire {
         }
     }
 
-    /// Writes all of `bytes`, the record `number`; waits for room while the channel has not `ended`, at most for `patience` at a time.
+    /// Writes all of `bytes`, the record `number`; waits for room while the channel has not
+    /// `ended`, at most for `patience` at a time.
     pub(crate) async fn write(
         &mut self,
         bytes: &[u8],

@@ -41,33 +41,34 @@ pub struct Watchdog {
     /// When it bites.
     deadline: Option<u64>,
     has_bitten: bool,
-    /// When it was to bite, and when that was seen.
+    /// When it expired, and when the simulation noticed.
     bitten: Option<[u64; 2]>,
     fed_at: Option<u64>,
 }
 
 impl Watchdog {
-    /// Whether it has bitten, and nobody has cleared that.
+    /// Whether it has expired, and that was not cleared.
     pub fn has_bitten(&self) -> bool {
         self.has_bitten
     }
 
-    /// When its time was over, if it has bitten.
+    /// When it expired (ns on the card's clock), if it has.
     pub fn bitten_at(&self) -> Option<u64> {
         self.bitten.map(|[due, _]| due)
     }
 
-    /// When that was seen: the simulation looks at each packet, and about each half millisecond.
+    /// When the simulation noticed that (ns): it checks at each packet, and about each half
+    /// millisecond.
     pub fn seen_to_bite_at(&self) -> Option<u64> {
         self.bitten.map(|[_, seen]| seen)
     }
 
-    /// When it was fed or set last.
+    /// When it was restarted or set last (ns).
     pub fn fed_at(&self) -> Option<u64> {
         self.fed_at
     }
 
-    /// When it will bite, if it is on.
+    /// When it will expire (ns), if it is on.
     pub fn deadline(&self) -> Option<u64> {
         self.deadline
     }
@@ -82,7 +83,7 @@ impl Watchdog {
 }
 
 impl Card {
-    /// A card as it is when it is powered: nothing is an output, the watchdog is off.
+    /// A card after power-up: no outputs, the watchdog off.
     pub fn new() -> Self {
         Self {
             memory: Memory::new(),
@@ -107,11 +108,13 @@ impl Card {
         }
     }
 
-    /// Does at `now` what the packet `request` says, and puts what it reads into `answer`: nothing if there is no answer to send.
+    /// Executes the packet `request` at `now`, and puts the data that it reads into `answer`, which
+    /// stays empty if there is no answer to send.
     ///
     /// # Errors
     ///
-    /// The packet is malformed from somewhere on; what comes before was done, and there is no answer. The card counts it.
+    /// The packet is malformed from some point on; the commands before were executed, and there is
+    /// no answer. The card counts it.
     pub fn handle(
         &mut self,
         request: &[u8],
@@ -133,12 +136,12 @@ impl Card {
         done
     }
 
-    /// Lets time go on until `now`: the watchdog may bite.
+    /// Advances time to `now`: the watchdog may expire.
     pub fn advance(&mut self, now: u64) {
         if let Some(due) = self.watchdog.deadline
             && due <= now
         {
-            self.bite(due, now);
+            self.expire(due, now);
         }
     }
 
@@ -147,7 +150,8 @@ impl Card {
         self.watchdog
     }
 
-    /// The duty that comes out of a PWM generator: 0 while it is not enabled or its pins are no outputs. 0 if there is no such one.
+    /// The output duty of a PWM generator: 0 if it is disabled, its pins are not outputs, or it
+    /// does not exist.
     pub fn duty(&self, pwm: usize) -> f64 {
         let Some(value) = self.pwm_values.get(pwm) else {
             return 0.0;
@@ -171,7 +175,7 @@ impl Card {
             && (0..PINS).all(|pin| self.driven_level(pin).is_none())
     }
 
-    /// Sets the level that the machine gives a pin. It is high without.
+    /// Sets the level of a pin from the machine. The default is high.
     pub fn set_level(&mut self, pin: usize, level: bool) {
         self.ports.set_external(pin, level);
     }
@@ -184,7 +188,7 @@ impl Card {
         }
     }
 
-    /// Gives an encoder an index each `counts`.
+    /// Sets an encoder's index, which occurs each `counts`.
     pub fn set_index(&mut self, encoder: usize, counts: u32) {
         if let Some(encoder) = self.encoders.get_mut(encoder) {
             encoder.set_index(counts);
@@ -198,7 +202,7 @@ impl Card {
         }
     }
 
-    fn bite(&mut self, due: u64, now: u64) {
+    fn expire(&mut self, due: u64, now: u64) {
         self.watchdog.deadline = None;
         self.watchdog.has_bitten = true;
         self.watchdog.bitten = Some([due, now]);
@@ -292,7 +296,7 @@ impl Card {
                 self.restart_watchdog(now);
             }
             0x0D => self.watchdog.has_bitten = value & 1 != 0,
-            0x0E if value >> 24 == watchdog::FOOD >> 24 => self.restart_watchdog(now),
+            0x0E if value >> 24 == watchdog::RESTART >> 24 => self.restart_watchdog(now),
             page @ 0x10..0x15 => self.ports.write((page - 0x10) as u8, unit, value),
             0x30 => {
                 if let Some(encoder) = self.encoders.get_mut(unit) {
@@ -328,7 +332,7 @@ impl Card {
         if let Some(due) = self.watchdog.deadline
             && due < now + 1_000
         {
-            self.bite(due, now);
+            self.expire(due, now);
         }
     }
 

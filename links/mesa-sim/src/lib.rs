@@ -1,7 +1,8 @@
-//! A simulated Mesa Anything I/O card: what a 7I92 with encoders and PWM does, on loopback.
+//! A simulated Mesa Anything I/O card: a 7I92 with encoders and PWM, on loopback.
 //!
-//! A [`Card`] is the card alone, without any I/O: requests in, answers out, at times that are told. A [`Server`] gives it a socket, a [`World`] behind its pins
-//! (a plant, by [`PlantWorld`]), and a [`Network`] in front that loses, delays, doubles and reorders datagrams by a seed.
+//! A [`Card`] is the card without any I/O: requests in, answers out, at times given by the caller.
+//! A [`Server`] adds a socket, a [`World`] behind its pins (a plant, by [`PlantWorld`]), and a
+//! [`Network`] in front that loses, delays, doubles and reorders datagrams by a seed.
 //!
 //! ```
 //! use luna_mesa_sim::{Server, Settings};
@@ -17,9 +18,11 @@
 //!
 //! # What is simulated
 //!
-//! The memory spaces 0 to 7 with their info areas; the IDROM; encoder counters with time stamps and index; PWM values and enables; ports with directions, alternate sources and inverts;
-//! the watchdog, which makes inputs of all pins; EEPROM and flash memory, so that Mesa's own tool can look at it. Not simulated: open drain beyond its register, input filters, PWM
-//! wave forms (a duty is a number), the Ethernet chip, IRQs, the other modules.
+//! The memory spaces 0 to 7 with their info areas; the IDROM; encoder counters with time stamps and
+//! index; PWM values and enables; ports with directions, alternate sources and inverts; the
+//! watchdog, which makes all pins inputs; EEPROM and flash memory, so that Mesa's own tool can read
+//! it. Not simulated: open drain beyond its register, input filters, PWM wave forms (a duty is a
+//! number), the Ethernet chip, IRQs, the other modules.
 
 #![forbid(unsafe_code)]
 

@@ -1,15 +1,15 @@
-//! A network that loses, delays, doubles and reorders, the same way for each seed.
+//! A network that loses, delays, doubles and reorders, in the same way for each seed.
 
 use std::time::Duration;
 
-/// What the network does to datagrams, each way: probabilities from 0 to 1.
+/// The network's faults, each way: probabilities from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Faults {
-    /// How likely it is that one is lost.
+    /// Probability that a datagram is lost, 0 to 1.
     pub loss: f64,
-    /// How likely it is that one comes twice.
+    /// Probability that a datagram comes twice, 0 to 1.
     pub doubling: f64,
-    /// How likely it is that one is held up, so that others overtake it.
+    /// Probability that a datagram is delayed so that others overtake it, 0 to 1.
     pub reordering: f64,
     /// For how long it is held up then.
     pub held_up: Duration,
@@ -53,7 +53,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// A network with these faults, drawn by `seed`.
+    /// A network with these faults; `seed` determines the random sequence.
     pub const fn new(faults: Faults, seed: u64) -> Self {
         Self {
             faults,

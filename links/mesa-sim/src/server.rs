@@ -13,20 +13,21 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often the card and the machine go on without a packet.
+/// The period of steps of the card and the machine without packets.
 const TICK: Duration = Duration::from_micros(500);
 
 /// How a card is served.
 pub struct Settings {
-    /// Where it listens. Any free port of loopback if not stated; Mesa's tool looks at [`PORT`](hostmot2::PORT).
+    /// The address to listen on; default any free port of loopback. Mesa's tool uses
+    /// [`PORT`](hostmot2::PORT).
     pub address: SocketAddr,
-    /// What is behind the card.
+    /// The machine behind the card.
     pub world: Box<dyn World>,
     /// What the network does.
     pub faults: Faults,
-    /// By which seed.
+    /// The seed of its random sequence.
     pub seed: u64,
-    /// The policy of its threads, where the system grants it: a real card is never late.
+    /// The policy of its threads, if the system grants it: a real card is never late.
     pub policy: Policy,
 }
 
@@ -60,9 +61,9 @@ pub struct Traffic {
     pub requests: u64,
     /// Packets that made no sense to it.
     pub malformed: u64,
-    /// Answers that left.
+    /// The number of answers sent.
     pub answers: u64,
-    /// Datagrams that were lost, both ways.
+    /// The number of datagrams lost, both ways.
     pub lost: u64,
 }
 
@@ -130,7 +131,7 @@ impl Server {
             let thread = std::thread::Builder::new().name(name.to_owned());
             thread.spawn(move || {
                 if policy != Policy::Other {
-                    // Who is not granted it simulates a card that is late at times.
+                    // Without the policy the simulated card is late at times.
                     let _ = thread::apply_to_current(&Attributes::new(name).policy(policy));
                 }
                 body(&shared);
@@ -148,7 +149,7 @@ impl Server {
         self.address
     }
 
-    /// Looks at the card, or does something to it, at this moment: its time has gone on until now (ns, of [`luna::now`]).
+    /// Accesses the card at this moment: its time has advanced to now (ns, of [`luna::now`]).
     pub fn with_card<R>(&self, f: impl FnOnce(&mut Card, u64) -> R) -> R {
         let mut state = self.shared.lock();
         let now = now();
@@ -161,12 +162,12 @@ impl Server {
         self.shared.lock().network.set_faults(faults);
     }
 
-    /// Loses all that comes and goes for so long.
+    /// Loses all datagrams in both directions for this time.
     pub fn silence(&self, time: Duration) {
         self.shared.lock().silent_until = now().saturating_add(time.as_nanos() as u64);
     }
 
-    /// Takes the card's power away and gives it back: it forgets everything.
+    /// Powers the card off and on: it loses its state.
     pub fn power_cycle(&self) {
         self.shared.lock().card = Card::new();
     }
@@ -181,14 +182,14 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.shared.is_over.store(true, Ordering::Release);
         self.shared.changed.notify_all();
-        // Who listens waits for a packet.
+        // Wakes the receiving thread with a packet.
         let local = self.shared.socket.local_addr();
         if let Ok(awakener) = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)) {
             let port = local.map_or(0, |local| local.port());
             let _ = awakener.send_to(&[], (Ipv4Addr::LOCALHOST, port));
         }
         for thread in self.threads.drain(..) {
-            // A panic has been told by its hook.
+            // A panic was reported by its hook.
             let _ = thread.join();
         }
     }
@@ -202,7 +203,7 @@ impl fmt::Debug for Server {
     }
 }
 
-/// The machine's clock, wherever it is asked.
+/// The machine's clock, in every system.
 fn now() -> u64 {
     luna::now().as_nanos()
 }
@@ -211,7 +212,7 @@ fn now() -> u64 {
 fn listen(shared: &Shared) {
     let mut bytes = [0; 2048];
     while !shared.is_over.load(Ordering::Acquire) {
-        // On loopback an error tells of an earlier answer that nobody took.
+        // On loopback an error reports an earlier answer that was refused.
         let Ok((length, peer)) = shared.socket.recv_from(&mut bytes) else {
             continue;
         };
@@ -222,7 +223,7 @@ fn listen(shared: &Shared) {
     }
 }
 
-/// The thread that lets time go on.
+/// The thread that advances time.
 fn tick(shared: &Shared) {
     let mut state = shared.lock();
     while !shared.is_over.load(Ordering::Acquire) {
@@ -289,7 +290,7 @@ impl State {
             self.traffic.lost += 1;
         } else if is_answer {
             self.traffic.answers += 1;
-            // Nobody may be there to take it.
+            // The peer may be gone.
             let _ = shared.socket.send_to(bytes, peer);
         } else {
             self.traffic.requests += 1;

@@ -1,4 +1,4 @@
-//! What is on the other side of the card's pins.
+//! The machine on the other side of the card's pins.
 
 use crate::card::{Card, ENCODERS, PWMS};
 use luna_plants::{Checked, Plant, PlantError};
@@ -7,8 +7,8 @@ use std::time::Duration;
 
 /// A machine that the card is wired to.
 pub trait World: Send {
-    /// Lets time go on until `now` (ns): takes what the card puts out, and turns its encoders. It is called before each packet and about each half millisecond, and may come with the
-    /// time of the last call.
+    /// Advances time to `now` (ns): takes the card's outputs, and turns its encoders. Called before
+    /// each packet and about each half millisecond, possibly with the time of the last call.
     fn advance(&mut self, now: u64, card: &mut Card);
 }
 
@@ -26,14 +26,15 @@ impl<F: FnMut(u64, &mut Card) + Send> World for F {
     }
 }
 
-/// No step is shorter: the plant is computed beside a card that is to answer soon.
+/// The shortest step: computing the plant must not delay the card's answers.
 const SHORTEST: u64 = 200_000;
-/// No step is longer: if this computer keeps the simulation from running, the machine stands still, and does not leap as none does.
+/// The longest step: if this computer stops the simulation for a while, the machine stands still,
+/// instead of jumping.
 const LONGEST: u64 = 5_000_000;
 
-/// A plant whose inputs are duties, −1 to 1, and whose outputs are counts.
+/// A plant with duties, −1 to 1, as inputs and counts as outputs.
 ///
-/// One that fails stands still from then on, and says why.
+/// After a failure it stands still, and returns the error.
 pub struct PlantWorld<P> {
     plant: Checked<P>,
     /// Which PWM generator drives which input.
@@ -48,7 +49,8 @@ pub struct PlantWorld<P> {
 type Watch<P> = Box<dyn FnMut(&P) + Send>;
 
 impl<P: Plant> PlantWorld<P> {
-    /// PWM generator n drives the plant's input n, encoder n counts its output n, as many as there are of both.
+    /// PWM generator n drives the plant's input n, encoder n counts its output n, for all n that
+    /// both have.
     pub fn new(plant: P) -> Self {
         let (inputs, outputs) = (plant.inputs().len(), plant.outputs().len());
         Self {

@@ -2,12 +2,12 @@
 
 use std::fmt;
 
-/// What takes set-points: see [`Link::greatest_age`](crate::Link::greatest_age).
+/// A receiver of set-points: see [`Link::greatest_age`](crate::Link::greatest_age).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Actuator {
     /// The duty of the PWM generator of this number.
     Pwm(u8),
-    /// Its enable output, where a channel says it.
+    /// Its enable output, if a channel controls it.
     Enable(u8),
     /// The pin of this number.
     Output(u8),

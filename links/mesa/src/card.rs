@@ -3,12 +3,12 @@
 use crate::Link;
 use hostmot2::{Client, ClientError, Description};
 use luna::devices::{Device, DeviceError, DeviceManager, Sharing};
-use std::fmt;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
-/// A card that has said what it is. Two links of one card see that they are two, and end; [`open`] sees to it that a program has each once.
+/// An opened card with its description. Two links of one card detect each other, and end; [`open`]
+/// opens each card only once in a program.
 #[derive(Debug)]
 pub struct Card {
     address: SocketAddr,
@@ -31,24 +31,30 @@ impl CardDevice {
 }
 
 /// Why a card cannot be opened.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
-    /// Its address is none.
+    /// Its address is invalid.
+    #[error("the card's address is invalid: {}", reason(.error))]
     Address {
-        /// What the system said, if it did.
+        /// The system's error, if there is one.
+        #[source]
         error: Option<io::Error>,
     },
     /// It does not answer, or not as a HostMot2 does.
-    Client(ClientError),
+    #[error("{0}")]
+    Client(#[source] ClientError),
     /// It is in use in this program.
-    Device(DeviceError),
+    #[error("{0}")]
+    Device(#[source] DeviceError),
 }
 
-/// As [`Card::open`], by the device manager: a card is open once, as `mesa:192.168.1.121:27181`, until its link has ended and the outputs are off.
+/// As [`Card::open`], by the device manager: a card is open once, as `mesa:192.168.1.121:27181`,
+/// until its link has ended and the outputs are off.
 ///
-/// The link's [process](Link::process) takes the outputs away in an emergency by itself, as the device's own emergency function. A [`Fault`](crate::Fault) is the loss of the device: an
-/// emergency, unless [`Device::on_loss`] of [`Card::device`] says otherwise.
+/// In an emergency the link's [process](Link::process) disables the outputs by itself, as the
+/// device's own emergency function. A [`Fault`](crate::Fault) is the loss of the device: an
+/// emergency, unless [`Device::on_loss`] of [`Card::device`] sets another reaction.
 ///
 /// # Errors
 ///
@@ -103,34 +109,18 @@ fn resolve(address: impl ToSocketAddrs) -> Result<SocketAddr, OpenError> {
     addresses.next().ok_or_else(|| no_address(None))
 }
 
-impl fmt::Display for OpenError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            OpenError::Address { error: Some(error) } => {
-                write!(f, "the card's address is none: {error}")
-            }
-            OpenError::Address { error: None } => {
-                f.write_str("the card's address is none: no host of this name")
-            }
-            OpenError::Client(error) => error.fmt(f),
-            OpenError::Device(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for OpenError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            OpenError::Address { error } => error.as_ref().map(|error| error as _),
-            OpenError::Client(error) => Some(error),
-            OpenError::Device(error) => Some(error),
-        }
+fn reason(error: &Option<io::Error>) -> String {
+    match error {
+        Some(error) => error.to_string(),
+        None => "no host of this name".to_owned(),
     }
 }
 
 impl Card {
-    /// Asks the card at `address` (`"192.168.1.121:27181"`) what it is, for half a second at most if it is silent. For set-up: blocks and allocates. Changes nothing on the card.
-    /// No device manager knows of it: see [`open`] for that, and for a card that is neutral in an emergency by itself.
+    /// Reads the description of the card at `address` (`"192.168.1.121:27181"`), for half a second
+    /// at most if it is silent. For set-up: blocks and allocates. Changes nothing on the card. The
+    /// device manager is not involved: see [`open`] for that, and for a card that is neutral in an
+    /// emergency by itself.
     ///
     /// # Errors
     ///
@@ -162,7 +152,8 @@ impl Card {
         &self.description
     }
 
-    /// A link to it, called `name`, so is its loop, which exchanges packets each `period`. Nothing is connected yet.
+    /// Creates a link called `name`, with a loop of that name that exchanges packets each `period`.
+    /// Nothing is connected yet.
     pub fn link(self, name: &str, period: Duration) -> Link {
         Link::new(self, name, period)
     }

@@ -3,81 +3,66 @@
 use crate::Actuator;
 use hostmot2::encoder::Lost;
 use luna::FileError;
-use std::fmt;
 
-/// Why a link has ended. It is the cause of the emergency that it has raised ([`luna::emergency`]).
+/// Why a link has ended. It is the cause of the emergency that the link has raised
+/// ([`luna::emergency`]).
 ///
-/// Found in [`Error::Other`](luna::Error::Other) of what [`System::run`](luna::System::run) returns. After each of them the card's outputs are off.
-#[derive(Debug, Clone, PartialEq)]
+/// It is the source in [`Error::Other`](luna::Error::Other), returned by
+/// [`System::run`](luna::System::run). After each of them the card's outputs are off.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Too many answers did not come in time, or too many write packets got lost.
+    /// Too many answers did not come in time, or too many write packets were lost.
+    #[error("{}", too_many_errors(*in_a_row))]
     TooManyErrors {
         /// The cycles in a row without an answer.
         in_a_row: u32,
     },
-    /// The card's watchdog has bitten: no write packet had come for its time.
+    /// The card's watchdog has expired: no write packet had come for its time.
+    #[error(
+        "the card's watchdog has expired: its outputs are off, since no packet had come for its time"
+    )]
     Bitten,
-    /// The card was restarted, or somebody else writes to it.
+    /// The card was restarted, or another program writes to it.
+    #[error("the card was restarted, or another program writes to it")]
     Foreign,
     /// A position is lost.
+    #[error("encoder {encoder}: {why}")]
     Encoder {
         /// Of which encoder.
         encoder: usize,
         /// Why.
+        #[source]
         why: Lost,
     },
-    /// Who writes to an actuator has not gone, but writes no more: it hangs.
+    /// The writer of an actuator exists, but sends nothing any more: it hangs.
+    #[error(
+        "no set-point for {actuator} has come in {cycles} cycles: its writer hangs; if it is set once, give it no greatest age"
+    )]
     Overdue {
         /// To which.
         actuator: Actuator,
-        /// The cycles in which no new set-point has come.
+        /// The cycles without a new set-point.
         cycles: u32,
     },
     /// The socket cannot be waited for.
-    Wait(FileError),
+    #[error("{0}")]
+    Wait(#[source] FileError),
     /// The system runs on a virtual clock; a card has its own, real time.
+    #[error(
+        "the system is on a virtual clock, which the card does not know: simulate the machine instead"
+    )]
     VirtualTime,
     /// The process was run a second time.
+    #[error("a link runs once: make another one")]
     RunTwice,
 }
 
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Fault::TooManyErrors { in_a_row: 0 } => {
-                f.write_str("too many packets to or from the card were lost")
-            }
-            Fault::TooManyErrors { in_a_row } => write!(
-                f,
-                "too many answers of the card did not come in time, {in_a_row} in a row at last: look at its power and cable"
-            ),
-            Fault::Bitten => f.write_str(
-                "the card's watchdog has bitten: its outputs are off, since no packet had come for its time",
-            ),
-            Fault::Foreign => {
-                f.write_str("the card was restarted, or somebody else writes to it")
-            }
-            Fault::Encoder { encoder, why } => write!(f, "encoder {encoder}: {why}"),
-            Fault::Overdue { actuator, cycles } => write!(
-                f,
-                "no set-point for {actuator} has come in {cycles} cycles: who writes it hangs; if it is set once, give it no greatest age"
-            ),
-            Fault::Wait(error) => error.fmt(f),
-            Fault::VirtualTime => f.write_str(
-                "the system is on a virtual clock, which the card does not know: simulate the machine instead",
-            ),
-            Fault::RunTwice => f.write_str("a link runs once: make another one"),
-        }
-    }
-}
-
-impl std::error::Error for Fault {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Fault::Encoder { why, .. } => Some(why),
-            Fault::Wait(error) => Some(error),
-            _ => None,
-        }
+fn too_many_errors(in_a_row: u32) -> String {
+    match in_a_row {
+        0 => "too many packets to or from the card were lost".to_owned(),
+        _ => format!(
+            "too many answers of the card did not come in time, {in_a_row} in a row at last: check its power and cable"
+        ),
     }
 }

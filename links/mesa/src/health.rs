@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 macro_rules! counters {
     ($($(#[$about:meta])* $name:ident),+ $(,)?) => {
-        /// What a link has counted, readable by anybody at any time.
+        /// Counters of a link. They can be read at any time, from any thread.
         #[derive(Debug, Default)]
         pub struct Health { $(pub(crate) $name: Counter),+ }
 
@@ -17,15 +17,15 @@ macro_rules! counters {
 counters! {
     /// Cycles.
     cycles,
-    /// Cycles whose answer did not come in time.
+    /// Cycles without an answer in time.
     missed,
     /// The most of these in a row.
     longest_silence,
     /// Answers that were not used: of earlier cycles, doubled, or malformed.
     dropped,
-    /// Cycles in which the card had not seen the last write packet when it answered.
+    /// Cycles in which the card had not received the last write packet when it answered.
     writes_behind,
-    /// Packets that the system refused to send, or errors that it told in place of an answer.
+    /// Packets that the system refused to send, or errors that it returned in place of an answer.
     refused,
     /// Duties that were not numbers, and written as 0.
     not_finite,

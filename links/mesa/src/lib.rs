@@ -1,7 +1,10 @@
-//! Mesa Anything I/O cards over Ethernet (7I92, 7I96S, 7I76E and their like, with HostMot2) as link drivers: encoders, PWM and pins as channels.
+//! Mesa Anything I/O cards over Ethernet (7I92, 7I96S, 7I76E and their like, with HostMot2) as link
+//! drivers: encoders, PWM and pins as channels.
 //!
-//! A [`Card`] is opened at set-up ([`open`]), a [`Link`] connects its encoders, generators and pins to channels, and its [`process`](Link::process) is spawned like any other: in each period it
-//! sends one write and one read packet and waits for the answer as processes do, without blocking its executor. In an emergency the card's outputs are taken away ([`Neutral`]).
+//! A [`Card`] is opened at set-up ([`open`]). A [`Link`] connects its encoders, generators and pins
+//! to channels. Its [`process`](Link::process) is spawned like any other: in each period it sends
+//! one write and one read packet and waits for the answer without blocking its executor. In an
+//! emergency the card's outputs are disabled ([`Neutral`]).
 //!
 //! ```
 //! use luna::prelude::*;
@@ -11,7 +14,10 @@
 //! use std::time::Duration;
 //!
 //! // A simulated card, with a pan-tilt camera behind it.
-//! let camera = Settings { world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))), ..Settings::default() };
+//! let camera = Settings {
+//!     world: Box::new(PlantWorld::new(PanTilt::jiwy([0, 0]))),
+//!     ..Settings::default()
+//! };
 //! let server = Server::start(camera).unwrap();
 //!
 //! let mut system = System::new("pan");
@@ -20,6 +26,8 @@
 //! let (duty, duties) = luna::buffered(Buffer::overwrite_oldest(1));
 //! let mut link = card.link("card", Duration::from_millis(2));
 //! link.watchdog(Duration::from_millis(500));
+//! # // A busy machine keeps the simulated card from answering in time.
+//! # link.tolerance(hostmot2::Bucket::new(1, 1, 1_000));
 //! link.encoder(0, 1e6, count).pwm(0, duties);
 //! let process = link.process().map_err(luna::Error::other)?;
 //!
@@ -41,10 +49,12 @@
 //!
 //! # Values
 //!
-//! A [`Sample`] says whether it is fresh. When an answer is lost, late or not for us, the last value is sent again, marked stale; a wrong one never is. What cannot be
-//! trusted any more (a position after too long a silence, a card that was restarted) ends the link, with its channels poisoned first and an emergency raised.
-//! So does who writes set-points and hangs: they are held for [`greatest_age`](Link::greatest_age) at most.
-//! The page `docs/mesa.md` of the repository says what happens at each failure.
+//! A [`Sample`] shows whether it is fresh. When an answer is lost, late or foreign, the last value
+//! is sent again, marked stale; a wrong one never is. A loss of trust (a position after too long a
+//! silence, a card that was restarted) ends the link: its channels are poisoned first, and then an
+//! emergency is raised. A writer of set-points that hangs ends it too: set-points are held for
+//! [`greatest_age`](Link::greatest_age) at most. The page `docs/mesa.md` of the repository
+//! describes each failure.
 
 #![cfg(unix)]
 #![forbid(unsafe_code)]

@@ -5,14 +5,14 @@ use crate::{Actuator, Bucket, Card, Reading, Sample};
 use hostmot2::{ClientError, Layout, LayoutError, OutputPin, Selection};
 use luna::{Receiver, Sender};
 use std::any::Any;
-use std::fmt;
 use std::io;
 use std::time::Duration;
 
-/// A card, and the far ends of the channels by which processes reach it. Made by [`Card::link`]; the example is at the [crate](crate).
+/// A card, and its ends of the channels by which processes reach it. Made by [`Card::link`]; for an
+/// example see the [crate](crate).
 ///
-/// Give the channels one place and let them forget the older value ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)), as registers do: the link never waits for a process. Each
-/// encoder, generator and pin may be connected once.
+/// Use registers as channels ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)): the
+/// link never waits for a process. Each encoder, generator and pin may be connected once.
 #[derive(Debug)]
 pub struct Link {
     card: Card,
@@ -29,43 +29,24 @@ pub struct Link {
 }
 
 /// Why a link cannot be made.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LinkError {
     /// The card cannot do it.
-    Layout(LayoutError),
+    #[error("{0}")]
+    Layout(#[source] LayoutError),
     /// The card does not answer any more.
-    Client(ClientError),
+    #[error("{0}")]
+    Client(#[source] ClientError),
     /// The system refuses what the socket needs.
-    Socket(io::Error),
-    /// A setting makes no sense.
+    #[error("no socket to the card: {0}")]
+    Socket(#[source] io::Error),
+    /// A setting is invalid.
+    #[error("{0}")]
     Setting(&'static str),
     /// The card's emergency function cannot be registered.
-    Emergency(luna::Error),
-}
-
-impl fmt::Display for LinkError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            LinkError::Layout(error) => error.fmt(f),
-            LinkError::Client(error) => error.fmt(f),
-            LinkError::Socket(error) => write!(f, "no socket to the card: {error}"),
-            LinkError::Setting(what) => f.write_str(what),
-            LinkError::Emergency(error) => error.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for LinkError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            LinkError::Layout(error) => Some(error),
-            LinkError::Client(error) => Some(error),
-            LinkError::Socket(error) => Some(error),
-            LinkError::Setting(_) => None,
-            LinkError::Emergency(error) => Some(error),
-        }
-    }
+    #[error("{0}")]
+    Emergency(#[source] luna::Error),
 }
 
 impl Link {
@@ -85,8 +66,10 @@ impl Link {
         }
     }
 
-    /// Sends what encoder `number` says to `channel` in each cycle: counts since the first answer, and counts a second. The encoder makes at most `fastest` counts a second: a
-    /// position that moves further than that allows, or that was not read for so long that its 16-bit counter may have wrapped, ends the link.
+    /// Sends the values of encoder `number` to `channel` in each cycle: counts since the first
+    /// answer, and counts a second. The encoder makes at most `fastest` counts a second. The link
+    /// ends if a position moves further than that allows, or was not read for so long that its
+    /// 16-bit counter may have wrapped.
     pub fn encoder(
         &mut self,
         number: u8,
@@ -99,25 +82,29 @@ impl Link {
         self
     }
 
-    /// Has the card latch the count at the first index of this encoder from now on: [`Reading::index`](hostmot2::encoder::Encoder::index).
+    /// Makes the card latch the count at the first index of this encoder from now on:
+    /// [`Reading::index`](hostmot2::encoder::Encoder::index).
     pub fn latch_index(&mut self, encoder: u8) -> &mut Self {
         self.selection.latch_index |= 1_u64.checked_shl(encoder.into()).unwrap_or(0);
         self
     }
 
-    /// Goes on when the card says that both lines of an encoder have changed at once, which means that counts were lost; else that ends the link.
+    /// Continues when both lines of an encoder have changed at once, which means that counts were
+    /// lost; by default that ends the link.
     pub fn ignore_quadrature_errors(&mut self) -> &mut Self {
         self.checks_quadrature = false;
         self
     }
 
-    /// Lets what comes from `channel` be the duty of PWM generator `number`: −1 to 1, in steps of 1/4096; beyond, the end of the range (4095/4096); what is not a number is 0, and counted. It
-    /// is enabled from the first duty on. Until then, and when all senders are gone, it is 0.
+    /// Uses the values from `channel` as the duty of PWM generator `number`: −1 to 1, in steps of
+    /// 1/4096. Values outside saturate (at 4095/4096); NaN is 0, and counted. The generator is
+    /// enabled from the first duty on. Before that, and when all senders are gone, the duty is 0.
     pub fn pwm(&mut self, number: u8, channel: Receiver<f64>) -> &mut Self {
         self.add_pwm(number, channel, None)
     }
 
-    /// As [`pwm`](Self::pwm), enabled as `enable` says: not before it has, nor when its senders are gone. The duty of a generator that is not enabled is 0.
+    /// As [`pwm`](Self::pwm), with the enable output controlled by `enable`: off before its first
+    /// value, and when its senders are gone. The duty of a disabled generator is 0.
     pub fn pwm_with_enable(
         &mut self,
         number: u8,
@@ -145,8 +132,10 @@ impl Link {
         self
     }
 
-    /// Lets what comes from `channel` be the level of pin `number`, again and again: for one that is set once, switch its [`greatest_age`](Self::greatest_age) off. It is `neutral` before the first value, and when all senders are gone. At the end and in an emergency the pin becomes an
-    /// input with a pull-up: wire it so that this harms nobody.
+    /// Uses the values from `channel` as the level of pin `number`. They must be repeated: for a
+    /// level that is set once, turn its [`greatest_age`](Self::greatest_age) off. The level is
+    /// `neutral` before the first value, and when all senders are gone. At the end and in an
+    /// emergency the pin becomes an input with a pull-up: wire it so that this is harmless.
     pub fn output(&mut self, number: u8, neutral: bool, channel: Receiver<bool>) -> &mut Self {
         self.actuators
             .add_output(self.selection.outputs.len(), number, neutral, channel);
@@ -163,17 +152,22 @@ impl Link {
         self
     }
 
-    /// The time of the card's watchdog: if no write packet has come for so long, the card's pins become inputs. 50 ms if not stated; more than two periods.
+    /// The time of the card's watchdog: if no write packet has come for this long, the card's pins
+    /// become inputs. Default 50 ms; more than two periods.
     pub fn watchdog(&mut self, time: Duration) -> &mut Self {
         self.selection.watchdog_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         self
     }
 
-    /// How long a set-point of `actuator` is held when no new one comes. Then who writes it hangs: the link ends with [`Fault::Overdue`](crate::Fault::Overdue), an emergency, and the outputs are
-    /// off. Counted in whole periods, from the card's start on. `None` holds it for as long as there is a sender: for what is set once.
+    /// How long a set-point of `actuator` is held when no new one comes. After that its writer
+    /// counts as hanging: the link ends with [`Fault::Overdue`](crate::Fault::Overdue), an
+    /// emergency, and the outputs are off. Counted in whole periods, from the card's start on.
+    /// `None` holds it as long as there is a sender, for set-points that are sent once.
     ///
-    /// If not stated, duties and pins have the [watchdog](Self::watchdog)'s time, so that a controller that hangs drives the machine no longer than a program that hangs; enables have `None`, since a
-    /// generator is driven by its duty too. May be called before the actuator is connected; the last call for each counts.
+    /// The default for duties and pins is the time of the [watchdog](Self::watchdog), so that a
+    /// controller that hangs drives the machine no longer than a program that hangs. The default
+    /// for enables is `None`, since a generator is driven by its duty too. May be called before the
+    /// actuator is connected; the last call for each counts.
     ///
     /// ```
     /// # fn set(link: &mut luna_mesa::Link) {
@@ -189,25 +183,27 @@ impl Link {
         self
     }
 
-    /// How long an answer is awaited, as a part of the period; 0.8 if not stated.
+    /// How long to wait for an answer, as a part of the period; default 0.8.
     pub fn patience(&mut self, part: f64) -> &mut Self {
         self.patience = part;
         self
     }
 
-    /// How many errors are too many. If not stated, 31 cycles in a row without an answer, or more than one in 11 for long.
+    /// The limit of errors. The default is 31 cycles in a row without an answer, or more than one
+    /// in 11 for long.
     pub fn tolerance(&mut self, bucket: Bucket) -> &mut Self {
         self.bucket = bucket;
         self
     }
 
-    /// Keeps `what` until the process has ended and the outputs are off: the handle of a power supply, say. That of the card itself it keeps if the card was opened by [`open`](crate::open).
+    /// Keeps `what` until the process has ended and the outputs are off, such as the handle of a
+    /// power supply. The card's own handle is kept if the card was opened by [`open`](crate::open).
     pub fn keep(&mut self, what: impl Send + 'static) -> &mut Self {
         self.kept.push(Box::new(what));
         self
     }
 
-    /// Tells the actuators their ages, in periods. What makes no sense, in words.
+    /// Sets the actuators' ages, in periods. Returns an error's text for an invalid setting.
     fn set_ages(&mut self, watchdog: Duration) -> Option<&'static str> {
         let period = self.period.as_nanos();
         let cycles = |age: Duration| u32::try_from(age.as_nanos() / period).unwrap_or(u32::MAX);
@@ -223,11 +219,13 @@ impl Link {
         None
     }
 
-    /// Puts the card into the state that the link begins with (no outputs yet), and makes the process of it. For set-up: blocks, and allocates.
+    /// Puts the card into the link's initial state (no outputs yet), and makes the process. For
+    /// set-up: blocks, and allocates.
     ///
     /// # Errors
     ///
-    /// The card has not what is connected, one thing has two uses, a setting makes no sense, or the card is silent.
+    /// The card does not have what is connected, a unit is used twice, a setting is invalid, or the
+    /// card is silent.
     pub fn process(mut self) -> Result<CardProcess, LinkError> {
         let watchdog = Duration::from_nanos(self.selection.watchdog_ns);
         let wrong = if self.period.is_zero() {

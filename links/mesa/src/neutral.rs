@@ -10,10 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// It goes out this often, since it may be lost.
 const COPIES: usize = 3;
 
-/// Takes a link's outputs away: for [`on_emergency`](luna::System::on_emergency), or for anybody, from any thread. Clones are of the same link.
+/// Disables a link's outputs: for [`on_emergency`](luna::System::on_emergency), or from any thread.
+/// Clones belong to the same link.
 ///
-/// The packet sets all outputs neutral and lets the card's watchdog bite at once, which makes inputs of all pins: none of the link's write packets that are still under way gives them back.
-/// The link itself sends it too when it ends, whatever the reason; and if this program is killed, nobody feeds the card's watchdog.
+/// The packet sets all outputs neutral and makes the card's watchdog expire at once, which makes
+/// all pins inputs: none of the link's write packets in transit enables them again. The link itself
+/// sends it too when it ends, for whatever reason; and if this program is killed, the card's
+/// watchdog expires.
 #[derive(Clone)]
 pub struct Neutral(Arc<Inner>);
 
@@ -32,11 +35,13 @@ impl Neutral {
         }))
     }
 
-    /// Takes the outputs away, for good: the link sends nothing else from now on, and ends. Three system calls that do not wait; allocates nothing.
+    /// Disables the outputs, for good: the link sends nothing else from now on, and ends. Three
+    /// system calls that do not block; allocates nothing.
     ///
     /// # Panics
     ///
-    /// The system sends none of the three: so the report of the emergency functions says that it failed, and a guardian acts. The card's watchdog bites when its time is over.
+    /// The system sends none of the three packets: so the report of the emergency functions shows
+    /// the failure, and a guardian acts. The card's watchdog expires at the end of its time.
     pub fn engage(&self) {
         if let Err(error) = self.try_engage() {
             panic!("the card's outputs cannot be taken away, its watchdog is left: {error}");
@@ -47,7 +52,8 @@ impl Neutral {
     ///
     /// # Errors
     ///
-    /// What the system said to the last of the three, if it sent none of them. The link has ended all the same, so nobody feeds the card's watchdog.
+    /// The system's error for the last of the three, if it sent none of them. The link has ended
+    /// nevertheless, so the card's watchdog expires.
     pub fn try_engage(&self) -> io::Result<()> {
         self.0.is_engaged.store(true, Ordering::SeqCst);
         self.send()
@@ -86,12 +92,14 @@ mod tests {
 
     #[test]
     fn what_cannot_be_sent_is_a_failure_in_the_report() {
-        // It is connected to nobody, so the system refuses to send.
+        // It is not connected, so the system refuses to send.
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let neutral = Neutral::new(socket, vec![0]);
         let mut system = System::new("refused");
         let function = neutral.clone();
-        system.on_emergency("card", move || function.engage());
+        // The panic's backtrace takes long on a busy machine.
+        let limit = std::time::Duration::from_secs(60);
+        system.on_emergency_within("card", limit, move || function.engage());
         let main = system.executor("main").build().unwrap();
         main.process("raises")
             .spawn(async { Err(luna::emergency(luna::Error::other("a test"))) })

@@ -25,22 +25,22 @@ pub struct Sample<T> {
 }
 
 impl<T: Copy> Sample<T> {
-    /// The value, if the card has said it in this cycle.
+    /// The value, if it is from this cycle.
     pub fn fresh(&self) -> Option<T> {
         (self.stale == 0).then_some(self.value)
     }
 
-    /// The last value that the card has said, whenever that was. See [`stale_cycles`](Self::stale_cycles).
+    /// The last value, of whatever cycle. See [`stale_cycles`](Self::stale_cycles).
     pub fn held(&self) -> T {
         self.value
     }
 
-    /// How many cycles ago the card has said it: 0 if it is fresh.
+    /// The age of the value in cycles: 0 if it is fresh.
     pub fn stale_cycles(&self) -> u32 {
         self.stale
     }
 
-    /// Between which moments it was measured: when it was asked for, and when the answer had come.
+    /// The times between which it was measured: of the request, and of the answer.
     pub fn measured_between(&self) -> [Instant; 2] {
         [self.asked, self.answered]
     }

@@ -25,7 +25,7 @@ impl Socket {
         file::write(&self.0, bytes).map(drop)
     }
 
-    /// Takes the next datagram, cut to the room for it, if there is one: one system call.
+    /// Receives the next datagram, cut to the buffer's size, if there is one: one system call.
     pub(crate) fn receive(&self, to: &mut [u8]) -> io::Result<Option<usize>> {
         match file::read(&self.0, to) {
             Ok(length) => Ok(Some(length)),
@@ -34,7 +34,7 @@ impl Socket {
         }
     }
 
-    /// Waits for a datagram, until `deadline` at most: says whether there may be one.
+    /// Waits for a datagram, until `deadline` at most. Returns whether there may be one.
     pub(crate) async fn readable(&self, deadline: Instant) -> Result<bool, FileError> {
         let mut ready = pin!(luna::readable(&self.0));
         let mut late = pin!(luna::at(deadline));

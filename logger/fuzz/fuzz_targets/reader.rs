@@ -1,6 +1,7 @@
-//! Whatever a file holds: no panic, and no memory beyond a block.
+//! Any bytes as a file: the reader must not panic, nor use more memory than a block.
 //!
-//! The input is read once as a whole file, and once as the records of a block whose start and checksum are right, which a fuzzer would not find.
+//! The input is read once as a whole file, and once as the records of a block with a valid header.
+//! A fuzzer would not find a valid checksum.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

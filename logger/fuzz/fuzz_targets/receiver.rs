@@ -1,6 +1,8 @@
-//! Whatever a sender says: no panic, no memory beyond a block, and the receiver goes on.
+//! Any bytes from a sender: the receiver must not panic, must use no more memory than a block, and
+//! must keep serving.
 //!
-//! The first byte chooses: the bytes alone, behind a good hello, or as records of a block whose checksum is right, over TCP; and the same by UDP.
+//! The first byte selects the form: the bytes alone, behind a valid hello, or as records of a block
+//! with a valid checksum; each over TCP and over UDP.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -85,11 +87,11 @@ fuzz_target!(|input: &[u8]| {
             [head, bytes].concat()
         }
     };
-    // Nobody waits for datagrams: some are lost.
+    // Datagrams may be lost; nothing waits for them.
     let _ = there.socket.send_to(&datagram, there.udp.address());
     let mut stream = TcpStream::connect(there.tcp.address()).expect("the receiver goes on");
     let _ = stream.write_all(&said);
     let _ = stream.shutdown(Shutdown::Write);
-    // Until it has gone, which it does: what it says is short.
+    // Read until the receiver closes the connection. Its answer is short.
     let _ = stream.read_to_end(&mut Vec::new());
 });

@@ -10,13 +10,16 @@ pub use self::tracing::TracingSubscriber;
 
 use crate::format::Level;
 
-/// Makes messages of the `log` and `tracing` facades, of `most` and what matters more, [messages](crate::message()) of the logger, for the whole program: of those facades that are
-/// features of this build. A facade that has another end already keeps it; says whether none had.
+/// Sends messages of the `log` and `tracing` facades with level `most` or more severe to the
+/// logger, as [messages](crate::message()), for the whole program. It covers the facades that are
+/// features of this build. A facade that already has a subscriber keeps it. Returns true if none
+/// had one.
 ///
 /// Call it once, before the start: it allocates.
 ///
-/// The fields of a `tracing` event stand behind its text; spans are not recorded. The first message of each place in the program registers that place with `tracing`,
-/// which may allocate and lock; of `log` nothing does.
+/// The fields of a `tracing` event follow its text. Spans are not recorded. The first message of
+/// each place in the program registers that place with `tracing`, which may allocate and lock.
+/// `log` does neither.
 ///
 /// ```
 /// luna_logger::install(luna_logger::Level::Info);
@@ -30,7 +33,7 @@ pub fn install(most: Level) -> bool {
     let tracing = tracing::install(most);
     #[cfg(not(feature = "tracing"))]
     let tracing = true;
-    // Without a facade nobody asks for it.
+    // No facade is compiled in.
     let _ = most;
     log && tracing
 }

@@ -8,7 +8,8 @@ use tracing_core::metadata::LevelFilter;
 use tracing_core::span::{Attributes, Id, Record};
 use tracing_core::{Dispatch, Event, Interest, Metadata, Subscriber, dispatcher};
 
-/// Makes messages of the events of `tracing`: what [`install`](crate::install()) makes the program's own. For a part of a program, as a subscriber of its own.
+/// A `tracing` subscriber that turns events into messages. [`install`](crate::install()) makes it
+/// the program's default; use it directly for a part of a program.
 ///
 /// ```
 /// use luna_logger::{Level, TracingSubscriber};
@@ -42,7 +43,8 @@ impl Subscriber for TracingSubscriber {
     }
 
     fn register_callsite(&self, metadata: &'static Metadata<'static>) -> Interest {
-        // Decided once a place in the program: what is left out costs it one load and one branch.
+        // Decided once for each place in the program: a disabled event costs one load and one
+        // branch.
         if self.enabled(metadata) {
             Interest::always()
         } else {
@@ -55,7 +57,7 @@ impl Subscriber for TracingSubscriber {
     }
 
     fn new_span(&self, _: &Attributes<'_>) -> Id {
-        // None is enabled; a number is to be given all the same.
+        // No span is enabled; a number is required nevertheless.
         Id::from_u64(1)
     }
 

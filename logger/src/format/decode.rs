@@ -4,7 +4,7 @@ use super::record::{Event, Record, RunsOn, SignalInfo, Subject};
 use super::types::{ClockBase, Level, Losing, Type, Values};
 use super::{MOST_ELEMENTS, MOST_SIGNALS, kind};
 
-/// What is wrong with a record.
+/// The text of a record's error.
 type Wrong = &'static str;
 
 /// Pieces of a record's body, first to last.
@@ -68,7 +68,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// What a reader remembers of the signals: at most as many as a recording may have.
+/// The declared types of the signals; at most as many as a recording may have.
 #[derive(Debug, Default)]
 pub(super) struct Types(Vec<Declared>);
 
@@ -101,7 +101,7 @@ impl Types {
     }
 }
 
-/// Whether this version has a meaning for a record; else it is skipped. A declaration is noted.
+/// Whether this version knows the record's kind; others are skipped. A declaration is noted.
 pub(super) fn is_known(of: u8, body: Body<'_>, types: &mut Types) -> Result<bool, Wrong> {
     let mut body = body;
     Ok(match of {
@@ -116,7 +116,7 @@ pub(super) fn is_known(of: u8, body: Body<'_>, types: &mut Types) -> Result<bool
             types.set(signal, declared)?;
             declared != Declared::Unknown
         }
-        // One that comes before its time is known too: it is looked at for its times.
+        // A sample before its declaration counts as known, so that its time is checked.
         kind::SAMPLE => types.get(body.small()?) != Declared::Unknown,
         kind::NAME => Subject::from_byte(body.byte()?).is_some(),
         kind::LOSSES => (1..=4).contains(&body.byte()?),
@@ -193,7 +193,7 @@ pub(super) fn record<'a>(
                 number: body.small()?,
                 parent: body.small()?,
                 name: body.text()?,
-                // As the first version of the format had it, there is none.
+                // The first version of the format did not have this field.
                 runs_on: match subject != Subject::Process || body.rest.is_empty() {
                     true => None,
                     false => Some(RunsOn {

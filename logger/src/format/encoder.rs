@@ -1,16 +1,17 @@
 //! Records into blocks.
 
-use super::checksum::crc32;
 use super::record::{Event, Record, RunsOn, SignalInfo};
 use super::types::{Losing, Values};
 use super::{BLOCK_MAGIC, BLOCK_START, MOST_TEXT, head, kind};
 
-/// A block is handed on when it has so many bytes: less than a tenth of what a block may have, so that the last record always fits.
+/// A block is full at this size. It is less than a tenth of the limit, so that the last record
+/// always fits.
 const FULL: usize = 64 << 10;
 
 /// Makes blocks of records, without writing them anywhere.
 ///
-/// Not for the real-time path. Its memory is that of one block: who uses it takes the block when it [is full](Self::is_full).
+/// Not for the real-time path. It holds one block in memory: take the block when it [is
+/// full](Self::is_full).
 ///
 /// ```
 /// use luna_logger::format::{Encoder, Reader, Record};
@@ -37,12 +38,13 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder whose first block has number 0.
+    /// Creates an encoder. Its first block has number 0.
     pub fn new() -> Self {
         Self::with_block_size(FULL)
     }
 
-    /// An encoder whose blocks are full at `size` bytes, at most 64 KiB: for a way that takes small pieces, such as datagrams. A block is longer than that by its last record at most.
+    /// Creates an encoder whose blocks are full at `size` bytes, at most 64 KiB, for transports
+    /// with small units such as datagrams. A block exceeds that by its last record at most.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Record};
@@ -65,12 +67,12 @@ impl Encoder {
         }
     }
 
-    /// What stands before the first block.
+    /// The bytes before the first block.
     pub fn head() -> [u8; 16] {
         head()
     }
 
-    /// Whether a block begins with the session, after which all is declared.
+    /// Whether a block begins with the session, after which everything is declared.
     pub(crate) fn is_session(block: &[u8]) -> bool {
         block.get(BLOCK_START) == Some(&kind::SESSION)
     }
@@ -85,7 +87,7 @@ impl Encoder {
         self.block.len()
     }
 
-    /// Whether the block is to be taken before more is put into it.
+    /// Whether the block has to be taken before more records are added.
     pub fn is_full(&self) -> bool {
         self.block.len() >= self.full
     }
@@ -99,7 +101,7 @@ impl Encoder {
         self.block.extend_from_slice(&self.body);
     }
 
-    /// The block as it is to be written, with its start. Empty if there is nothing in it.
+    /// The finished block, with its header. Empty if it has no records.
     pub fn block(&mut self) -> &[u8] {
         if self.is_empty() {
             return &[];
@@ -108,13 +110,13 @@ impl Encoder {
         &self.block
     }
 
-    /// Begins the next block: the one before was written.
+    /// Begins the next block, after this one was written.
     pub fn next(&mut self) {
         self.sequence = self.sequence.wrapping_add(1);
         self.discard();
     }
 
-    /// Begins the block anew: it could not be written, and its number is the next one's.
+    /// Discards the block, which could not be written. The next block gets its number.
     pub fn discard(&mut self) {
         self.block.truncate(BLOCK_START);
         self.last = 0;
@@ -244,7 +246,8 @@ impl Encoder {
         number(&mut self.body, value);
     }
 
-    /// The distance to the time before, which may be negative: its sign lies in the lowest bit, so that short distances either way are short.
+    /// The difference to the time before. It may be negative: the sign is the lowest bit, so that
+    /// small differences of either sign are short.
     fn time(&mut self, time: u64) {
         let distance = time.wrapping_sub(self.last) as i64;
         self.last = time;
@@ -260,14 +263,20 @@ impl Encoder {
 
 /// Fills in a block's start.
 pub(crate) fn seal(block: &mut [u8], sequence: u32) {
-    let (start, records) = block.split_at_mut(BLOCK_START);
-    let sequence = sequence.to_le_bytes();
-    let length = (records.len() as u32).to_le_bytes();
-    start[..4].copy_from_slice(&BLOCK_MAGIC);
-    start[4..8].copy_from_slice(&sequence);
-    start[8..12].copy_from_slice(&length);
-    let checksum = crc32(&[&sequence, &length, records]);
-    start[12..].copy_from_slice(&checksum.to_le_bytes());
+    let length = (block.len() - BLOCK_START) as u32;
+    block[..4].copy_from_slice(&BLOCK_MAGIC);
+    block[4..8].copy_from_slice(&sequence.to_le_bytes());
+    block[8..12].copy_from_slice(&length.to_le_bytes());
+    let checksum = checksum(block);
+    block[12..BLOCK_START].copy_from_slice(&checksum.to_le_bytes());
+}
+
+/// The CRC-32 of a block's sequence, length and records.
+pub(crate) fn checksum(block: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&block[4..12]);
+    hasher.update(&block[BLOCK_START..]);
+    hasher.finalize()
 }
 
 impl Default for Encoder {
@@ -276,7 +285,7 @@ impl Default for Encoder {
     }
 }
 
-/// LEB128: seven bits a byte, lowest first; the highest bit says that more follow.
+/// LEB128: seven bits a byte, lowest first; the highest bit says that another byte follows.
 fn number(to: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         to.push(value as u8 | 0x80);

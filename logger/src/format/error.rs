@@ -1,11 +1,11 @@
-//! What is wrong with a recording.
+//! Errors of recordings.
 
 use std::fmt;
 use std::io;
 
 /// Why a recording cannot be read, or not further, and where.
 ///
-/// All records that came before it are good: they lie in blocks whose checksum is right.
+/// All records before the error are valid: their blocks have correct checksums.
 ///
 /// ```
 /// use luna_logger::format::{ReadErrorKind, Reader};
@@ -20,39 +20,48 @@ pub struct ReadError {
     kind: ReadErrorKind,
 }
 
-/// What is wrong with a recording.
-#[derive(Debug)]
+/// The kind of an error.
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadErrorKind {
     /// It does not begin as a recording does.
+    #[error("this is no recording of LUNA")]
     NotARecording,
     /// It is of a major version that this program does not know.
+    #[error("the recording has format version {}.{}, and this program reads {}.x", .found.0, .found.1, super::MAJOR)]
     Version {
         /// The recording's major and minor version.
         found: (u16, u16),
     },
-    /// It ends in the middle of a block: the program that wrote it was killed, or still writes.
+    /// It ends in the middle of a block: the program was killed while writing, or is still writing.
+    #[error("the recording ends in the middle of a block; all complete blocks before it are good")]
     Truncated,
-    /// Where a block is to begin there is none.
+    /// No block begins where one should.
+    #[error("no block begins where one should")]
     NoBlock,
-    /// A block says that it is longer than any block may be.
+    /// A block states a length above [`MOST_IN_BLOCK`](super::MOST_IN_BLOCK).
+    #[error("a block states a length of {length} bytes, which is more than the limit")]
     BlockTooLong {
         /// The length that it states, in bytes.
         length: u32,
     },
     /// A block's content is not what was written.
+    #[error("a block is damaged: its checksum is wrong")]
     Checksum,
     /// A block is missing, or one is there twice.
+    #[error("block {found} comes where block {expected} should")]
     Sequence {
         /// The number that the block should have.
         expected: u32,
         /// The number that it has.
         found: u32,
     },
-    /// A record makes no sense, though its block's checksum is right.
+    /// A record is malformed, although its block's checksum is correct.
+    #[error("a record is malformed: {0}")]
     Record(&'static str),
     /// The file could not be read.
-    Io(io::Error),
+    #[error("cannot read: {0}")]
+    Io(#[source] io::Error),
 }
 
 impl ReadError {
@@ -60,17 +69,18 @@ impl ReadError {
         Self { offset, kind }
     }
 
-    /// Where in the recording, in bytes from its beginning: the block or record that is wrong.
+    /// Where the error is: the offset of the wrong block or record, in bytes from the recording's
+    /// beginning.
     pub fn offset(&self) -> u64 {
         self.offset
     }
 
-    /// What is wrong.
+    /// The kind of the error.
     pub fn kind(&self) -> &ReadErrorKind {
         &self.kind
     }
 
-    /// Whether the recording only ends too early: what is there is whole.
+    /// Whether the recording only ends too early: what is there is valid.
     pub fn is_truncated(&self) -> bool {
         matches!(self.kind, ReadErrorKind::Truncated)
     }
@@ -78,38 +88,13 @@ impl ReadError {
 
 impl fmt::Display for ReadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.kind {
-            ReadErrorKind::NotARecording => f.write_str("this is no recording of LUNA")?,
-            ReadErrorKind::Version {
-                found: (major, minor),
-            } => write!(
-                f,
-                "the recording has format version {major}.{minor}, and this program reads {}.x",
-                super::MAJOR
-            )?,
-            ReadErrorKind::Truncated => f.write_str(
-                "the recording ends in the middle of a block; all complete blocks before it are good",
-            )?,
-            ReadErrorKind::NoBlock => f.write_str("no block begins where one should")?,
-            ReadErrorKind::BlockTooLong { length } => {
-                write!(f, "a block says that it has {length} bytes, more than any may have")?;
-            }
-            ReadErrorKind::Checksum => f.write_str("a block is damaged: its checksum is wrong")?,
-            ReadErrorKind::Sequence { expected, found } => {
-                write!(f, "block {found} comes where block {expected} should")?;
-            }
-            ReadErrorKind::Record(what) => write!(f, "a record makes no sense: {what}")?,
-            ReadErrorKind::Io(error) => write!(f, "cannot read: {error}")?,
-        }
-        write!(f, " (at byte {})", self.offset)
+        write!(f, "{} (at byte {})", self.kind, self.offset)
     }
 }
 
+/// Written by hand: the kind's text is part of the message above, so the source is the kind's.
 impl std::error::Error for ReadError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match &self.kind {
-            ReadErrorKind::Io(error) => Some(error),
-            _ => None,
-        }
+        self.kind.source()
     }
 }

@@ -1,4 +1,4 @@
-//! The format of recordings: what a file holds, and what goes over a connection to a recorder.
+//! The format of recordings, in files and over connections to a recorder.
 //!
 //! ```text
 //!   recording = head block*          head  = magic major minor bits
@@ -6,14 +6,15 @@
 //!   record    = kind length body
 //! ```
 //!
-//! All numbers have a stated size and are little-endian, or are LEB128 (7 bits a byte, lowest first), so that a computer of another endianness or word size
-//! reads the same. `docs/logger.md` has the tables.
+//! Numbers have a fixed size and are little-endian, or are LEB128 (7 bits a byte, lowest first), so
+//! that the format does not depend on the computer. `docs/logger.md` has the tables.
 //!
-//! What may change without a new major version: new kinds of records, which an older reader skips, and new fields at the end of a record's body, which it ignores.
+//! These changes need no new major version: new kinds of records, which an older reader skips, and
+//! new fields at the end of a record's body, which it ignores.
 //!
-//! A [`Reader`] holds one block and the declared types of signals, whatever the file says. A file is good up to its last complete block.
+//! A [`Reader`] holds one block and the declared types of signals, whatever the file contains. A
+//! file is valid up to its last complete block.
 
-mod checksum;
 mod decode;
 mod encoder;
 mod error;
@@ -23,9 +24,8 @@ mod tally;
 mod types;
 mod writer;
 
-pub(crate) use checksum::crc32;
 pub use encoder::Encoder;
-pub(crate) use encoder::seal;
+pub(crate) use encoder::{checksum, seal};
 pub use error::{ReadError, ReadErrorKind};
 pub use reader::Reader;
 pub use record::{Event, Record, RunsOn, SignalInfo, Subject};
@@ -33,19 +33,20 @@ pub use tally::Tally;
 pub use types::{ClockBase, Level, Losing, Type, Value, Values};
 pub use writer::Writer;
 
-/// What every recording begins with. The first byte is no ASCII, and the line ends show a transfer that changes them.
+/// Every recording begins with these bytes. The first is not ASCII, and the line ends reveal a
+/// transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"\x89LUNA\r\n\x1a";
 
-/// The version of the format: another major version cannot be read by this program.
+/// The major version of the format. This program cannot read another one.
 pub const MAJOR: u16 = 1;
 
-/// The version of the format: grows with what is added.
+/// The minor version of the format. It grows with each addition.
 pub const MINOR: u16 = 0;
 
 /// What every block begins with.
 pub const BLOCK_MAGIC: [u8; 4] = *b"LBLK";
 
-/// The most bytes that the records of one block may have: what a reader has to hold.
+/// The limit of the bytes of records in one block, which a reader has to hold.
 pub const MOST_IN_BLOCK: usize = 1 << 20;
 
 /// The most signals of a recording.
@@ -63,7 +64,7 @@ pub(crate) const HEAD: usize = 16;
 /// Bytes of a block's start: magic, sequence, length, checksum.
 pub(crate) const BLOCK_START: usize = 16;
 
-/// Kinds of records, as they stand in the file.
+/// Kinds of records, by their numbers in the file.
 pub(crate) mod kind {
     pub(crate) const SESSION: u8 = 1;
     pub(crate) const THREAD: u8 = 2;

@@ -1,6 +1,5 @@
 //! Blocks into records, with bounded memory.
 
-use super::checksum::crc32;
 use super::decode::{Body, Types, is_known, record};
 use super::error::{ReadError, ReadErrorKind};
 use super::record::Record;
@@ -10,15 +9,22 @@ use std::io::{ErrorKind, Read};
 
 /// Reads a recording, record by record, from a file or a connection.
 ///
-/// It holds one block twice (1 MiB at most each) and two bytes for each signal declared, whatever the recording says. It never panics on what it reads. A block is looked
-/// into only when it is there as a whole and its checksum is right. Not for the real-time path.
+/// It holds one block twice (at most 1 MiB each) and two bytes for each declared signal, whatever
+/// the recording contains. It never panics on its input. A block is decoded only when it is
+/// complete and its checksum is correct. Not for the real-time path.
 ///
 /// ```
 /// use luna_logger::format::{Level, Reader, Record, Writer};
 ///
 /// let mut writer = Writer::new(Vec::new())?;
 /// writer.put(&Record::Message {
-///     thread: 0, time: 5, level: Level::Info, process: 0, truncated: false, target: "arm", text: "homed",
+///     thread: 0,
+///     time: 5,
+///     level: Level::Info,
+///     process: 0,
+///     truncated: false,
+///     target: "arm",
+///     text: "homed",
 /// })?;
 /// let mut file = writer.finish()?;
 ///
@@ -34,7 +40,7 @@ pub struct Reader<R> {
     version: (u16, u16),
     /// Where the next block begins.
     offset: u64,
-    /// What was read from there on and is not taken: at most a block and its start.
+    /// Bytes read from there on but not consumed: at most a block and its header.
     ahead: Vec<u8>,
     /// The records of this block.
     block: Vec<u8>,
@@ -50,7 +56,7 @@ pub struct Reader<R> {
     missing: u64,
 }
 
-/// Where the next record's kind and body lie in the block.
+/// The position of the next record's kind and body in the block.
 struct Located {
     kind: u8,
     at: usize,
@@ -63,7 +69,7 @@ impl<R: Read> Reader<R> {
     ///
     /// # Errors
     ///
-    /// What is read is no recording, or of another major version, or cannot be read.
+    /// The input is not a recording, has another major version, or cannot be read.
     pub fn new(mut input: R) -> Result<Self, ReadError> {
         let mut head = [0; HEAD];
         let got = fill(&mut input, &mut head)
@@ -102,7 +108,8 @@ impl<R: Read> Reader<R> {
         self.version
     }
 
-    /// What it reads from. What is added there after [`next`](Self::next) gave none is read as if it had been there before: a recording can be followed.
+    /// The input. Bytes added to it after [`next`](Self::next) returned none are read as if they
+    /// had been there before, so that a growing recording can be followed.
     ///
     /// ```
     /// use luna_logger::format::{Encoder, Reader, Record};
@@ -120,22 +127,25 @@ impl<R: Read> Reader<R> {
         &mut self.input
     }
 
-    /// How many blocks are missing between those that were read, by their numbers. None until [`resume`](Self::resume) has gone over a gap.
+    /// How many blocks are missing between those that were read, by their numbers. 0 until
+    /// [`resume`](Self::resume) has skipped a gap.
     pub fn missing_blocks(&self) -> u64 {
         self.missing
     }
 
-    /// Whether the recording has said that it is whole. One that was cut off between two blocks has not.
+    /// Whether the recording's end record was read. A recording that was cut off between two blocks
+    /// has none.
     pub fn has_ended(&self) -> bool {
         self.has_ended
     }
 
-    /// The next record; none at the end. Records of kinds that this version does not know are skipped.
+    /// The next record; none at the end. Records of unknown kinds are skipped.
     ///
     /// # Errors
     ///
-    /// The recording is truncated or damaged: [`ReadError`] says how and where. What came before is good, and nothing follows: the next call gives none, unless
-    /// [`resume`](Self::resume) finds more.
+    /// The recording is truncated or damaged: [`ReadError`] says how and where. Records returned
+    /// before are valid. The next call returns none, unless [`resume`](Self::resume) finds another
+    /// block.
     #[expect(
         clippy::should_implement_trait,
         reason = "a record borrows from the reader, which an iterator's cannot"
@@ -144,7 +154,7 @@ impl<R: Read> Reader<R> {
         if self.is_over {
             return Ok(None);
         }
-        // What goes wrong on the way ends it.
+        // An error ends the reading.
         self.is_over = true;
         let Some(located) = self.locate()? else {
             self.is_over = false;
@@ -158,10 +168,14 @@ impl<R: Read> Reader<R> {
         Ok(Some(record))
     }
 
-    /// After an error: looks for the next whole block, from which [`next`](Self::next) goes on. Gives the bytes that were skipped, or none if no block follows; then nothing
-    /// does. What was in the damaged part is missing, and samples of a signal that was declared there are errors too.
+    /// After an error: looks for the next complete block, at which [`next`](Self::next) continues.
+    /// Returns the number of bytes skipped, or none if no block follows; then reading has ended.
+    /// Records in the damaged part are missing, and samples of signals that were declared there are
+    /// errors.
     ///
-    /// A byte that looks like a block's begin costs as much as the block that it promises: O(bytes) for what a disk damages, and at most 1 MiB for each four bytes of what is made to be slow.
+    /// Cost: O(bytes) for ordinary damage. Each byte that looks like a block's beginning costs as
+    /// much as the block it announces, so hostile input may cost 1 MiB of reading for each four
+    /// bytes.
     ///
     /// # Errors
     ///
@@ -199,7 +213,7 @@ impl<R: Read> Reader<R> {
                     return Ok(Some(skipped));
                 }
                 Ok(false) => {
-                    // Something may be added.
+                    // The input may grow.
                     self.is_over = false;
                     return Ok(None);
                 }
@@ -209,16 +223,16 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// After an error in a record: leaves out the rest of its block.
+    /// After an error in a record: skips the rest of its block.
     pub(crate) fn skip_block(&mut self) {
         self.at = self.block.len();
         self.is_over = false;
     }
 
-    /// Leaves out what cannot be the beginning of a block, at least a byte.
+    /// Skips at least one byte, up to the next possible beginning of a block.
     fn skip(&mut self) {
         let next = self.ahead.get(1..).unwrap_or_default();
-        // The last three may be its beginning.
+        // The last three bytes may be its beginning.
         let at = next
             .windows(BLOCK_MAGIC.len())
             .position(|bytes| bytes == BLOCK_MAGIC)
@@ -262,7 +276,7 @@ impl<R: Read> Reader<R> {
         }
     }
 
-    /// Reads a block; false at the end. On an error nothing is taken.
+    /// Reads a block; false at the end. On an error nothing is consumed.
     fn next_block(&mut self, after_damage: bool) -> Result<bool, ReadError> {
         let offset = self.offset;
         let broken = |kind| ReadError::new(offset, kind);
@@ -290,14 +304,14 @@ impl<R: Read> Reader<R> {
         if self.look(whole).map_err(io)? < whole {
             return Err(broken(ReadErrorKind::Truncated));
         }
-        if crc32(&[&self.ahead[4..12], &self.ahead[BLOCK_START..whole]]) != checksum {
+        if super::checksum(&self.ahead[..whole]) != checksum {
             return Err(broken(ReadErrorKind::Checksum));
         }
         if found != self.sequence && !after_damage {
             let expected = self.sequence;
             return Err(broken(ReadErrorKind::Sequence { expected, found }));
         }
-        // One that comes again is behind, and nothing is missing.
+        // A repeated block is behind, and none is missing.
         let gap = found.wrapping_sub(self.sequence);
         self.missing += u64::from(gap.cast_signed().max(0).cast_unsigned());
         self.sequence = found.wrapping_add(1);
@@ -312,7 +326,8 @@ impl<R: Read> Reader<R> {
         Ok(true)
     }
 
-    /// Reads on until so many bytes are ahead, as far as there are; says how many are, at most as many as asked for.
+    /// Reads until `length` bytes are ahead or the input ends. Returns how many are ahead, at most
+    /// `length`.
     fn look(&mut self, length: usize) -> std::io::Result<usize> {
         let before = self.ahead.len();
         if before < length {
@@ -330,7 +345,7 @@ fn wrong(block: u64, at: usize, what: &'static str) -> ReadError {
     ReadError::new(block + at as u64, ReadErrorKind::Record(what))
 }
 
-/// Fills `to` as far as there is something; says how far.
+/// Reads until `to` is full or the input ends. Returns how many bytes were read.
 fn fill(from: &mut impl Read, to: &mut [u8]) -> std::io::Result<usize> {
     let mut got = 0;
     while got < to.len() {

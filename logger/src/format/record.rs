@@ -6,7 +6,8 @@ use super::types::{ClockBase, Level, Losing, Type, Values};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Record<'a> {
-    /// What was recorded: the first record, and again where a recorder had to begin anew. Declarations that follow repeat what was declared before.
+    /// The recorded system: the first record, and again where a recorder had to start again. The
+    /// declarations that follow repeat the earlier ones.
     Session {
         /// The system's name.
         system: &'a str,
@@ -30,7 +31,7 @@ pub enum Record<'a> {
         signal: u32,
         /// When.
         time: u64,
-        /// What.
+        /// The values of its elements.
         values: Values<'a>,
     },
     /// A message.
@@ -54,18 +55,18 @@ pub enum Record<'a> {
     Event(Event),
     /// A name for the numbers in events and messages.
     Name {
-        /// What is named.
+        /// The named subject.
         subject: Subject,
         /// Its number.
         number: u32,
-        /// The number of what it belongs to (a sub-process to its process, a loop to its process); 0 if nothing.
+        /// The number of its parent (a sub-process' or loop's process); 0 if it has none.
         parent: u32,
         /// Its name.
         name: &'a str,
-        /// A process': where it runs, if that is known.
+        /// For a process: where it runs, if known.
         runs_on: Option<RunsOn>,
     },
-    /// So many were lost, from the beginning of the recording until here.
+    /// The losses from the beginning of the recording until here.
     Losses {
         /// Of what.
         of: Losing,
@@ -117,11 +118,11 @@ pub struct SignalInfo<'a> {
 pub struct Event {
     /// The number of the thread on which it happened.
     pub thread: u32,
-    /// When.
+    /// When, in nanoseconds on the recording's clock.
     pub time: u64,
-    /// What has happened: `docs/logger.md` has the list. A reader shows those that it does not know by number.
+    /// What happened: `docs/logger.md` lists the codes. A reader shows unknown codes by number.
     pub code: u16,
-    /// Who has done it: mostly the number of a process.
+    /// What did it: usually the number of a process.
     pub subject: u32,
     /// What it is about, by code: a channel, a partner, a guard, a level, nanoseconds.
     pub arguments: [u64; 2],

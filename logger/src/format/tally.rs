@@ -4,14 +4,20 @@ use super::decode::Body;
 use super::{BLOCK_START, MOST_SIGNALS, kind};
 use std::collections::BTreeMap;
 
-/// How many samples, messages and events are in blocks: what is lost with them.
+/// The number of samples, messages and events in blocks, which is what is lost with them.
 ///
 /// ```
 /// use luna_logger::format::{Encoder, Level, Record, Tally};
 ///
 /// let mut encoder = Encoder::new();
 /// encoder.put(&Record::Message {
-///     thread: 0, time: 5, level: Level::Info, process: 0, truncated: false, target: "arm", text: "homed",
+///     thread: 0,
+///     time: 5,
+///     level: Level::Info,
+///     process: 0,
+///     truncated: false,
+///     target: "arm",
+///     text: "homed",
 /// });
 /// let mut tally = Tally::default();
 /// tally.add(encoder.block());
@@ -35,7 +41,8 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Adds what is in a block. Of one that is no block, as much as can be read. O(records). Numbers that no recording has are left out, so its memory is bounded.
+    /// Adds the contents of a block. Of a malformed block it counts what can be read. O(records).
+    /// Invalid signal numbers are ignored, so that its memory is bounded.
     pub fn add(&mut self, block: &[u8]) {
         self.blocks += 1;
         self.bytes += block.len() as u64;

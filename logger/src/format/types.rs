@@ -1,8 +1,8 @@
-//! Types of values, levels of messages, and whose losses are counted.
+//! Types of values, levels of messages, and what losses are counted for.
 
 use std::fmt;
 
-/// The type of a signal's elements, as it stands in the file.
+/// The type of a signal's elements, by its number in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[non_exhaustive]
@@ -77,7 +77,7 @@ impl Type {
         }
     }
 
-    /// The value in the lowest bytes of `word`, the rest of which counts for nothing.
+    /// The value in the lowest bytes of `word`; the other bytes are ignored.
     pub(crate) fn value(self, word: u64) -> Value {
         match self {
             Type::Bool => Value::Bool(word & 0xFF != 0),
@@ -115,7 +115,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// It as a floating-point number, rounded if it is an integer of more than 53 bits.
+    /// The value as a floating-point number; an integer of more than 53 bits is rounded.
     pub fn as_f64(self) -> f64 {
         match self {
             Value::Bool(value) => f64::from(u8::from(value)),
@@ -149,12 +149,12 @@ impl<'a> Values<'a> {
         Self { of, bytes }
     }
 
-    /// The elements that lie in `bytes`, little-endian, as many as are there as a whole.
+    /// The complete elements in `bytes`, little-endian.
     pub fn from_bytes(of: Type, bytes: &'a [u8]) -> Self {
         Self::new(of, &bytes[..bytes.len() - bytes.len() % of.size()])
     }
 
-    /// Their bytes, as they stand in a recording.
+    /// Their bytes, as in a recording.
     ///
     /// ```
     /// use luna_logger::format::{Type, Values};
@@ -174,7 +174,7 @@ impl<'a> Values<'a> {
         self.bytes.len() / self.of.size()
     }
 
-    /// Whether there are none, which a reader never gives.
+    /// Whether it has no elements. A reader never returns such values.
     pub fn is_empty(self) -> bool {
         self.bytes.is_empty()
     }
@@ -189,7 +189,7 @@ impl<'a> Values<'a> {
     }
 }
 
-/// How much a message matters, as it stands in the file.
+/// A message's level, by its number in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Level {
@@ -197,11 +197,11 @@ pub enum Level {
     Error = 1,
     /// Something may fail soon.
     Warn = 2,
-    /// What a user wants to know.
+    /// Information for users.
     Info = 3,
-    /// What a developer wants to know.
+    /// Information for developers.
     Debug = 4,
-    /// What a developer wants to know of every step.
+    /// Detailed information for developers, of every step.
     Trace = 5,
 }
 
@@ -264,6 +264,7 @@ pub enum Losing {
     Messages(u32),
     /// CSP events of the thread with this number.
     Events(u32),
-    /// Blocks on the way to a recorder on another computer, by that one's count: what was in them is unknown.
+    /// Blocks on the way to a recorder on another computer, counted by that recorder; their
+    /// contents are unknown.
     Blocks,
 }

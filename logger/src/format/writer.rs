@@ -4,17 +4,27 @@ use super::encoder::Encoder;
 use super::record::Record;
 use std::io::{self, Write};
 
-/// Writes a recording, block by block. Not for the real-time path: what records a running system is the [recorder](crate::Recorder).
+/// Writes a recording, block by block. Not for the real-time path: a running system is recorded by
+/// the [recorder](crate::Recorder).
 ///
 /// ```
 /// use luna_logger::format::{Reader, Record, SignalInfo, Type, Values, Writer};
 ///
 /// let mut writer = Writer::new(Vec::new())?;
 /// writer.put(&Record::Signal(SignalInfo {
-///     number: 0, element_type: Type::F64, elements: 1, name: "arm/angle", unit: "rad", description: "",
+///     number: 0,
+///     element_type: Type::F64,
+///     elements: 1,
+///     name: "arm/angle",
+///     unit: "rad",
+///     description: "",
 /// }))?;
 /// let angle = 0.5f64.to_le_bytes();
-/// writer.put(&Record::Sample { signal: 0, time: 1_000, values: Values::from_bytes(Type::F64, &angle) })?;
+/// writer.put(&Record::Sample {
+///     signal: 0,
+///     time: 1_000,
+///     values: Values::from_bytes(Type::F64, &angle),
+/// })?;
 /// let file = writer.finish()?;
 ///
 /// let mut reader = Reader::new(&file[..])?;
@@ -56,7 +66,8 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the block that is under way, if there is anything in it: from then on what was put is in the recording, come what may.
+    /// Writes the current block, if it has records. Afterwards they are in the recording even if
+    /// the program is killed.
     ///
     /// # Errors
     ///
@@ -69,7 +80,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes what is left, and gives the output back.
+    /// Writes the rest, and returns the output.
     ///
     /// # Errors
     ///

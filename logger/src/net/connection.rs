@@ -4,7 +4,7 @@ use super::receive::{Known, LOOK, Office, Refusal, lock};
 use super::wire::{
     Answer, HELLO, Hello, MAGIC, PREFIX, PeerError, ack_bytes, answer_bytes, check_prefix, u32_at,
 };
-use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, crc32};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, MOST_IN_BLOCK, checksum};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::convert::Infallible;
 use std::io::{self, ErrorKind, Read, Write};
@@ -14,7 +14,8 @@ use std::time::{Duration, Instant};
 
 /// How many connections at a time.
 const MOST: usize = 64;
-/// How long a hello may take, and how long a sender may be silent: it tells the time of day each ten seconds.
+/// How long a hello may take, and the longest silence of a sender, which sends the time of day
+/// every ten seconds.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 const SILENT: Duration = Duration::from_secs(60);
 /// How long an acknowledgement may take.
@@ -26,7 +27,7 @@ pub(super) fn accept(listener: &TcpListener, office: &Arc<Office>) {
     while !office.is_over() {
         threads.retain(|thread| !thread.is_finished());
         let Ok((stream, address)) = listener.accept() else {
-            // One who has gone again; or there are no files left, which passes.
+            // The peer has closed again, or no file descriptors are left. The latter passes.
             std::thread::sleep(LOOK);
             continue;
         };
@@ -64,9 +65,9 @@ fn serve(office: &Office, stream: TcpStream, address: SocketAddr) {
         .and_then(|hello| office.enter(&hello, address));
     let (visit, known) = match entered {
         Ok(entered) => entered,
-        Err(Refusal { error, is_told }) => {
+        Err(Refusal { error, is_reported }) => {
             answer_no(&stream.stream, error);
-            if !is_told {
+            if !is_reported {
                 office.handler.was_refused(address, &error);
             }
             return;
@@ -86,14 +87,14 @@ struct Stream<'a> {
 }
 
 impl Stream<'_> {
-    /// What a sender says first.
+    /// The sender's hello.
     fn hello(&self) -> Result<Hello, PeerError> {
         let begin = Instant::now();
         let read = |bytes: &mut [u8]| {
             let left = HELLO_WITHIN.saturating_sub(begin.elapsed());
             match self.read(bytes, left) {
                 Ok(true) => Ok(()),
-                // Who says a word of another language and goes is none of ours either.
+                // A peer that sends something else and closes is no LUNA sender either.
                 Ok(false) => Err(PeerError::NotLuna),
                 Err(error) if error.kind() == ErrorKind::TimedOut => Err(PeerError::Silent),
                 Err(_) => Err(PeerError::Damaged("it was cut off")),
@@ -134,7 +135,7 @@ impl Stream<'_> {
                     "it ends in a block",
                 ));
             }
-            if crc32(&[&block[4..12], &block[BLOCK_START..]]) != u32_at(&block, 12) {
+            if checksum(&block) != u32_at(&block, 12) {
                 return Err(io::Error::other(PeerError::Damaged(
                     "a block's checksum is wrong",
                 )));
@@ -180,7 +181,7 @@ impl Stream<'_> {
         })
     }
 
-    /// Calls `step` until it is done, at most so long.
+    /// Calls `step` until it is done, or the limit has passed.
     fn go_on<T>(
         &self,
         within: Duration,

@@ -2,7 +2,7 @@
 
 use super::receive::{Known, LOOK, Office, lock};
 use super::wire::{Answer, DATAGRAM, Datagram, Hello, Key, PeerError, answer_bytes, u32_at};
-use crate::format::{BLOCK_MAGIC, BLOCK_START, Encoder, Reader, Record, crc32, seal};
+use crate::format::{BLOCK_MAGIC, BLOCK_START, Encoder, Reader, Record, checksum, seal};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::{Arc, Mutex};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const MOST: usize = 64 << 10;
 /// How long a sender may be silent: it declares all each second.
 const SILENT: Duration = Duration::from_secs(10);
-/// How many senders are told that they are refused, until all are told again.
+/// How many senders get a refusal before the list of refused senders is cleared.
 const MOST_REFUSED: usize = 256;
 /// How many are here at most.
 const MOST_HERE: usize = 64;
@@ -45,7 +45,7 @@ pub(super) fn receive(socket: &UdpSocket, office: &Office) {
     let mut buffer = vec![0; MOST];
     let mut looked = Instant::now();
     while !office.is_over() {
-        // Nobody, or what the kernel has to say about an answer: the next one is looked at.
+        // A timeout, or the kernel's report about an answer: go on with the next datagram.
         if let Ok((length, from)) = socket.recv_from(&mut buffer)
             && let Err(error) = hall.take(&mut buffer[..length], from)
         {
@@ -69,7 +69,7 @@ impl Hall<'_> {
         if block.len() <= BLOCK_START
             || block[..4] != BLOCK_MAGIC
             || u32_at(block, 8) as usize != block.len() - BLOCK_START
-            || crc32(&[&block[4..12], &block[BLOCK_START..]]) != u32_at(block, 12)
+            || checksum(block) != u32_at(block, 12)
         {
             return Err(PeerError::Damaged("it is no block"));
         }
@@ -91,9 +91,9 @@ impl Hall<'_> {
         let missing =
             ahead.cast_unsigned() + u32::from(!here.reader.can_read(block, &mut here.sequence));
         known.departure.missing += u64::from(missing);
-        // The last number says how many are missing in front of what comes.
+        // The difference of the numbers: how many blocks are missing before this one.
         if ahead > 0 {
-            known.tell_missing();
+            known.record_missing();
         }
         if missing == ahead.cast_unsigned() && known.block(block).is_err() {
             drop(known);
@@ -121,7 +121,7 @@ impl Hall<'_> {
         seal(&mut copy, 0);
         reader.input().extend(&copy);
         let Ok(Some(Record::Session { system, .. })) = reader.next() else {
-            return Err(PeerError::Damaged("its first record is none"));
+            return Err(PeerError::Damaged("its first record is malformed"));
         };
         let hello = Hello {
             key: datagram.key,
@@ -134,7 +134,7 @@ impl Hall<'_> {
         let (visit, known) = entered.map_err(|refusal| refusal.error)?;
         {
             let mut known = lock(&known);
-            // The first that is heard of it: what was before was not meant for this receiver.
+            // The first block of this sender: earlier blocks were not meant for this receiver.
             if known.departure.received.is_empty() {
                 known.next = u32_at(block, 4);
             }
@@ -152,7 +152,7 @@ impl Hall<'_> {
     }
 
     fn answer(&self, to: SocketAddr, answer: Answer) {
-        // Who does not hear it sends on.
+        // A sender that does not receive the answer continues to send.
         let _ = self.socket.send_to(&answer_bytes(answer), to);
     }
 
@@ -161,7 +161,8 @@ impl Hall<'_> {
             self.refused.clear();
         }
         if self.refused.insert(from) {
-            // Shorter than what was said by any of LUNA's, so that nobody is flooded by it.
+            // Shorter than any datagram of LUNA, so that it cannot be used to flood a third
+            // computer.
             self.answer(from, Err(error));
             self.office.handler.was_refused(from, &error);
         }

@@ -1,12 +1,13 @@
 //! Recordings to another computer.
 //!
 //! ```text
-//!   recorder ── blocks ──> TcpSink ── hello, blocks ──> Receiver ──> a Sink for each sender
+//!   recorder ── blocks ──> TcpSink ── hello, blocks ──> Receiver ──> a Sink a sender
 //!                          (4 MiB)  <── answer, acknowledgements ──
 //!   recorder ── blocks ──> UdpSink ── datagrams ──>
 //! ```
 //!
-//! `wire` is what both sides say, `tcp` and `udp` the sending side, `receive` the other, with `connection` and `datagrams` for the two ways; `search` finds a host by its name.
+//! `wire` defines the protocol, `tcp` and `udp` are the sending side, `receive` is the receiving
+//! side with `connection` (TCP) and `datagrams` (UDP). `search` resolves host names.
 
 mod connection;
 mod datagrams;

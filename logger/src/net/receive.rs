@@ -1,4 +1,4 @@
-//! The receiving side: who is there, and the sink of each.
+//! The receiving side: the senders, and the sink of each.
 
 use super::wire::{Hello, Key, PeerError};
 use super::{connection, datagrams};
@@ -14,9 +14,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How many senders are known at most: those that are there, and those that may come back.
+/// The limit of known senders: those connected, and those that may come back.
 const MOST_KNOWN: usize = 64;
-/// For so long nobody is let in whose sink has no room. Who comes later may try one block: there may be room again.
+/// A sender whose sink has no room is refused for this long. After that it may send one block as a
+/// trial.
 const NO_ROOM: Duration = Duration::from_secs(20);
 /// How often a thread looks whether it is to end.
 pub(super) const LOOK: Duration = Duration::from_millis(50);
@@ -29,11 +30,12 @@ pub struct Peer {
     pub address: SocketAddr,
     /// The name of its system.
     pub system: String,
-    /// The number of its process there; 0 if it was not said (UDP).
+    /// Its process id on its computer; 0 if unknown (UDP).
     pub process: u32,
     /// When it began to record, by its own clock: nanoseconds since 1970.
     pub started: i64,
-    /// 0, and one more each time that it had to begin anew, since the receiver did not know it any more.
+    /// 0, and one more each time that it had to start again, since the receiver did not know it any
+    /// more.
     pub part: u32,
 }
 
@@ -41,17 +43,18 @@ pub struct Peer {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Departure {
-    /// Whether the recording has ended and is whole. Else the sender may come back.
+    /// Whether the recording has ended and is complete. Otherwise the sender may come back.
     pub has_ended: bool,
     /// What was received of it, until now.
     pub received: Tally,
-    /// How many blocks have not come, by their numbers (UDP), or could not be read without what was declared in those.
+    /// How many blocks are missing, by their numbers (UDP), or could not be read since a block with
+    /// declarations is missing.
     pub missing: u64,
     /// What went wrong, if anything did.
     pub error: Option<String>,
 }
 
-/// What is done with senders. Called from several threads.
+/// Callbacks for senders. Called from several threads.
 ///
 /// ```
 /// use luna_logger::{Handler, Hub, Logging, Peer, Receiver, Recorder, Sink, WriterSink};
@@ -74,27 +77,32 @@ pub struct Departure {
 /// # Ok::<(), std::io::Error>(())
 /// ```
 pub trait Handler: Send + Sync + 'static {
-    /// Makes the sink for a sender that has come for the first time. Its blocks then go there, and are acknowledged when it has taken them.
+    /// Creates the sink for a new sender. Its blocks go there, and are acknowledged when the sink
+    /// has taken them.
     ///
     /// # Errors
     ///
-    /// Its own: the sender is refused.
+    /// An error of the sink's: the sender is refused.
     fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>>;
 
-    /// A sender that was here before has come back. One whose sink had no room is back when the sink takes a block again.
+    /// A known sender has come back. A sender whose sink had no room is back when the sink takes a
+    /// block again.
     fn is_back(&self, _peer: &Peer) {}
 
-    /// A sender has gone. Of one whose sink has no room this is said once, however often it comes to try.
+    /// A sender has gone. If its sink has no room this is reported once, however often it tries.
     fn has_gone(&self, _peer: &Peer, _departure: &Departure) {}
 
-    /// Somebody was refused, who is none to record with. Said once each by UDP, and by TCP of who has no room.
+    /// A sender was refused. Reported once for each by UDP, and by TCP once for each that is
+    /// refused for lack of room.
     fn was_refused(&self, _address: SocketAddr, _error: &PeerError) {}
 }
 
-/// Takes recordings from other programs, also of other computers: a [`Sink`] for each.
+/// Receives recordings of other programs and computers, with a [`Sink`] for each.
 ///
-/// Nobody is trusted: memory is bounded whatever is sent (64 senders, a block of at most 1 MiB and 16 bytes for each), and what is none of LUNA's is refused while the others go on. But nobody
-/// is asked who he is either, so listen where only friends are. Not for the real-time path.
+/// It does not trust its peers: memory is bounded whatever they send (64 senders, with a block of
+/// at most 1 MiB and 16 bytes each), and peers that do not speak its protocol are refused while the
+/// others go on. There is no authentication, so listen only in trusted networks. Not for the
+/// real-time path.
 #[derive(Debug)]
 pub struct Receiver {
     way: Way,
@@ -108,11 +116,11 @@ enum Way {
 }
 
 impl Receiver {
-    /// Listens for [`TcpSink`](crate::TcpSink)s; port 0 takes one that is free.
+    /// Listens for [`TcpSink`](crate::TcpSink)s; port 0 selects a free one.
     ///
     /// # Errors
     ///
-    /// The system's own: the address is taken, or not this machine's.
+    /// The system's error: the address is in use, or not this machine's.
     pub fn tcp(address: impl ToSocketAddrs) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         Ok(Self {
@@ -121,7 +129,7 @@ impl Receiver {
         })
     }
 
-    /// Listens for [`UdpSink`](crate::UdpSink)s; port 0 takes one that is free.
+    /// Listens for [`UdpSink`](crate::UdpSink)s; port 0 selects a free one.
     ///
     /// # Errors
     ///
@@ -135,16 +143,16 @@ impl Receiver {
         })
     }
 
-    /// Where it listens.
+    /// The address that it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Begins, on threads of its own.
+    /// Starts receiving, on threads of its own.
     ///
     /// # Errors
     ///
-    /// A thread cannot be made.
+    /// A thread cannot be created.
     pub fn start(self, handler: Arc<dyn Handler>) -> io::Result<Receiving> {
         let office = Arc::new(Office {
             handler,
@@ -173,7 +181,7 @@ impl Receiver {
     }
 }
 
-/// A [`Receiver`] that works. Dropping it stops it.
+/// A running [`Receiver`]. Dropping it stops it.
 #[must_use = "it stops when this is dropped"]
 pub struct Receiving {
     address: SocketAddr,
@@ -183,17 +191,19 @@ pub struct Receiving {
 }
 
 impl Receiving {
-    /// Where it listens.
+    /// The address that it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Stops: tells of all senders that are there that they have gone, and ends their sinks. What they took is whole.
+    /// Stops: reports the departure of all connected senders, and ends their sinks. What they took
+    /// is complete.
     pub fn stop(mut self) {
         self.end();
     }
 
-    /// Has the thread look whether it is over. False if it cannot be reached: then it is left alone.
+    /// Makes the thread check whether it should stop. False if that fails; then the thread is
+    /// detached.
     fn wake(&self) -> bool {
         if !self.is_tcp {
             return true;
@@ -242,9 +252,9 @@ impl fmt::Debug for Receiving {
 pub(super) struct Office {
     pub(super) handler: Arc<dyn Handler>,
     known: Mutex<HashMap<Key, Arc<Mutex<Known>>>>,
-    /// Who got no sink, and when it was last asked for one. At most as many as are known.
+    /// Senders without a sink, and when one was last requested for them. At most [`MOST_KNOWN`].
     turned_away: Mutex<HashMap<Key, Instant>>,
-    /// For how long who has no room is not let in.
+    /// How long a sender without room is refused.
     keeps_out: Duration,
     is_over: AtomicBool,
     visits: AtomicU64,
@@ -259,10 +269,10 @@ pub(super) struct Known {
     pub(super) next: u32,
     /// The number of the next block in what its sink takes.
     sequence: u32,
-    /// Which visit has it: a later one takes it over. None while it is away.
+    /// The visit that uses it; a later visit takes it over. None while the sender is away.
     visit: Option<u64>,
     seen: Instant,
-    /// Its sink took the last block not.
+    /// Its sink did not take the last block.
     without_room: Option<WithoutRoom>,
     handler: Arc<dyn Handler>,
     pub(super) departure: Departure,
@@ -270,21 +280,21 @@ pub(super) struct Known {
 
 struct WithoutRoom {
     since: Instant,
-    is_told: bool,
+    is_reported: bool,
 }
 
 /// A sender is not let in.
 pub(super) struct Refusal {
     pub(super) error: PeerError,
-    /// The handler knows of it.
-    pub(super) is_told: bool,
+    /// The handler has been informed.
+    pub(super) is_reported: bool,
 }
 
 impl From<PeerError> for Refusal {
     fn from(error: PeerError) -> Self {
         Refusal {
             error,
-            is_told: false,
+            is_reported: false,
         }
     }
 }
@@ -292,7 +302,7 @@ impl From<PeerError> for Refusal {
 impl Refusal {
     const NO_ROOM_AS_BEFORE: Refusal = Refusal {
         error: PeerError::NoRoom,
-        is_told: true,
+        is_reported: true,
     };
 }
 
@@ -309,7 +319,7 @@ impl Office {
         lock(&self.known)
     }
 
-    /// Lets a sender in: which visit it is, and the sender.
+    /// Admits a sender. Returns the number of its visit, and the sender.
     pub(super) fn enter(
         &self,
         hello: &Hello,
@@ -356,7 +366,7 @@ impl Office {
                 error: None,
             },
         };
-        // One that cannot go on where it is begins anew, with another key.
+        // A sender that cannot continue at this block starts again with another key.
         if hello.next != 0 {
             return Ok((visit, Arc::new(Mutex::new(known))));
         }
@@ -387,13 +397,13 @@ impl Office {
         if away.len() >= MOST_KNOWN {
             away.retain(|_, asked| asked.elapsed() < self.keeps_out);
         }
-        // Of more than so many at once the others may ask again at once.
+        // Beyond this number, a refused sender may ask again at once.
         if away.len() < MOST_KNOWN {
             away.insert(key, Instant::now());
         }
     }
 
-    /// A sender has gone, if it was not taken over.
+    /// A sender has gone, unless another visit took it over.
     pub(super) fn leave(&self, visit: u64, known: &Mutex<Known>, error: Option<String>) {
         let mut known = lock(known);
         if known.visit != Some(visit) {
@@ -411,7 +421,7 @@ impl Office {
             known.end();
         }
         if let Some(room) = &mut known.without_room
-            && std::mem::replace(&mut room.is_told, true)
+            && std::mem::replace(&mut room.is_reported, true)
         {
             return;
         }
@@ -419,10 +429,10 @@ impl Office {
     }
 }
 
-/// Makes room: the one that has been away longest is forgotten. False if all are there.
+/// Makes room by forgetting the sender that has been away longest. False if all are connected.
 fn forget_one(all: &mut HashMap<Key, Arc<Mutex<Known>>>) -> bool {
     let away = all.iter().filter_map(|(key, known)| {
-        // One whose sink works is there.
+        // A locked sender's sink is at work, so it is connected.
         let known = known.try_lock().ok()?;
         known.visit.is_none().then_some((known.seen, *key))
     });
@@ -441,7 +451,7 @@ impl Known {
         self.visit == Some(visit)
     }
 
-    /// Gives a whole block to the sink, with a number of the sink's own.
+    /// Passes a complete block to the sink, with a number of the sink's own.
     pub(super) fn block(&mut self, block: &mut [u8]) -> io::Result<()> {
         let Some(sink) = &mut self.sink else {
             return Err(io::Error::other("the recording has ended before"));
@@ -451,11 +461,15 @@ impl Known {
             let before = self.without_room.as_ref();
             self.without_room = Some(WithoutRoom {
                 since: Instant::now(),
-                is_told: before.is_some_and(|before| before.is_told),
+                is_reported: before.is_some_and(|before| before.is_reported),
             });
             return Err(error);
         }
-        if self.without_room.take().is_some_and(|room| room.is_told) {
+        if self
+            .without_room
+            .take()
+            .is_some_and(|room| room.is_reported)
+        {
             self.handler.is_back(&self.peer);
         }
         self.sequence = self.sequence.wrapping_add(1);
@@ -463,15 +477,15 @@ impl Known {
         Ok(())
     }
 
-    /// Writes into the recording how many blocks are missing by now.
-    pub(super) fn tell_missing(&mut self) {
+    /// Writes the number of missing blocks into the recording.
+    pub(super) fn record_missing(&mut self) {
         let mut encoder = Encoder::new();
         encoder.put(&Record::Losses {
             of: Losing::Blocks,
             lost: self.departure.missing,
         });
         let mut block = encoder.block().to_vec();
-        // One that comes later says more.
+        // On failure, a later record has the total.
         let _ = self.block(&mut block);
     }
 

@@ -1,4 +1,4 @@
-//! Looking for a host by its name, on a thread that nobody waits for: who knows names may take half a minute to say that he knows none.
+//! Resolves a host name on a detached thread, since a resolver may take half a minute to fail.
 
 use luna_platform::thread::{Attributes, Policy, spawn};
 use std::convert::Infallible;
@@ -7,7 +7,7 @@ use std::net::{SocketAddr, ToSocketAddrs};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Instant;
 
-/// A search that is under way.
+/// A running search.
 #[derive(Debug)]
 pub(super) struct Search {
     answer: Receiver<io::Result<SocketAddr>>,
@@ -21,7 +21,7 @@ impl Search {
         Self::by(move || first(&address))
     }
 
-    /// By what `find` says.
+    /// Runs `find` on a thread of its own.
     pub(super) fn by(
         find: impl FnOnce() -> io::Result<SocketAddr> + Send + 'static,
     ) -> io::Result<Self> {
@@ -30,7 +30,7 @@ impl Search {
             Attributes::framework("luna-find-host", Policy::Other),
             move |_| Ok::<_, Infallible>((answers, find)),
             |(answers, find)| {
-                // Nobody may wait for it any more.
+                // The receiver may be gone.
                 let _ = answers.send(find());
             },
         );
@@ -41,7 +41,7 @@ impl Search {
         })
     }
 
-    /// What it has found. None while it goes on.
+    /// The search's result. None while it runs.
     pub(super) fn found(&self) -> Option<io::Result<SocketAddr>> {
         match self.answer.try_recv() {
             Ok(found) => Some(found),

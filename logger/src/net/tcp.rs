@@ -14,30 +14,41 @@ use std::net::{Shutdown, TcpStream, ToSocketAddrs};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The most bytes of blocks that wait.
+/// The limit of the bytes of waiting blocks.
 const ROOM: usize = 4 << 20;
-/// The most blocks that are sent before acknowledgements are read: these find room in the socket.
+/// The limit of blocks sent before acknowledgements are read. The socket buffers the
+/// acknowledgements of these.
 const MOST_AHEAD: usize = 256;
-/// How long a connection may take, and how long a piece of it may stand.
+/// Limits for a connection attempt, and for a piece of data that does not get on.
 const CONNECT: Duration = Duration::from_secs(1);
 const STANDS: Duration = Duration::from_secs(2);
-/// From one attempt to the next: doubled each time, until the receiver has acknowledged something.
+/// Pauses between attempts: doubled each time, until the receiver has acknowledged something.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
-/// To the next attempt after a receiver has said that it has no room: longer than it keeps to that.
+/// Pause after the receiver reported that it has no room. It is longer than the time for which the
+/// receiver refuses.
 const NO_ROOM: Duration = Duration::from_secs(30);
 
-/// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own: what it is given waits in at most 4 MiB until the receiver has acknowledged it, and the
-/// recorder never waits for the network. When there is no room, blocks are refused.
+/// Sends a recording to a [`Receiver`](crate::Receiver) over TCP, on a thread of its own. Blocks
+/// wait in at most 4 MiB until the receiver has acknowledged them, and the recorder never waits for
+/// the network. When the buffer is full, blocks are refused.
 ///
-/// A connection that cannot be made, is lost, or stands for two seconds is made anew, after 50 ms at first and 5 s at most: each time twice as long, until the receiver has acknowledged something; after 30 s if it has said that it has no room, unless the recording is ending. The receiver then says what it has, and nothing is sent twice. One that does not know
-/// the recording (it was started again) begins a new file: what waits is lost, since it could not be read without what was declared before, and all is declared again. A peer that is
-/// no recorder of LUNA, or one of another version, is said on standard error, once, and is tried again.
+/// A connection that fails, or does not get on for two seconds, is made again. The pause is 50 ms
+/// at first and doubles up to 5 s, until the receiver acknowledges something. It is 30 s if the
+/// receiver reported that it has no room, unless the recording is ending.
 ///
-/// [`Logging::to_tcp`](crate::Logging::to_tcp) makes one; by itself it is for a [`Tee`](crate::Tee).
+/// The receiver reports what it has, so nothing is sent twice. A receiver that does not know the
+/// recording (it was restarted) begins a new file: waiting blocks are lost, since they could not be
+/// read without the declarations before them, and everything is declared again. A peer that is no
+/// recorder of LUNA, or one of another version, is reported on standard error, once, and tried
+/// again.
+///
+/// Usually made by [`Logging::to_tcp`](crate::Logging::to_tcp); use it directly in a
+/// [`Tee`](crate::Tee).
 ///
 /// ```no_run
 /// use luna_logger::{FileSink, Logging, TcpSink, Tee};
-/// let both = Tee::new(FileSink::create("run.luna".as_ref())?).and(TcpSink::new("recorder.lan:7411"));
+/// let both =
+///     Tee::new(FileSink::create("run.luna".as_ref())?).and(TcpSink::new("recorder.lan:7411"));
 /// let recording = Logging::to_sink(both);
 /// # drop(recording);
 /// # Ok::<(), std::io::Error>(())
@@ -62,7 +73,7 @@ struct State {
     bytes: usize,
     /// The number of the first of them.
     first: u32,
-    /// All is to be declared before anything else is taken.
+    /// Everything is to be declared before another block is taken.
     begins_anew: bool,
     wants_declarations: bool,
     lost: Tally,
@@ -78,7 +89,8 @@ impl State {
         self.first.wrapping_add(self.blocks.len() as u32)
     }
 
-    /// The receiver has all before `next`: whether that is more than before. None if it cannot be so.
+    /// The receiver has all blocks before `next`. Returns whether that is progress, or none if the
+    /// number is impossible.
     fn acknowledge(&mut self, next: u32) -> Option<bool> {
         let acknowledged = next.wrapping_sub(self.first) as usize;
         if acknowledged > self.blocks.len() {
@@ -101,8 +113,8 @@ impl State {
         self.bytes = 0;
     }
 
-    /// For a receiver that knows nothing of what was before.
-    fn begin_anew(&mut self) {
+    /// For a receiver that does not know the earlier blocks.
+    fn begin_again(&mut self) {
         self.lose_all();
         self.first = 0;
         self.part = self.part.wrapping_add(1);
@@ -116,7 +128,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits for a change, at most so long.
+    /// Waits for a change, or until `most` has passed.
     fn wait<'a>(&self, state: MutexGuard<'a, State>, most: Duration) -> MutexGuard<'a, State> {
         let waited = self.changes.wait_timeout(state, most);
         waited.unwrap_or_else(PoisonError::into_inner).0
@@ -124,7 +136,7 @@ impl Shared {
 }
 
 impl TcpSink {
-    /// To `address`, `HOST:PORT`. Nothing is done yet.
+    /// Creates a sink for `address`, `HOST:PORT`. It does not connect yet.
     pub fn new(address: impl Into<String>) -> Self {
         Self {
             address: address.into(),
@@ -159,7 +171,7 @@ impl Sink for TcpSink {
         let mut state = self.shared.state();
         if state.begins_anew && !Encoder::is_session(block) {
             return Err(io::Error::other(
-                "the recorder was started again: all is declared anew",
+                "the recorder was restarted: everything is declared again",
             ));
         }
         if state.bytes + block.len() > ROOM {
@@ -222,7 +234,7 @@ impl Drop for TcpSink {
     }
 }
 
-/// `HOST:PORT`; whether there is such a host is another matter.
+/// Checks the form `HOST:PORT`, not whether the host exists.
 pub(super) fn check_address(address: &str) -> io::Result<()> {
     let is_good = address.rsplit_once(':').is_some_and(|(host, port)| {
         !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port != 0)
@@ -248,7 +260,7 @@ struct Link {
 
 /// Why a connection is over.
 enum Over {
-    /// All was sent, and the recording has ended; or nobody waits for it.
+    /// All was sent and the recording has ended, or the thread is detached.
     Done,
     Broken(io::Error),
 }
@@ -283,11 +295,11 @@ impl Link {
             let begin = Instant::now();
             let mut state = self.shared.state();
             loop {
-                // Who waits for the end has a limit of his own.
+                // The thread that waits for the end has a limit of its own.
                 if state.is_left_alone || state.is_ending && state.blocks.is_empty() {
                     return;
                 }
-                // And less time than it takes until there is room: this may be the last attempt.
+                // At the end do not wait for room: this may be the last attempt.
                 let pause = for_room.filter(|_| !state.is_ending).unwrap_or(back_off);
                 let left = pause.saturating_sub(begin.elapsed());
                 if left.is_zero() {
@@ -299,7 +311,8 @@ impl Link {
         }
     }
 
-    /// Keeps what went wrong, and says what a user has to mend. How long to wait, if the receiver has no room.
+    /// Keeps the error, and reports it if a user has to act. Returns the pause if the receiver has
+    /// no room.
     fn note(&mut self, error: &io::Error) -> Option<Duration> {
         let text = format!("tcp://{}: {error}", self.address);
         let peer = error
@@ -308,15 +321,16 @@ impl Link {
         if let Some(peer) = peer
             && self.said.insert(*peer)
         {
-            // Nobody may read there any more.
+            // Standard error may be closed.
             let _ = writeln!(io::stderr().lock(), "luna: recording to {text}");
         }
         self.shared.state().error = Some(text);
         (peer == Some(&PeerError::NoRoom)).then_some(NO_ROOM)
     }
 
-    /// Connects, and sends as long as that goes well. The next pause is short again when the receiver has got on: one that lets in whom it then cannot serve (its disk is full) is not
-    /// asked again at once, and for ever.
+    /// Connects, and sends until an error. The next pause is short again only if the receiver made
+    /// progress: a receiver that accepts connections but takes no blocks (its disk is full) is not
+    /// asked again at once for ever.
     fn connection(&mut self, pause: &mut Duration) -> Over {
         let outcome = self.connect().and_then(|mut stream| {
             self.greet(&mut stream, pause)?;
@@ -343,7 +357,7 @@ impl Link {
         Err(last.into())
     }
 
-    /// Says who this is, and learns what the recorder has.
+    /// Sends the hello, and reads how much the recorder has.
     fn greet(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
         let hello = {
             let state = self.shared.state();
@@ -360,7 +374,7 @@ impl Link {
         };
         self.write(stream, &hello.bytes())?;
         let mut answer = [0; ANSWER];
-        // Another program may say less, and then wait.
+        // Another program may send less, and then wait.
         self.read(stream, &mut answer[..MAGIC.len()])?;
         if answer[..MAGIC.len()] != MAGIC {
             return Err(PeerError::NotLuna.into());
@@ -371,9 +385,9 @@ impl Link {
         let next = read_answer(&answer)?;
         let mut state = self.shared.state();
         let Some(is_on) = state.acknowledge(next) else {
-            // It does not know the recording, or this is another.
-            state.begin_anew();
-            // The next hello is of a new part.
+            // It does not know the recording, or knows another one.
+            state.begin_again();
+            // The next hello starts a new part.
             let what = "the recorder was started again";
             return Err(io::Error::new(ErrorKind::ConnectionReset, what).into());
         };
@@ -383,10 +397,10 @@ impl Link {
         Ok(())
     }
 
-    /// Sends what there is, and waits for more.
+    /// Sends all blocks, and waits for more.
     fn send(&self, stream: &mut TcpStream, pause: &mut Duration) -> Result<(), Over> {
         loop {
-            // Nothing waits for the network with the lock.
+            // The lock is not held while waiting for the network.
             let ahead: Vec<Arc<Vec<u8>>> = {
                 let mut state = self.shared.state();
                 loop {
@@ -417,7 +431,7 @@ impl Link {
         }
     }
 
-    /// Writes all, within the time that it may stand.
+    /// Writes all bytes within the limit for a stalled connection.
     fn write(&self, stream: &mut TcpStream, bytes: &[u8]) -> Result<(), Over> {
         let mut rest = bytes;
         self.within(|left| {
@@ -428,7 +442,7 @@ impl Link {
         })
     }
 
-    /// Reads all, within the time that it may stand.
+    /// Fills `bytes` within the limit for a stalled connection.
     fn read(&self, stream: &mut TcpStream, bytes: &mut [u8]) -> Result<(), Over> {
         let mut at = 0;
         self.within(|left| {
@@ -442,7 +456,7 @@ impl Link {
         })
     }
 
-    /// Calls `go_on` until it is done, at most so long.
+    /// Calls `go_on` until it is done, or the limit has passed.
     fn within(&self, mut go_on: impl FnMut(Duration) -> io::Result<bool>) -> Result<(), Over> {
         let begin = Instant::now();
         loop {

@@ -10,26 +10,32 @@ use std::io::{self, Write};
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-/// A block is full at so many bytes, so that a datagram mostly finds room in an Ethernet frame.
+/// A block is full at this size, so that a datagram usually fits an Ethernet frame.
 const BLOCK: usize = 1200;
-/// How often all is declared again, for receivers that come later or have lost it.
+/// How often everything is declared again, for receivers that start later or lost a declaration.
 const DECLARE: Duration = Duration::from_secs(1);
-/// From one attempt to find the host to the next.
+/// Pause between attempts to find the host.
 const BACK_OFF: Duration = Duration::from_secs(2);
-/// How long blocks wait for the host to be found, before they are refused.
+/// How long blocks wait for the host to be found before they are refused.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Sends a recording to a [`Receiver`](crate::Receiver) by UDP, a block a datagram, numbered: the receiver counts those that do not come, and what comes after a gap can be read. All is declared again each
-/// second, so a receiver may come and go. Nothing waits for it. A block counts as recorded when the kernel has taken it; one that it refuses (its buffer is full, nobody listens) counts
-/// as lost. A host that is named is looked for in the background; until it is found, blocks wait one second, and then are refused. A receiver of another version is said on standard error, once.
+/// Sends a recording to a [`Receiver`](crate::Receiver) by UDP. Each datagram is a numbered block:
+/// the receiver counts missing ones, and can read what follows a gap. Everything is declared again
+/// each second, so a receiver may start at any time. Nothing waits for it.
 ///
-/// [`Logging::to_udp`](crate::Logging::to_udp) makes one; by itself it is for a [`Tee`](crate::Tee).
+/// A block counts as recorded when the kernel has taken it. A block that the kernel refuses (its
+/// buffer is full, no program listens) counts as lost. A host name is resolved in the background;
+/// until it is found, blocks wait one second and are then refused. A receiver of another version is
+/// reported on standard error, once.
+///
+/// Usually made by [`Logging::to_udp`](crate::Logging::to_udp); use it directly in a
+/// [`Tee`](crate::Tee).
 #[derive(Debug)]
 pub struct UdpSink {
     address: String,
     socket: Option<UdpSocket>,
     search: Option<Search>,
-    /// When a search has ended.
+    /// When the last search ended.
     tried: Option<Instant>,
     datagram: Datagram,
     sequence: u32,
@@ -39,7 +45,7 @@ pub struct UdpSink {
 }
 
 impl UdpSink {
-    /// To `address`, `HOST:PORT`. Nothing is done yet.
+    /// Creates a sink for `address`, `HOST:PORT`. It sends nothing yet.
     pub fn new(address: impl Into<String>) -> Self {
         Self {
             address: address.into(),
@@ -57,7 +63,7 @@ impl UdpSink {
         }
     }
 
-    /// Where the host is. [`WouldBlock`](io::ErrorKind::WouldBlock) while it has been looked for but a short time, for the first time.
+    /// The host's address. [`WouldBlock`](io::ErrorKind::WouldBlock) during a short first search.
     fn find(&mut self) -> io::Result<SocketAddr> {
         if let Ok(address) = self.address.parse() {
             return Ok(address);
@@ -102,12 +108,13 @@ impl UdpSink {
             .ok_or_else(|| io::ErrorKind::NotConnected.into())
     }
 
-    /// Of a block that is refused: with `WouldBlock` it would be offered again, and the recorder wait for it.
+    /// The error for a refused block: after `WouldBlock` the recorder would wait and offer it
+    /// again.
     fn error(&self, error: io::Error) -> io::Error {
         io::Error::other(format!("udp://{}: {error}", self.address))
     }
 
-    /// What the receiver has to say, if anything.
+    /// Reads the receiver's answer, if there is one.
     fn listen(&mut self) {
         let mut answer = [0; ANSWER];
         let got = self.socket.as_ref().map(|socket| socket.recv(&mut answer));
@@ -115,7 +122,7 @@ impl UdpSink {
             && let Err(error) = read_answer(&answer[..got])
             && self.said.insert(error)
         {
-            // Nobody may read there any more.
+            // Standard error may be closed.
             let _ = writeln!(
                 io::stderr().lock(),
                 "luna: recording to udp://{}: {error}",
@@ -128,7 +135,7 @@ impl UdpSink {
 impl Sink for UdpSink {
     fn begin(&mut self, _head: &[u8]) -> io::Result<()> {
         check_address(&self.address)?;
-        // The search begins, if there is one; what comes of it is told by the first block.
+        // Starts the search for the host, if needed. The first block reports its outcome.
         let _ = self.open();
         Ok(())
     }

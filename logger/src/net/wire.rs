@@ -1,18 +1,19 @@
-//! What sender and receiver say to each other beside blocks. All numbers are little-endian; `docs/logger.md` has the tables.
+//! The messages between sender and receiver other than blocks. Numbers are little-endian;
+//! `docs/logger.md` has the tables.
 //!
-//! The first 16 bytes of either side are the same in all versions, so that each can say what the other is.
+//! The first 16 bytes of either side are the same in all versions, so that each side can name the
+//! other's version.
 
-use crate::format::{MAJOR, MINOR, crc32};
-use std::fmt;
+use crate::format::{MAJOR, MINOR};
 use std::hash::{BuildHasher, Hasher};
 
 /// What both sides begin with.
 pub(super) const MAGIC: [u8; 8] = *b"\x89LUNET\r\n";
 
-/// The version of what is said beside blocks.
+/// The version of the protocol.
 pub(super) const WIRE: (u16, u16) = (1, 0);
 
-/// Bytes that are the same in all versions: magic, version of the wire, version of the format.
+/// Bytes that are the same in all versions: magic, version of the protocol, version of the format.
 pub(super) const PREFIX: usize = 16;
 
 /// Bytes of a hello without its name and checksum.
@@ -21,7 +22,7 @@ pub(super) const HELLO: usize = 48;
 /// Bytes of an answer.
 pub(super) const ANSWER: usize = 28;
 
-/// Bytes of an acknowledgement: `LACK`, and the number of the block that is expected next.
+/// Bytes of an acknowledgement: `LACK`, and the number of the next expected block.
 pub(super) const ACK: usize = 8;
 const ACK_MAGIC: [u8; 4] = *b"LACK";
 
@@ -31,60 +32,40 @@ pub(super) const MOST_NAME: usize = 255;
 /// Bytes in front of a datagram's block.
 pub(super) const DATAGRAM: usize = 40;
 
-/// Why a peer is none to record with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+/// Why a peer is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum PeerError {
-    /// What it says is not what a sender or a recorder of LUNA says.
+    /// Its first bytes are not those of a sender or recorder of LUNA.
+    #[error("the peer is not LUNA's")]
     NotLuna,
     /// It speaks another major version.
+    #[error("the peer speaks version {}.{}, and this program {}.x", .theirs.0, .theirs.1, WIRE.0)]
     Version {
         /// The major and minor version that it speaks.
         theirs: (u16, u16),
     },
     /// Its recordings have another major version.
+    #[error("the peer's recordings have format version {}.{}, and this program's {MAJOR}.x", .theirs.0, .theirs.1)]
     Format {
         /// The major and minor version of them.
         theirs: (u16, u16),
     },
-    /// The recorder has as many senders as it takes.
+    /// The recorder has reached its limit of senders.
+    #[error("the recorder has reached its limit of senders")]
     Full,
-    /// The recorder does not take more from this sender: a limit, or a full disk.
+    /// The recorder takes no more from this sender: a limit, or a full disk.
+    #[error("the recorder has no room for more")]
     NoRoom,
-    /// What it says is damaged: what is wrong with it.
+    /// Its data is damaged: what is wrong with it.
+    #[error("the peer's data is damaged: {0}")]
     Damaged(&'static str),
-    /// It took too long.
+    /// It did not answer in time.
+    #[error("the peer did not answer in time")]
     Silent,
 }
 
-impl fmt::Display for PeerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PeerError::NotLuna => f.write_str("the peer is not LUNA's"),
-            PeerError::Version {
-                theirs: (major, minor),
-            } => write!(
-                f,
-                "the peer speaks version {major}.{minor}, and this program {}.x",
-                WIRE.0
-            ),
-            PeerError::Format {
-                theirs: (major, minor),
-            } => write!(
-                f,
-                "the peer's recordings have format version {major}.{minor}, and this program's {MAJOR}.x"
-            ),
-            PeerError::Full => f.write_str("the recorder has as many senders as it takes"),
-            PeerError::NoRoom => f.write_str("the recorder has no room for more"),
-            PeerError::Damaged(what) => write!(f, "what the peer says is damaged: {what}"),
-            PeerError::Silent => f.write_str("the peer did not say what it has to in time"),
-        }
-    }
-}
-
-impl std::error::Error for PeerError {}
-
-/// A piece of bytes as a number.
+/// `N` bytes at `at`.
 fn number<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut number = [0; N];
     if let Some(there) = bytes.get(at..at + N) {
@@ -113,7 +94,7 @@ fn prefix() -> Vec<u8> {
     bytes
 }
 
-/// Looks at what either side begins with.
+/// Checks the common beginning of either side.
 pub(super) fn check_prefix(bytes: &[u8]) -> Result<(), PeerError> {
     if bytes.len() < PREFIX || bytes[..8] != MAGIC {
         return Err(PeerError::NotLuna);
@@ -130,19 +111,19 @@ pub(super) fn check_prefix(bytes: &[u8]) -> Result<(), PeerError> {
 }
 
 fn end(mut bytes: Vec<u8>) -> Vec<u8> {
-    let checksum = crc32(&[&bytes]);
+    let checksum = crc32fast::hash(&bytes);
     bytes.extend(checksum.to_le_bytes());
     bytes
 }
 
 fn check_end(bytes: &[u8], length: usize) -> Result<(), PeerError> {
-    if bytes.len() < length + 4 || crc32(&[&bytes[..length]]) != u32_at(bytes, length) {
+    if bytes.len() < length + 4 || crc32fast::hash(&bytes[..length]) != u32_at(bytes, length) {
         return Err(PeerError::Damaged("its checksum is wrong"));
     }
     Ok(())
 }
 
-/// Which recording it is. After a recorder has forgotten the earlier parts, another part begins.
+/// Identifies a recording. When a recorder has forgotten the earlier parts, another part begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Key {
     pub(super) session: u64,
@@ -150,9 +131,9 @@ pub(super) struct Key {
 }
 
 impl Key {
-    /// That no other recording has.
+    /// A key that no other recording has.
     pub(super) fn new() -> Self {
-        // Its keys are random.
+        // The keys of a `RandomState` are random.
         let hasher = std::collections::hash_map::RandomState::new().build_hasher();
         Self {
             session: hasher.finish(),
@@ -161,7 +142,7 @@ impl Key {
     }
 }
 
-/// Who a sender is.
+/// The identity of a sender.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Hello {
     pub(super) key: Key,
@@ -217,7 +198,7 @@ impl Hello {
     }
 }
 
-/// What a recorder says to a hello: the number of the block that it expects, or why it takes none.
+/// A recorder's answer to a hello: the number of the block that it expects, or why it refuses.
 pub(super) type Answer = Result<u32, PeerError>;
 
 pub(super) fn answer_bytes(answer: Answer) -> Vec<u8> {
@@ -225,7 +206,7 @@ pub(super) fn answer_bytes(answer: Answer) -> Vec<u8> {
         Ok(next) => (0, next),
         Err(PeerError::Full) => (2, 0),
         Err(PeerError::NoRoom) => (3, 0),
-        // It sees by itself which version this side has.
+        // The sender sees this side's version in the answer.
         Err(PeerError::Version { .. } | PeerError::Format { .. }) => (1, 0),
         Err(_) => (4, 0),
     };
@@ -257,11 +238,11 @@ pub(super) fn ack_bytes(next: u32) -> [u8; ACK] {
 pub(super) fn read_ack(bytes: &[u8; ACK]) -> Result<u32, PeerError> {
     match bytes[..4] == ACK_MAGIC {
         true => Ok(u32_at(bytes, 4)),
-        false => Err(PeerError::Damaged("an acknowledgement is none")),
+        false => Err(PeerError::Damaged("an acknowledgement is malformed")),
     }
 }
 
-/// What stands in front of a datagram's block.
+/// The header before a datagram's block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Datagram {
     pub(super) key: Key,
@@ -332,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn other_versions_are_told_as_such() {
+    fn other_versions_are_reported_as_such() {
         let mut bytes = answer_bytes(Ok(0));
         bytes[8] = 7;
         assert_eq!(
@@ -356,7 +337,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_said_is_understood(
+        fn messages_are_decoded_as_encoded(
             session: u64, part: u32, next: u32, started: i64, process: u32, system in ".{0,80}",
             at: prop::sample::Index, change in 1u8..=255,
         ) {

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// How often a sink is asked for what it has to say.
+/// How often the sink is polled for its reports.
 const ASK_EVERY: Duration = Duration::from_millis(100);
 
 /// What moves entries from rings to blocks.
@@ -42,9 +42,9 @@ impl Drain {
         }
     }
 
-    /// Works in rounds; `wait` waits for the next, and says whether it is the last.
+    /// Works in rounds. `wait` waits for the next round, and returns whether it is the last.
     pub(super) fn run(mut self, wait: impl Fn() -> bool) -> LoggingReport {
-        // So that a recording says from the beginning what it is.
+        // So that a recording declares its session from the beginning.
         self.round(false);
         let mut asked = Instant::now();
         loop {
@@ -59,8 +59,8 @@ impl Drain {
                 self.output.ask();
             }
         }
-        // The last block may have been refused, and what it told with it.
-        self.tell_losses();
+        // The last block may have been refused, with the losses it reported.
+        self.record_losses();
         let lost = self.lost();
         self.output.end(lost)
     }
@@ -74,38 +74,38 @@ impl Drain {
         };
         self.take_news();
         let (output, timeline) = (&mut self.output, &self.timeline);
-        output.tell_time();
+        output.record_time();
         merge(&mut self.queues, limit, |queue| {
             let Some(entry) = queue.first() else { return };
             let time = timeline.nanos(entry[1]).max(queue.last);
             output.entry(queue.thread, time, entry);
             queue.last = time;
         });
-        self.tell_losses();
+        self.record_losses();
         self.output.end_block();
         self.forget_ended();
     }
 
-    /// Tells of all that was lost since it was told.
-    fn tell_losses(&mut self) {
+    /// Records all losses that are not recorded yet.
+    fn record_losses(&mut self) {
         self.hub.take_homeless();
         let output = &mut self.output;
         for (thread, lost) in &self.lost_before {
-            output.tell_losses(Losing::Messages(*thread), *lost);
+            output.record_losses(Losing::Messages(*thread), *lost);
         }
         for (thread, counts) in &self.threads {
             let lost = counts.lost_messages.load(Ordering::Relaxed);
-            output.tell_losses(Losing::Messages(*thread), lost);
+            output.record_losses(Losing::Messages(*thread), lost);
         }
         #[cfg(feature = "events")]
-        output.tell_losses_of_events();
-        output.tell_losses_of_signals();
+        output.record_losses_of_events();
+        output.record_losses_of_signals();
         // Last: a block that was full and refused has cost messages too.
-        output.tell_losses_of_messages(self.hub.lost_messages.load(Ordering::Relaxed));
+        output.record_losses_of_messages(self.hub.lost_messages.load(Ordering::Relaxed));
     }
 
     fn take_news(&mut self) {
-        // Before the threads of rings that are taken: who has events has been announced as a thread.
+        // Before the threads of the taken rings: a thread with events is announced first.
         #[cfg(feature = "events")]
         let events = self.hub.take_events();
         self.output.take_signals(&mut self.news);

@@ -1,7 +1,7 @@
-//! What the recorder knows of events: what their subjects are called, and what became of them.
+//! What the recorder knows of events: the names of their subjects, and which are recorded.
 //!
-//! A name is told before the first event that mentions what it names, and anew where a block with it was lost. So a recording has the names of what it tells of, and no
-//! others.
+//! A name is recorded before the first event that mentions its subject, and again where a block
+//! with it was lost. So a recording has the names of its subjects, and no others.
 
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
@@ -10,14 +10,14 @@ use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
-/// What stands for something with a name: its kind and its number.
+/// Identifies a named subject: its kind and its number.
 type Key = u64;
 
 fn key(kind: Kind, number: u64) -> Key {
     (kind as u64) << 32 | number & u64::from(u32::MAX)
 }
 
-/// Spreads keys well enough that nobody chooses.
+/// A cheap hash: keys are assigned by the program, not chosen by an attacker.
 #[derive(Default)]
 struct Spread(u64);
 
@@ -38,7 +38,7 @@ impl Hasher for Spread {
     }
 }
 
-/// The names of so many processes of other systems are kept.
+/// How many names of processes of other systems are kept.
 const MOST_STRANGERS: usize = 4096;
 
 type Build = BuildHasherDefault<Spread>;
@@ -46,17 +46,18 @@ type Build = BuildHasherDefault<Spread>;
 /// The events of a recording.
 #[derive(Default)]
 pub(super) struct Events {
-    /// Where names come from; nowhere if no events are recorded. The only one that stays: when this goes, nobody collects them.
+    /// The source of names; none if no events are recorded. This is the only lasting reference:
+    /// when it is dropped, no names are collected.
     names: Option<Arc<Names>>,
     known: HashMap<Key, Name, Build>,
-    /// What was told, or has no name that could be.
-    told: HashSet<Key, Build>,
-    are_codes_told: bool,
+    /// Subjects with recorded names, and those without a name.
+    declared: HashSet<Key, Build>,
+    are_codes_declared: bool,
     /// A name that comes in parts, by thread.
     parts: HashMap<u32, Parts>,
-    /// Those who have ended in the present block: nobody asks for their names any more.
+    /// Subjects that ended in the present block: their names can be dropped after it.
     ended: Vec<Key>,
-    /// Processes of other systems, the last that were named: their ends are not told here.
+    /// Processes of other systems, the most recently named: their ends are not reported here.
     strangers: VecDeque<Key>,
     in_block: HashMap<u32, u64, Build>,
     refused: HashMap<u32, u64, Build>,
@@ -78,7 +79,7 @@ impl Events {
         }
     }
 
-    /// A thread, or executor, whose events come.
+    /// Adds a thread or executor that records events.
     pub(super) fn add(&mut self, thread: u32, losses: Losses) {
         self.losses.push((thread, losses));
     }
@@ -94,23 +95,23 @@ impl Events {
     fn learn(&mut self, name: Name) {
         let key = key(name.kind, name.number.into());
         if name.kind == Kind::Process && name.runs_on.is_none() {
-            // Its end is told elsewhere.
+            // Its end is reported elsewhere.
             self.strangers.push_back(key);
             if self.strangers.len() > MOST_STRANGERS
                 && let Some(oldest) = self.strangers.pop_front()
             {
                 self.known.remove(&oldest);
-                self.told.remove(&oldest);
+                self.declared.remove(&oldest);
             }
         }
-        // A later name takes the place of the one before, also of what has been told.
-        self.told.remove(&key);
+        // A later name replaces the one before, also if that was recorded.
+        self.declared.remove(&key);
         self.known.insert(key, name);
     }
 
-    /// The names of the codes, if they are to be told.
+    /// The names of the codes, if they are to be recorded.
     pub(super) fn codes(&mut self, mut put: impl FnMut(&Record<'_>)) {
-        if self.names.is_none() || std::mem::replace(&mut self.are_codes_told, true) {
+        if self.names.is_none() || std::mem::replace(&mut self.are_codes_declared, true) {
             return;
         }
         for (number, name) in code::NAMES {
@@ -124,7 +125,8 @@ impl Events {
         }
     }
 
-    /// Puts an event, and before it the names of what it mentions. A part of a name is none: it is kept.
+    /// Puts an event, and before it the names of its subjects. An entry that carries a part of a
+    /// name is kept until the name is complete.
     pub(super) fn put(
         &mut self,
         thread: u32,
@@ -183,19 +185,19 @@ impl Events {
     fn mention(&mut self, kind: Kind, number: u64, put: &mut impl FnMut(&Record<'_>)) {
         let key = key(kind, number);
         if number != 0 || kind == Kind::Executor {
-            if self.told.contains(&key) {
+            if self.declared.contains(&key) {
                 return;
             }
-            self.tell(key, put);
+            self.declare(key, put);
         }
     }
 
     #[cold]
-    fn tell(&mut self, key: Key, put: &mut impl FnMut(&Record<'_>)) {
+    fn declare(&mut self, key: Key, put: &mut impl FnMut(&Record<'_>)) {
         if !self.known.contains_key(&key) {
             self.take_names();
         }
-        self.told.insert(key);
+        self.declared.insert(key);
         let Some(name) = self.known.get(&key) else {
             return;
         };
@@ -289,18 +291,18 @@ impl Events {
             }
         }
         if has_failed {
-            self.declare_anew();
+            self.declare_again();
         }
         for key in self.ended.drain(..) {
             self.known.remove(&key);
-            self.told.remove(&key);
+            self.declared.remove(&key);
         }
     }
 
-    /// What was told is told again.
-    pub(super) fn declare_anew(&mut self) {
-        self.told.clear();
-        self.are_codes_told = false;
+    /// Everything that was recorded is recorded again.
+    pub(super) fn declare_again(&mut self) {
+        self.declared.clear();
+        self.are_codes_declared = false;
     }
 
     /// These were in blocks that the sink has taken, and could not keep.

@@ -1,8 +1,10 @@
-//! From the recorder's thread to the sink, on a thread of the sink's own: so that a sink which never comes back keeps nobody for ever.
+//! Hands blocks from the recorder's thread to the sink's thread, so that a sink that never returns
+//! blocks the program only for a limited time.
 //!
-//! A block is handed on, and its outcome waited for: as long as the recording goes on, however long that takes. When the recording has ended, a limit is set. What the sink has
-//! not taken until then counts as refused, and the sink's thread is left alone with it. A sink that panics is ended at once, so that it says what it had taken and has lost; one that
-//! never returns cannot say that.
+//! The recorder hands over a block and waits for its outcome, without limit while the recording
+//! goes on. At the end of the recording a limit is set. What the sink has not taken by then counts
+//! as refused, and the sink's thread is detached. A sink that panics is ended at once, so that it
+//! can report the losses among what it had taken; a sink that never returns cannot.
 
 use super::monitor::Monitor;
 use super::sink::Sink;
@@ -15,24 +17,26 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long a sink that cannot take a block yet is left alone.
+/// Pause before a block is offered again to a sink that could not take it.
 const AGAIN: Duration = Duration::from_millis(10);
 
-/// How much longer than its limit a sink may take to say what became of the last block, and how long it has in any case to end: it is asked for that when this has passed, at the latest.
+/// How much longer than its limit a sink may take to report the last block's outcome. It is also
+/// the time to end that a sink has in any case, counted from the request, which comes at the latest
+/// when the first has passed.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// What a block is told that nobody waits for any more.
+/// The error of a block after the time limit.
 pub(super) const LATE: &str = "it had not been taken when the time limit at the end had passed";
 
 /// The recorder's end.
 pub(super) struct Handoff {
     shared: Arc<Shared>,
-    /// None if it was left alone.
+    /// None if it is detached.
     thread: Option<Thread<()>>,
     news: News,
 }
 
-/// What a sink says beside the outcome of a block.
+/// A sink's reports beside the outcome of a block.
 #[derive(Default)]
 struct News {
     wants_declarations: bool,
@@ -52,14 +56,14 @@ type Shared = Monitor<State>;
 #[derive(Default)]
 struct State {
     job: Job,
-    /// The block that is under way.
+    /// The current block.
     block: Vec<u8>,
     outcome: Option<io::Result<()>>,
     news: News,
     /// When the sink is to have ended.
     limit: Option<Instant>,
     is_left_alone: bool,
-    /// Its thread has ended, also by a panic.
+    /// The sink's thread has ended, also by a panic.
     is_gone: bool,
 }
 
@@ -68,24 +72,25 @@ enum Job {
     #[default]
     None,
     Block,
-    /// Nothing but what it has to say.
+    /// Only collect its reports.
     Ask,
     End,
 }
 
-/// Sets the limit, from another thread.
+/// Sets the limit from another thread.
 #[derive(Clone)]
 pub(super) struct Limiter(Arc<Shared>);
 
 impl Limiter {
-    /// From now on a sink has so long.
+    /// From now on the sink has this long.
     pub(super) fn end_within(&self, limit: Duration) {
         let at = Instant::now() + limit.min(Duration::from_secs(86_400));
         self.0.change(|state| state.limit = Some(at));
     }
 }
 
-/// Waits until it is so, or the deadline; says whether it came to be so. `asked_to_end`: when the sink was.
+/// Waits until `is_so`, or the deadline. Returns whether `is_so`. `asked_to_end`: when the sink was
+/// asked to end.
 fn wait_until(
     shared: &Shared,
     asked_to_end: Option<Instant>,
@@ -102,20 +107,21 @@ fn wait_until(
             shared.wake();
             return false;
         }
-        // A limit may be set meanwhile.
+        // A limit may have been set meanwhile.
         state =
             shared.wait_while_within(state, left, |state| !is_so(state) && state.limit == limit);
     }
     true
 }
 
-/// Until when a sink is waited for: one for all its blocks, and one for its end, which may be asked for late.
+/// The deadline for the sink: one for all its blocks, and one for its end, which may be requested
+/// late.
 fn deadline(limit: Instant, asked_to_end: Option<Instant>) -> Instant {
     asked_to_end.map_or(limit, |asked| limit.max(asked)) + GRACE
 }
 
 impl Handoff {
-    /// Gives `sink` a thread.
+    /// Starts a thread for `sink`.
     pub(super) fn start(sink: Box<dyn Sink>) -> Result<Self, String> {
         let shared = Arc::<Shared>::default();
         let theirs = shared.clone();
@@ -123,11 +129,11 @@ impl Handoff {
             Attributes::framework("luna-recording", Policy::Other),
             move |_| Ok::<_, Infallible>((theirs, sink)),
             |(shared, mut sink)| {
-                // Dropped last: whatever the sink closes is closed then.
+                // Dropped last, after everything that the sink closes.
                 let gone = Gone(shared);
                 let served = catch_unwind(AssertUnwindSafe(|| serve(&gone.0, &mut *sink)));
                 if let Err(panic) = served {
-                    // It may hold blocks that it has taken and nobody will take from it.
+                    // The sink may hold blocks that it has taken but not kept for good.
                     let ended = AssertUnwindSafe(|| sink.end(Duration::ZERO));
                     let _ = catch_unwind(ended);
                     let lost = catch_unwind(AssertUnwindSafe(|| sink.take_lost()));
@@ -148,7 +154,7 @@ impl Handoff {
         Limiter(self.shared.clone())
     }
 
-    /// What becomes of a block.
+    /// Hands over a block. Returns its outcome.
     pub(super) fn block(&mut self, block: &[u8]) -> io::Result<()> {
         {
             let mut state = self.shared.lock();
@@ -158,9 +164,9 @@ impl Handoff {
         self.ask_for(Job::Block, None)
     }
 
-    /// What the sink has to say beside blocks.
+    /// Collects the sink's reports.
     pub(super) fn ask(&mut self) {
-        // It has nothing to say if it does not answer.
+        // Without an answer there are no reports.
         let _ = self.ask_for(Job::Ask, None);
     }
 
@@ -183,7 +189,7 @@ impl Handoff {
         let mut state = self.shared.lock();
         self.news.wants_declarations |= std::mem::take(&mut state.news.wants_declarations);
         self.news.lost.append(&mut state.news.lost);
-        // It may have come while the limit passed: then it counts.
+        // The outcome may have come while the limit passed: then it counts.
         match state.outcome.take() {
             Some(outcome) => outcome,
             None => {
@@ -198,17 +204,17 @@ impl Handoff {
         }
     }
 
-    /// Whether all is to be declared again, since this was asked last.
+    /// Whether everything is to be declared again, since the last call.
     pub(super) fn wants_declarations(&mut self) -> bool {
         std::mem::take(&mut self.news.wants_declarations)
     }
 
-    /// What was taken, and is lost after all.
+    /// What was taken, and is lost nevertheless.
     pub(super) fn take_lost(&mut self) -> Option<Tally> {
         self.news.lost.pop_front()
     }
 
-    /// Ends it within the limit. An error that is no block's.
+    /// Ends the sink within the limit. The error is not of any block.
     pub(super) fn end(&mut self) -> io::Result<()> {
         let asked = Some(Instant::now());
         let outcome = self.ask_for(Job::End, asked);
@@ -222,7 +228,7 @@ impl Handoff {
     }
 }
 
-/// Tells that the thread has ended.
+/// Marks the thread as ended.
 struct Gone(Arc<Shared>);
 
 impl Drop for Gone {
@@ -233,7 +239,7 @@ impl Drop for Gone {
 
 /// The sink's thread.
 fn serve(shared: &Shared, sink: &mut dyn Sink) {
-    // Swapped with the block that is under way, so that the sink works on it without the lock.
+    // Swapped with the current block, so that the sink works on it without the lock.
     let mut block = Vec::new();
     loop {
         let mut state = shared.wait_while(shared.lock(), |state| {
@@ -272,7 +278,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) {
     }
 }
 
-/// Offers a block until the sink has decided. None if nobody waits for it any more.
+/// Offers a block until the sink has decided. None if the thread is detached.
 fn take(shared: &Shared, sink: &mut dyn Sink, block: &[u8]) -> Option<io::Result<()>> {
     loop {
         match sink.block(block) {
@@ -299,11 +305,11 @@ mod tests {
     #[test]
     fn waiting_for_a_sink_at_the_end_is_bounded_in_all() {
         let limit = Instant::now() + Duration::from_secs(100);
-        // However late a block is offered.
+        // Independently of when a block is offered.
         let blocks = deadline(limit, None);
         assert_eq!(blocks, limit + GRACE);
         assert_eq!(deadline(limit, Some(limit - GRACE)), blocks);
-        // No block is offered after that, so the end is asked for then at the latest.
+        // No block is offered after that, so the end is requested then at the latest.
         assert_eq!(deadline(limit, Some(blocks)), limit + 2 * GRACE);
     }
 }

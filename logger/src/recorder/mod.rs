@@ -1,13 +1,15 @@
-//! Who moves what the rings hold to where it is kept.
+//! The recorder: moves entries from the rings to the sink.
 //!
 //! ```text
 //!   rings of all threads ── merged by time ──> encoder ── a block ──> sink
 //!                            every round                  (file)
 //! ```
 //!
-//! It works in rounds, on an ordinary thread, and nobody wakes it: the real-time path makes no system call for it. `queue` is a ring's reading end, `timeline` turns
-//! counter ticks into nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` where blocks go, `tee` to several of them, `handoff` the thread that a sink
-//! works on, `show` the one that shows messages.
+//! It works in rounds on an ordinary thread. It is not woken by the real-time path, which therefore
+//! makes no system call for it. `queue` is a ring's reading end, `timeline` converts counter ticks
+//! to nanoseconds, `output` makes blocks and counts, `drain` is the thread, `sink` has the sinks,
+//! `tee` the one that copies to several, `handoff` the sink's thread, `show` the thread that shows
+//! messages.
 
 mod drain;
 #[cfg(feature = "events")]
@@ -40,7 +42,8 @@ use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
 /// Where a recording goes, and how much room there is on the way.
@@ -90,11 +93,14 @@ impl Logging {
         Self::to(Target::Sink("a sink".to_owned(), Box::new(sink)))
     }
 
-    /// To a [`Receiver`](crate::Receiver) over TCP, such as `luna record --listen ADDR` on another computer: `address` is `HOST:PORT`.
+    /// Records to a [`Receiver`](crate::Receiver) over TCP, such as `luna record --listen ADDR` on
+    /// another computer: `address` is `HOST:PORT`.
     ///
-    /// It need not be there: the connection is made in the background, and again when it is lost. What is not acknowledged waits in the memory, at most 4 MiB of blocks;
-    /// then blocks are refused, lost and counted. What is recorded, by the report, is acknowledged. See [`TcpSink`]. At the end it waits two seconds at most, unless
-    /// [`end_within`](Self::end_within) says otherwise.
+    /// The receiver may be absent: the connection is made in the background, and again when it is
+    /// lost. Blocks wait in memory, at most 4 MiB, until they are acknowledged; beyond that they
+    /// are refused, lost and counted. The report counts acknowledged data as recorded. See
+    /// [`TcpSink`]. At the end it waits at most two seconds, unless
+    /// [`end_within`](Self::end_within) sets another limit.
     ///
     /// ```
     /// use luna_logger::{Hub, Logging, Recorder};
@@ -111,12 +117,15 @@ impl Logging {
         Self::to(Target::Sink(to, Box::new(TcpSink::new(address)))).end_within(AT_PEERS)
     }
 
-    /// To a [`Receiver`](crate::Receiver) by UDP datagrams: `address` is `HOST:PORT`. Nobody acknowledges them: recorded, by the report, is what was sent, and the receiver counts
-    /// what does not come. See [`UdpSink`].
+    /// Records to a [`Receiver`](crate::Receiver) by UDP datagrams: `address` is `HOST:PORT`. There
+    /// are no acknowledgements: the report counts sent data as recorded, and the receiver counts
+    /// missing blocks. See [`UdpSink`].
     ///
     /// ```
     /// use luna_logger::Logging;
-    /// assert!(format!("{:?}", Logging::to_udp("localhost:9000")).contains("udp://localhost:9000"));
+    /// assert!(
+    ///     format!("{:?}", Logging::to_udp("localhost:9000")).contains("udp://localhost:9000")
+    /// );
     /// ```
     pub fn to_udp(address: impl Into<String>) -> Self {
         let address = address.into();
@@ -160,27 +169,30 @@ impl Logging {
         }
     }
 
-    /// Makes room for so many samples of one element in each thread's ring; 32 768 if not stated. What they take is allocated when the thread starts: 24 bytes each. A sample of `n`
-    /// elements takes 16 + 8 n bytes.
+    /// Room in each thread's ring, in samples of one element; default 32 768. It is allocated when
+    /// the thread starts: 24 bytes each. A sample of `n` elements takes 16 + 8 n bytes.
     pub fn room_for_samples(mut self, samples: usize) -> Self {
         self.rooms.samples = samples.saturating_mul(3).min(MOST_ROOM);
         self
     }
 
-    /// Makes room for so many bytes of messages in each thread's other ring, at 32 a message beside its text; 64 KiB if not stated.
+    /// Room for messages in each thread's other ring, in bytes: a message takes 32 and its text;
+    /// default 64 KiB.
     pub fn room_for_messages(mut self, bytes: usize) -> Self {
         self.rooms.messages = bytes.div_ceil(8).min(MOST_ROOM);
         self
     }
 
-    /// Records CSP events too, with room for 65 536 in the ring of each executor and OS-thread process.
+    /// Records CSP events too, with room for 65 536 in the ring of each executor and OS-thread
+    /// process.
     #[cfg(feature = "events")]
     pub fn events(self) -> Self {
         self.room_for_events(1 << 16)
     }
 
-    /// Records CSP events too, with room for so many in the ring of each executor and OS-thread process, rounded up to a power of two; 0 is none. What they take is
-    /// allocated when the thread starts: 32 bytes each.
+    /// Records CSP events too, with room for `events` of them in the ring of each executor and
+    /// OS-thread process, rounded up to a power of two; 0 turns them off. It is allocated when the
+    /// thread starts: 32 bytes each.
     ///
     /// ```
     /// use luna_logger::Logging;
@@ -193,30 +205,38 @@ impl Logging {
         self
     }
 
-    /// Moves on what the rings hold every so often, 1 ms to 10 s; 10 ms if not stated. What a killed program leaves is complete but for the last such time.
+    /// The period of the recorder's rounds, 1 ms to 10 s; default 10 ms. A killed program leaves
+    /// all entries but those of the last period.
     pub fn every(mut self, period: Duration) -> Self {
         self.period = period.clamp(Duration::from_millis(1), Duration::from_secs(10));
         self
     }
 
-    /// Shows messages of `most` and what matters more on standard error too, from a thread of its own. If nobody reads there fast enough, at most 1 MiB of lines waits; what has no room is
-    /// recorded, not shown, and its number told there. The end waits for them one second at most.
+    /// Shows messages of level `most` or more severe on standard error too, from a thread of its
+    /// own. At most 1 MiB of lines waits for a slow reader; messages beyond that are recorded, but
+    /// not shown, and their number is shown. The end waits at most one second for them.
     pub fn show_messages(mut self, most: Level) -> Self {
         self.show = Some(most);
         self
     }
 
-    /// Has a file's blocks brought to the disk (`fdatasync`) when so much time has gone by since that was done last, and at the end. If not stated, the kernel does that when it
-    /// likes: a program that is killed loses nothing by it, but a power failure does. The recorder waits for the disk meanwhile, so the rings have to hold as much longer.
+    /// Writes a file's blocks to the disk (`fdatasync`) when this time has passed since the last
+    /// time, and at the end. Without it the kernel decides when: a killed program loses nothing by
+    /// that, but a power failure does. The recorder waits for the disk meanwhile, so the rings need
+    /// that much more room.
     pub fn sync_every(mut self, period: Duration) -> Self {
         self.sync = Some(period);
         self
     }
 
-    /// Waits at most so long for the sink when the recording ends, at most a day; 10 s if not stated, and 2 s for a recorder on another computer. What it has not taken until then is lost, and counted as
-    /// such; a block that is under way counts as lost too, though the sink may take it still. A sink that does not answer is waited for five seconds more; then its thread is
-    /// left alone with it. One that has answered by then is asked to end, and waited for five seconds again at most, until it has: in all the limit and ten seconds. One that is left alone
-    /// cannot say what it has lost of what it had taken before: that still counts as recorded.
+    /// The longest wait for the sink when the recording ends, at most a day; default 10 s, and 2 s
+    /// for a recorder on another computer. What the sink has not taken by then counts as lost, also
+    /// a block in progress, though the sink may still take it.
+    ///
+    /// A sink that does not answer gets five more seconds; then its thread is detached. A sink that
+    /// has answered is asked to end, and gets another five seconds for that: the limit and ten
+    /// seconds in all. A detached sink cannot report losses among what it had taken: that still
+    /// counts as recorded.
     pub fn end_within(mut self, limit: Duration) -> Self {
         self.end_within = limit;
         self
@@ -227,7 +247,7 @@ impl Logging {
 const TCP: &str = "tcp://";
 const UDP: &str = "udp://";
 
-/// How long the end of a recording waits at most, for a sink here and for one on another computer.
+/// Default limits at the end of a recording, for a sink here and for one on another computer.
 const AT_END: Duration = Duration::from_secs(10);
 const AT_PEERS: Duration = Duration::from_secs(2);
 
@@ -240,19 +260,20 @@ pub struct Recorder {
     hub: Arc<Hub>,
     to: String,
     thread: Option<Thread<LoggingReport>>,
-    ending: Arc<Ending>,
+    running: Option<mpsc::Sender<()>>,
     limiter: Limiter,
     end_within: Duration,
 }
 
 impl Recorder {
-    /// Begins to record what the threads of `hub` do. To be called before they enter it, so that their rings are made then.
+    /// Starts recording the threads of `hub`. Call it before they enter the hub, so that their
+    /// rings are created then.
     ///
-    /// Not for the real-time path: it opens the file and makes a thread, which has no real-time policy.
+    /// Not for the real-time path: it opens the file and creates a thread without real-time policy.
     ///
     /// # Errors
     ///
-    /// The file cannot be made, or the thread, or the hub records already.
+    /// The file or the thread cannot be created, or the hub records already.
     pub fn start(hub: &Arc<Hub>, recording: Logging) -> Result<Recorder, StartError> {
         let Logging {
             target,
@@ -297,25 +318,27 @@ impl Recorder {
             StartError::Thread(error)
         })?;
         let limiter = sink.limiter();
-        let ending = Arc::new(Ending::default());
+        // The thread ends when the sender is dropped.
+        let (running, stopped) = mpsc::channel::<()>();
         let way = Way {
             sink,
             block_size,
             begun,
         };
         let drain = Drain::new(hub.clone(), to.clone(), way, show);
-        let awaited = ending.clone();
         let started = spawn(
             Attributes::framework("luna-recorder", Policy::Other),
             move |_| Ok::<_, Infallible>(drain),
-            move |drain| drain.run(|| awaited.wait(period)),
+            move |drain| {
+                drain.run(|| stopped.recv_timeout(period) == Err(RecvTimeoutError::Disconnected))
+            },
         );
         match started {
             Ok(thread) => Ok(Recorder {
                 hub: hub.clone(),
                 to,
                 thread: Some(thread),
-                ending,
+                running: Some(running),
                 limiter,
                 end_within,
             }),
@@ -326,11 +349,12 @@ impl Recorder {
         }
     }
 
-    /// Ends the recording: writes what the rings hold, and says what became of all samples and messages. To be called when the threads have ended, or do not record any
-    /// more: what they record meanwhile may be missing without being counted.
+    /// Ends the recording: writes the rest of the rings, and reports what became of all samples and
+    /// messages. Call it when the threads have ended or do not record any more: what they record
+    /// meanwhile may be missing without being counted.
     ///
-    /// Waits as long as the sink takes, at most as long as [`Logging::end_within`] says, and the ten seconds more that it names; and one second for messages
-    /// that are shown.
+    /// Waits for the sink, at most the limit of [`Logging::end_within`] and the ten seconds named
+    /// there, and one second for messages that are shown.
     pub fn finish(mut self) -> LoggingReport {
         self.stop()
             .unwrap_or_else(|| LoggingReport::broken(std::mem::take(&mut self.to)))
@@ -340,7 +364,7 @@ impl Recorder {
         let thread = self.thread.take()?;
         self.hub.end_recording();
         self.limiter.end_within(self.end_within);
-        self.ending.end();
+        self.running = None;
         thread.join().ok()
     }
 }
@@ -359,54 +383,22 @@ impl fmt::Debug for Recorder {
     }
 }
 
-/// How the thread is told to end.
-#[derive(Default)]
-struct Ending {
-    has_come: Mutex<bool>,
-    comes: Condvar,
-}
-
-impl Ending {
-    fn end(&self) {
-        *self.has_come.lock().unwrap_or_else(PoisonError::into_inner) = true;
-        self.comes.notify_all();
-    }
-
-    /// Waits for `period`, or until the end has come, which it says.
-    fn wait(&self, period: Duration) -> bool {
-        let has_come = self.has_come.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self
-            .comes
-            .wait_timeout_while(has_come, period, |has_come| !*has_come);
-        *waited.unwrap_or_else(PoisonError::into_inner).0
-    }
-}
-
 /// Why a recording cannot begin.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StartError {
     /// Where it is to go cannot be written.
+    #[error("cannot record to {to}: {error}")]
     Sink {
         /// Where that is.
         to: String,
-        /// The system's words.
+        /// The system's error.
         error: String,
     },
     /// The recorder's thread could not be made.
+    #[error("cannot record: {0}")]
     Thread(String),
     /// The hub records already, or has done.
+    #[error("a hub is recorded once")]
     Twice,
 }
-
-impl fmt::Display for StartError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            StartError::Sink { to, error } => write!(f, "cannot record to {to}: {error}"),
-            StartError::Thread(error) => write!(f, "cannot record: {error}"),
-            StartError::Twice => f.write_str("a hub is recorded once"),
-        }
-    }
-}
-
-impl std::error::Error for StartError {}

@@ -1,9 +1,10 @@
-//! What two threads share, each of which waits for what the other makes of it.
+//! State shared by two threads, each of which waits for changes made by the other.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A state under a lock, and who waits for it to change. Nothing of the user's runs under the lock, so a panic there leaves a state that is whole.
+/// A state under a lock, with a condition for its changes. No user code runs under the lock, so a
+/// panic leaves the state consistent.
 #[derive(Default)]
 pub(super) struct Monitor<T> {
     state: Mutex<T>,
@@ -15,14 +16,14 @@ impl<T> Monitor<T> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes the state, and wakes who waits.
+    /// Changes the state, and wakes the waiting threads.
     pub(super) fn change<R>(&self, change: impl FnOnce(&mut T) -> R) -> R {
         let result = change(&mut self.lock());
         self.wake();
         result
     }
 
-    /// Wakes who waits, after a change under the lock.
+    /// Wakes the waiting threads, after a change under the lock.
     pub(super) fn wake(&self) {
         self.changes.notify_all();
     }
@@ -37,7 +38,7 @@ impl<T> Monitor<T> {
         waited.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits while the state is so, at most so long.
+    /// Waits while the condition holds, at most `limit`.
     pub(super) fn wait_while_within<'a>(
         &self,
         state: MutexGuard<'a, T>,

@@ -1,4 +1,4 @@
-//! Entries into blocks, blocks into the sink, and the count of what became of each.
+//! Makes blocks of entries, passes them to the sink, and counts what became of each entry.
 
 #[cfg(feature = "events")]
 use super::events::Events;
@@ -18,7 +18,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often the time of day is told.
+/// How often the time of day is recorded.
 const EPOCHS: Duration = Duration::from_secs(10);
 
 /// Where messages are counted that no thread of the recording lost.
@@ -36,8 +36,8 @@ pub(super) struct Output {
     /// The signals of which the block has samples.
     in_block: Vec<u32>,
     threads: Vec<(u32, String)>,
-    /// What stands in the recording already, since it began or had to begin anew.
-    told: Told,
+    /// What has been declared since the recording began or had to start again.
+    progress: Progress,
     is_asked_to_declare: bool,
     messages: MessagesReport,
     messages_in_block: MessagesReport,
@@ -60,7 +60,7 @@ pub(super) struct Way {
 }
 
 #[derive(Default)]
-struct Told {
+struct Progress {
     session: bool,
     signals: usize,
     threads: usize,
@@ -90,7 +90,7 @@ impl Output {
             counts: Vec::new(),
             in_block: Vec::new(),
             threads: Vec::new(),
-            told: Told::default(),
+            progress: Progress::default(),
             is_asked_to_declare: false,
             messages: MessagesReport::default(),
             messages_in_block: MessagesReport::default(),
@@ -140,10 +140,10 @@ impl Output {
     }
 
     #[cfg(feature = "events")]
-    pub(super) fn tell_losses_of_events(&mut self) {
+    pub(super) fn record_losses_of_events(&mut self) {
         let lost: Vec<_> = self.events.lost().collect();
         for (thread, lost) in lost {
-            self.tell_losses(Losing::Events(thread), lost);
+            self.record_losses(Losing::Events(thread), lost);
         }
     }
 
@@ -235,10 +235,11 @@ impl Output {
         }
     }
 
-    /// Declares what is not declared yet. False if the sink has refused some of it: what would follow could not be read.
+    /// Declares what is not declared yet. False if the sink refused some of it: later records could
+    /// not be read.
     fn declare(&mut self) -> bool {
-        if !self.told.session {
-            self.told.session = true;
+        if !self.progress.session {
+            self.progress.session = true;
             self.encoder.put(&Record::Session {
                 system: &self.hub.system,
                 clock: self.hub.clock_base(),
@@ -250,8 +251,8 @@ impl Output {
             let encoder = &mut self.encoder;
             self.events.codes(|record| encoder.put(record));
         }
-        while let Some((number, name)) = self.threads.get(self.told.threads) {
-            self.told.threads += 1;
+        while let Some((number, name)) = self.threads.get(self.progress.threads) {
+            self.progress.threads += 1;
             self.encoder.put(&Record::Thread {
                 number: *number,
                 name,
@@ -260,16 +261,16 @@ impl Output {
                 return false;
             }
         }
-        while let Some(declared) = self.signals.get(self.told.signals) {
+        while let Some(declared) = self.signals.get(self.progress.signals) {
             self.encoder.put(&Record::Signal(SignalInfo {
-                number: self.told.signals as u32,
+                number: self.progress.signals as u32,
                 element_type: declared.element_type,
                 elements: declared.elements,
                 name: &declared.name,
                 unit: &declared.unit,
                 description: &declared.description,
             }));
-            self.told.signals += 1;
+            self.progress.signals += 1;
             if self.encoder.is_full() && !self.end_block() {
                 return false;
             }
@@ -277,48 +278,49 @@ impl Output {
         true
     }
 
-    /// Tells the time of day, if it is time; where time is virtual there is none.
-    pub(super) fn tell_time(&mut self) {
+    /// Records the time of day, if it is due. Virtual time has none.
+    pub(super) fn record_time(&mut self) {
         if std::mem::take(&mut self.is_asked_to_declare) {
-            self.told = Told::default();
+            self.progress = Progress::default();
             #[cfg(feature = "events")]
-            self.events.declare_anew();
+            self.events.declare_again();
         }
         if !self.declare() {
             return;
         }
         let now = Instant::now_real();
-        let is_due = self.told.epoch.is_none_or(|last| now - last >= EPOCHS);
+        let is_due = self.progress.epoch.is_none_or(|last| now - last >= EPOCHS);
         if !is_due || self.hub.clock_base() != crate::format::ClockBase::Monotonic {
             return;
         }
-        self.told.epoch = Some(now);
+        self.progress.epoch = Some(now);
         if let Some((unix, time)) = epoch() {
             self.encoder.put(&Record::Epoch { time, unix });
         }
     }
 
-    /// Tells that `lost` were lost until now, if it was not told.
-    pub(super) fn tell_losses(&mut self, of: Losing, lost: u64) {
-        let told = self.told.losses.get(&of).copied().unwrap_or(0);
-        // First what says what it is about.
-        if lost > told && self.declare() {
-            self.told.losses.insert(of, lost);
+    /// Records that `lost` were lost until now, if that is not recorded yet.
+    pub(super) fn record_losses(&mut self, of: Losing, lost: u64) {
+        let recorded = self.progress.losses.get(&of).copied().unwrap_or(0);
+        // The declaration comes first.
+        if lost > recorded && self.declare() {
+            self.progress.losses.insert(of, lost);
             self.encoder.put(&Record::Losses { of, lost });
         }
     }
 
-    /// Tells how many messages were lost, of which `elsewhere` on no thread of the recording; the others were refused by the sink.
-    pub(super) fn tell_losses_of_messages(&mut self, elsewhere: u64) {
+    /// Records the number of lost messages, `elsewhere` of them on no thread of the recording; the
+    /// others were refused by the sink.
+    pub(super) fn record_losses_of_messages(&mut self, elsewhere: u64) {
         let lost = elsewhere + self.messages.lost;
-        self.tell_losses(Losing::Messages(NO_THREAD), lost);
+        self.record_losses(Losing::Messages(NO_THREAD), lost);
     }
 
-    pub(super) fn tell_losses_of_signals(&mut self) {
+    pub(super) fn record_losses_of_signals(&mut self) {
         for index in 0..self.signals.len() {
             let lost = self.lost(index);
             if lost > 0 {
-                self.tell_losses(Losing::Signal(index as u32), lost);
+                self.record_losses(Losing::Signal(index as u32), lost);
             }
             if self.encoder.is_full() {
                 self.end_block();
@@ -330,7 +332,7 @@ impl Output {
         self.signals[index].losses.get() + self.counts[index].refused
     }
 
-    /// Hands the block on, if there is anything in it. False if the sink has refused it.
+    /// Passes the block to the sink, if it is not empty. False if the sink refused it.
     pub(super) fn end_block(&mut self) -> bool {
         if self.encoder.is_empty() {
             return true;
@@ -340,9 +342,9 @@ impl Output {
         let refused = self.sink.block(block).err();
         let has_failed = refused.is_some();
         if let Some(error) = refused {
-            // What it declared is to be declared again.
+            // Its declarations have to be repeated.
             self.encoder.discard();
-            self.told = Told::default();
+            self.progress = Progress::default();
             self.fail(&error);
         } else {
             self.encoder.next();
@@ -370,25 +372,26 @@ impl Output {
         !has_failed
     }
 
-    /// Keeps the first error, but one that says more than that it is late.
+    /// Keeps the first error, and prefers any error to a timeout.
     fn fail(&mut self, error: &io::Error) {
         if self.error.as_deref().is_none_or(|first| first == LATE) {
             self.error = Some(error.to_string());
         }
     }
 
-    /// Asks what the sink has to say, also if there was no block for it.
+    /// Collects the sink's reports without a block.
     pub(super) fn ask(&mut self) {
         self.sink.ask();
         self.heed();
     }
 
-    /// Heeds what the sink has said.
+    /// Acts on the sink's reports.
     fn heed(&mut self) {
         // With the next round, which begins a block.
         self.is_asked_to_declare |= self.sink.wants_declarations();
         while let Some(lost) = self.sink.take_lost() {
-            // No more than there is: a sink that panicked may have kept the block it was offered, which counts as refused.
+            // At most the recorded number: a sink that panicked may report the block it was
+            // offered, which counts as refused.
             for (signal, samples) in lost.samples {
                 if let Some(count) = self.counts.get_mut(signal as usize) {
                     let samples = samples.min(count.recorded);
@@ -405,12 +408,12 @@ impl Output {
         }
     }
 
-    /// Ends the recording, of which so many messages were lost before they came here.
+    /// Ends the recording. `lost_messages` were lost before they reached the recorder.
     pub(super) fn end(mut self, lost_messages: u64) -> LoggingReport {
         if self.declare() {
-            self.tell_losses_of_signals();
+            self.record_losses_of_signals();
             #[cfg(feature = "events")]
-            self.tell_losses_of_events();
+            self.record_losses_of_events();
             self.encoder.put(&Record::End {
                 time: self.last_time,
             });

@@ -72,7 +72,7 @@ impl Queue {
         match &mut self.ring {
             Ring::Words(ring) => {
                 let words = ring.slots().min(room);
-                // There are at least as many as it has just said.
+                // At least `words` are available, as `slots` reported.
                 if let Ok(chunk) = ring.read_chunk(words) {
                     let (first, second) = chunk.as_slices();
                     self.batch.extend_from_slice(first);
@@ -103,7 +103,8 @@ impl Queue {
     }
 }
 
-/// Calls `take` with the queue whose first entry is the oldest, again and again, until none has one of `limit` or before.
+/// Calls `take` with the queue whose first entry is the oldest, until no queue has an entry at or
+/// before `limit`.
 pub(super) fn merge(queues: &mut [Queue], limit: u64, mut take: impl FnMut(&mut Queue)) {
     loop {
         let mut oldest = None;

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// What became of a recording. Every sample that was recorded while it was under way is in one of its counts: recorded or lost. Its `Display` is a line, and one
-/// for each signal that lost samples.
+/// The outcome of a recording. Every sample recorded meanwhile is counted once: as recorded or as
+/// lost. Its `Display` is one line, and one more for each signal that lost samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LoggingReport {
@@ -32,7 +32,7 @@ pub struct SignalReport {
     pub unit: String,
     /// How many samples are in the recording.
     pub recorded: u64,
-    /// How many are not: there was no room in the ring, or where the recording goes.
+    /// How many were lost: the ring or the sink had no room.
     pub lost: u64,
 }
 
@@ -55,12 +55,12 @@ pub struct MessagesReport {
 pub struct EventsReport {
     /// How many are in the recording.
     pub recorded: u64,
-    /// How many are not: there was no room in a ring, or where the recording goes.
+    /// How many were lost: a ring or the sink had no room.
     pub lost: u64,
 }
 
 impl LoggingReport {
-    /// Of a recorder whose thread has panicked.
+    /// The report after a panic of the recorder's thread.
     pub(super) fn broken(to: String) -> Self {
         Self {
             to,

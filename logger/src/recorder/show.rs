@@ -1,4 +1,4 @@
-//! Messages on standard error, by a thread that nobody waits for: whoever reads there may be as slow as he likes.
+//! Shows messages on standard error, from a detached thread, since its reader may be slow.
 
 use super::monitor::Monitor;
 use luna_platform::thread::{Attributes, Policy, spawn};
@@ -11,10 +11,10 @@ use std::time::Duration;
 /// The most bytes of lines that wait.
 const ROOM: usize = 1 << 20;
 
-/// How long the end of a recording waits at most for lines that are not shown yet.
+/// The longest wait at the end of a recording for lines that are not shown yet.
 pub(super) const END_WITHIN: Duration = Duration::from_secs(1);
 
-/// The recorder's end. Dropping it lets the thread end when it has written what waits.
+/// The recorder's end. After it is dropped, the thread writes the waiting lines and ends.
 pub(super) struct Show {
     shared: Arc<Monitor<State>>,
 }
@@ -23,7 +23,7 @@ pub(super) struct Show {
 struct State {
     /// What waits, whole lines.
     lines: Vec<u8>,
-    /// How many had no room since that was told.
+    /// Lines without room since the last time that their number was shown.
     left_out: u64,
     is_writing: bool,
     is_over: bool,
@@ -51,26 +51,27 @@ impl Show {
             move |shared| {
                 let mut lines = Vec::new();
                 while take(&shared, &mut lines) {
-                    // Nobody may read there any more: that is no reason to record no more.
+                    // Standard error may be closed. Recording continues.
                     let _ = write(&lines);
                     shared.change(|state| state.is_writing = false);
                 }
             },
         );
         match thread {
-            // Nobody joins it: it may stand in a write for ever.
+            // The thread is detached: it may block in a write for ever.
             Ok(_) => Ok(Self { shared }),
             Err(error) => Err(error.to_string()),
         }
     }
 
-    /// Has a line shown, if there is room; else it is counted, and told when there is. Never waits for who reads.
+    /// Shows a line, if there is room; otherwise counts it, and shows the count later. Never waits
+    /// for the reader.
     pub(super) fn line(&self, line: fmt::Arguments<'_>) {
         self.shared.change(|state| {
             let length = state.lines.len();
             // A vector takes all.
             let _ = writeln!(state.lines, "{line}");
-            // What comes behind what was left out would stand before the word on it.
+            // A later line must not precede the count of the lines left out.
             if state.left_out > 0 || state.lines.len() > ROOM {
                 state.lines.truncate(length);
                 state.left_out += 1;
@@ -78,7 +79,7 @@ impl Show {
         });
     }
 
-    /// Waits until all is shown, at most so long. Says whether it is.
+    /// Waits until all is shown, or the limit has passed. Returns whether all is.
     pub(super) fn end(&self, limit: Duration) -> bool {
         let state = self.shared.lock();
         let waited = self
@@ -120,7 +121,7 @@ mod tests {
     use std::sync::mpsc::channel;
 
     #[test]
-    fn who_does_not_read_keeps_nobody_and_what_has_no_room_is_counted() {
+    fn a_slow_reader_delays_nothing_and_omitted_lines_are_counted() {
         let (begins, begun) = channel();
         let (open, gate) = channel::<()>();
         let shown = Arc::new(Mutex::new(Vec::new()));

@@ -7,28 +7,32 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What takes a recording's blocks. It is called on a thread of its own, and may wait as long as it likes: the recorder waits for it, the rings fill, and what has no room there is lost and
-/// counted. At the end of the recording it has [a limit](crate::Logging::end_within).
+/// The destination of a recording's blocks. It is called on a thread of its own, and may block:
+/// then the recorder waits for it, the rings fill, and what has no room there is lost and counted.
+/// At the end of the recording it has [a limit](crate::Logging::end_within).
 ///
-/// What it takes is the recording; what it refuses is lost, and counted as such.
+/// The blocks that it takes are the recording; the contents of blocks that it refuses are lost and
+/// counted.
 pub trait Sink: Send {
-    /// Takes what stands before the first block.
+    /// Takes the bytes before the first block.
     ///
     /// # Errors
     ///
     /// The sink's own; the recording does not begin then.
     fn begin(&mut self, head: &[u8]) -> io::Result<()>;
 
-    /// Takes a block as a whole, or refuses it and keeps nothing of it.
+    /// Takes a block completely, or refuses it and keeps nothing of it.
     ///
     /// # Errors
     ///
-    /// The sink's own. What is in the block is lost; the sink is asked again with the next one, which repeats all declarations.
+    /// An error of the sink's. The contents of the block are lost. The next block repeats all
+    /// declarations.
     ///
-    /// [`WouldBlock`](io::ErrorKind::WouldBlock) says that it cannot take the block yet: it is offered again.
+    /// [`WouldBlock`](io::ErrorKind::WouldBlock): it cannot take the block yet. The block is
+    /// offered again.
     fn block(&mut self, block: &[u8]) -> io::Result<()>;
 
-    /// The name of the system that is recorded: told before all else.
+    /// The name of the recorded system. Called first.
     fn is_of(&mut self, _system: &str) {}
 
     /// At how many bytes a block is full, at most 64 KiB.
@@ -36,28 +40,32 @@ pub trait Sink: Send {
         64 << 10
     }
 
-    /// Whether all is to be declared again: the next block then begins with the session. Asked after each block, and ten times a second.
+    /// Whether everything is to be declared again: the next block then begins with the session.
+    /// Called after each block, and ten times a second.
     fn wants_declarations(&mut self) -> bool {
         false
     }
 
-    /// What was in blocks that it has taken, and that are lost after all: since this was asked last. Asked after each block, and ten times a second.
+    /// The contents of blocks that it had taken and that are lost nevertheless, since the last
+    /// call. Called after each block, and ten times a second.
     fn take_lost(&mut self) -> Tally {
         Tally::default()
     }
 
-    /// The recording has ended, and there are no more blocks. It is left alone five seconds after `limit` has passed. Called with no time at all after it has panicked, so that what it
-    /// had taken and loses comes by [`take_lost`](Self::take_lost); it may then panic again.
+    /// The recording has ended, and there are no more blocks. Five seconds after `limit` its thread
+    /// is detached. After a panic of the sink this is called with a limit of zero, so that
+    /// [`take_lost`](Self::take_lost) reports its losses; it may then panic again.
     ///
     /// # Errors
     ///
-    /// The sink's own, which is told in the report.
+    /// An error of the sink's, which goes into the report.
     fn end(&mut self, _limit: Duration) -> io::Result<()> {
         Ok(())
     }
 }
 
-/// A file. A block that cannot be written whole (a full disk) is taken back, so that the file stays readable, and goes on when there is room again.
+/// A file. A block that cannot be written completely (a full disk) is truncated, so that the file
+/// stays readable. Writing continues when there is room again.
 #[derive(Debug)]
 pub struct FileSink {
     file: File,
@@ -88,7 +96,8 @@ impl FileSink {
         })
     }
 
-    /// Brings it to the disk (`fdatasync`) when so much time has gone by since that was done last, and at the end.
+    /// Writes it to the disk (`fdatasync`) when this time has passed since the last time, and at
+    /// the end.
     pub fn sync_every(mut self, period: Duration) -> FileSink {
         self.sync = Some((period, Instant::now()));
         self
@@ -123,7 +132,8 @@ impl Sink for FileSink {
         match &mut self.sync {
             Some((period, last)) if last.elapsed() >= *period => {
                 *last = Instant::now();
-                // The block is in the file. That the disk has failed is told at the end, where it fails again.
+                // The block is in the file. If the disk has failed, syncing fails again at the end
+                // and is reported there.
                 let _ = self.file.sync_data();
             }
             _ => {}
@@ -139,7 +149,8 @@ impl Sink for FileSink {
     }
 }
 
-/// Anything that bytes can be written to. It is given up at the first error, since what it has taken of a block cannot be taken back.
+/// Any output for bytes. It is not used after the first error, since a partly written block cannot
+/// be removed.
 pub struct WriterSink<W> {
     output: W,
     is_broken: bool,

@@ -9,11 +9,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A recording to several sinks: a file and a scope, say.
+/// A recording to several sinks, such as a file and a scope.
 ///
-/// The first sink decides what is recorded: what it refuses is lost, counted in the report, and the others do not get it. What one of the others refuses is missing there alone, and counted by
-/// [`refused`](Self::refused); it goes on with the next block that declares all, which it soon gets. One of the others that panics is ended, and gets no more. They all work on one thread: one that waits keeps the others waiting, so a file
-/// comes first, and what may stall has a buffer of its own, as [`TcpSink`](crate::TcpSink) has. The smallest block size is that of all.
+/// The first sink decides what is recorded: what it refuses is lost, counted in the report, and not
+/// passed to the others. A block that another sink refuses is missing only there, and counted by
+/// [`refused`](Self::refused); that sink continues with the next block that declares everything,
+/// which follows soon. Another sink that panics is ended. All sinks work on one thread, so one that
+/// blocks delays the others: put a file first, and give a sink that may stall a buffer, as
+/// [`TcpSink`](crate::TcpSink) has. The smallest block size of all is used.
 ///
 /// ```
 /// use luna_logger::{Hub, Logging, Recorder, Tee, WriterSink};
@@ -62,7 +65,8 @@ impl Tee {
         self
     }
 
-    /// Of each of the others, in their order, how many blocks are missing there: counters that go on while it records.
+    /// For each of the other sinks, in order, the number of blocks missing there. The counters keep
+    /// counting while it records.
     pub fn refused(&self) -> Vec<Arc<AtomicU64>> {
         let others = self.others.iter();
         others.map(|other| other.refused.clone()).collect()
@@ -70,7 +74,8 @@ impl Tee {
 }
 
 impl Other {
-    /// What its sink says to `call`. None if it has panicked, now or before: that is its own affair, as what it refuses.
+    /// The sink's result of `call`. None if it has panicked, now or before; that affects only this
+    /// sink.
     fn call<T>(&mut self, call: impl FnOnce(&mut dyn Sink) -> T) -> Option<T> {
         let mut sink = self.sink.take()?;
         if let Ok(said) = catch_unwind(AssertUnwindSafe(|| call(&mut *sink))) {

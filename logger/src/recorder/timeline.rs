@@ -5,8 +5,9 @@ use luna_platform::clock::{Counter, Instant};
 
 /// Turns time stamps into nanoseconds.
 ///
-/// The counter is read beside the clock once a round, and what was stamped in between is put on the straight line between the two readings: so the counter's rate need not be
-/// known, and may drift against the clock (which the kernel slews, by NTP) without anything adding up. A round takes only what was stamped before its reading.
+/// The counter and the clock are read together once a round, and stamps in between are interpolated
+/// linearly. So the counter's rate need not be known, and drift against the clock (which NTP slews)
+/// does not accumulate. A round takes only stamps from before its reading.
 pub(super) enum Timeline {
     /// Stamps are nanoseconds.
     Clock,
@@ -32,7 +33,7 @@ impl Timeline {
         }
     }
 
-    /// Reads the clocks: to be done before stamps up to now are asked for.
+    /// Reads the clocks. Call it before taking stamps up to now.
     pub(super) fn advance(&mut self) {
         if let Timeline::Counter(line) = self {
             let (ticks, instant) = line.counter.beside_clock();
@@ -81,7 +82,8 @@ impl Line {
     }
 
     fn nanos(&self, stamp: u64) -> u64 {
-        // From the nearer end, so that a long line and a coarse slope do not matter; what lies beyond an end goes on straight.
+        // From the nearer end, to limit the error of the slope. Stamps beyond an end are
+        // extrapolated.
         let (base, nanos) = if stamp.abs_diff(self.from.0) < stamp.abs_diff(self.to.0) {
             self.from
         } else {
@@ -130,7 +132,7 @@ mod tests {
             let after = Instant::now_real().as_nanos();
             timeline.advance();
             let nanos = timeline.nanos(stamp);
-            // A reading may be off by as much as it took, if it was interrupted each time: as long as a time slice.
+            // An interrupted reading is off by the interruption, at most a time slice.
             let most = 20_000_000;
             assert!(
                 nanos + most >= before && nanos <= after + most,

@@ -1,4 +1,4 @@
-//! A sink that keeps what it takes, and what is in it.
+//! A sink that keeps what it takes, and a parser for that.
 
 #![allow(dead_code, reason = "each test file uses some of it")]
 
@@ -57,7 +57,7 @@ pub(crate) struct Message {
     pub(crate) truncated: bool,
 }
 
-/// What is in a recording.
+/// The contents of a recording.
 #[derive(Debug, Default)]
 pub(crate) struct Content {
     pub(crate) system: String,
@@ -69,7 +69,7 @@ pub(crate) struct Content {
     pub(crate) lost: BTreeMap<u32, u64>,
     /// By thread.
     pub(crate) lost_messages: BTreeMap<u32, u64>,
-    /// On the way, by the count of who received it.
+    /// Lost on the way, as counted by the receiver.
     pub(crate) lost_blocks: u64,
     pub(crate) epochs: usize,
     pub(crate) has_ended: bool,

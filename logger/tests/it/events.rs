@@ -1,4 +1,4 @@
-//! Events of hubs: in blocks that a sink gives back, and of two hubs at a time.
+//! Events of hubs: in blocks that a sink loses later, and of two hubs at a time.
 
 use luna_logger::format::{Losing, Reader, Record, RunsOn, Subject, Tally};
 use luna_logger::{Hub, Logging, Recorder, Sink};
@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, mpsc};
 
-/// A sink that gives back what it took, as one does whose connection breaks, until it is told to keep it.
+/// A sink that loses what it took, as one with a broken connection does, until it is switched to
+/// keep it.
 #[derive(Default, Clone)]
 struct Flaky(Arc<(Mutex<State>, Condvar)>);
 
@@ -32,21 +33,21 @@ impl Flaky {
         self.0.0.lock().unwrap().keeps = true;
     }
 
-    /// Waits until so many events were given back.
+    /// Waits until this many events were lost.
     fn await_given_back(&self, events: u64) {
         let state = self.0.0.lock().unwrap();
         let is_missing = |state: &mut State| state.given_back < events;
         drop(self.0.1.wait_while(state, is_missing).unwrap());
     }
 
-    fn read(&self) -> Told {
-        let mut told = Told::default();
+    fn read(&self) -> Contents {
+        let mut contents = Contents::default();
         let bytes = self.0.0.lock().unwrap().bytes.clone();
         let mut reader = Reader::new(&bytes[..]).unwrap();
         loop {
             match reader.next() {
-                Ok(Some(record)) => told.learn(&record),
-                Ok(None) => return told,
+                Ok(Some(record)) => contents.learn(&record),
+                Ok(None) => return contents,
                 // Blocks are missing.
                 Err(_) => drop(reader.resume().unwrap()),
             }
@@ -85,7 +86,7 @@ impl Sink for Flaky {
 }
 
 #[derive(Debug, Default)]
-struct Told {
+struct Contents {
     /// Codes, subjects and first numbers.
     events: Vec<(u16, u32, u64)>,
     names: BTreeMap<(u8, u32), String>,
@@ -93,7 +94,7 @@ struct Told {
     lost: u64,
 }
 
-impl Told {
+impl Contents {
     fn learn(&mut self, record: &Record<'_>) {
         match record {
             Record::Event(event) => {
@@ -155,13 +156,13 @@ fn events_in_blocks_that_are_given_back_are_lost_and_names_come_again() {
     }
     let report = recorder.finish();
     assert_eq!((report.events.recorded, report.events.lost), (2, 3));
-    let told = sink.read();
+    let contents = sink.read();
     // Each with the name of its code, which `learn` looks for.
-    assert_eq!(told.events, [(code::RUNNING, 7, 0); 2]);
-    assert_eq!(told.lost, 3);
-    assert_eq!(told.name(Subject::Process, 7), Some("pump"));
-    let executor = told.runs_on[&7].unwrap().executor;
-    assert!(told.name(Subject::Executor, executor).is_some());
+    assert_eq!(contents.events, [(code::RUNNING, 7, 0); 2]);
+    assert_eq!(contents.lost, 3);
+    assert_eq!(contents.name(Subject::Process, 7), Some("pump"));
+    let executor = contents.runs_on[&7].unwrap().executor;
+    assert!(contents.name(Subject::Executor, executor).is_some());
     events::detach();
 }
 
@@ -198,18 +199,18 @@ fn of_two_hubs_each_has_its_own_events_and_executors() {
     for report in reports {
         assert_eq!((report.events.recorded, report.events.lost), (2, 0));
     }
-    let told = sinks.map(|sink| sink.read());
-    let number = |told: &Told| {
-        let asleep = told.events.iter().find(|event| event.0 == code::ASLEEP);
+    let contents = sinks.map(|sink| sink.read());
+    let number = |contents: &Contents| {
+        let asleep = contents.events.iter().find(|event| event.0 == code::ASLEEP);
         asleep.unwrap().1
     };
-    assert_eq!(number(&told[0]), number(&told[1]));
-    let executors = told
+    assert_eq!(number(&contents[0]), number(&contents[1]));
+    let executors = contents
         .each_ref()
-        .map(|told| told.name(Subject::Executor, number(told)).unwrap());
+        .map(|contents| contents.name(Subject::Executor, number(contents)).unwrap());
     assert_eq!(executors, ["of the one", "of the other"]);
-    let degrees = told.each_ref().map(|told| {
-        let mut emergencies = told
+    let degrees = contents.each_ref().map(|contents| {
+        let mut emergencies = contents
             .events
             .iter()
             .filter(|event| event.0 == code::EMERGENCY);
@@ -219,18 +220,21 @@ fn of_two_hubs_each_has_its_own_events_and_executors() {
     });
     assert_eq!(degrees, [1, 2]);
     // Both know the process, and one where it runs.
-    let names = told
+    let names = contents
         .each_ref()
-        .map(|told| told.name(Subject::Process, 8).unwrap());
+        .map(|contents| contents.name(Subject::Process, 8).unwrap());
     assert_eq!(names, ["pump"; 2]);
-    assert_eq!(told[0].runs_on[&8].unwrap().executor, number(&told[0]));
-    assert_eq!(told[1].runs_on[&8], None);
+    assert_eq!(
+        contents[0].runs_on[&8].unwrap().executor,
+        number(&contents[0])
+    );
+    assert_eq!(contents[1].runs_on[&8], None);
 }
 
 #[test]
-fn names_come_in_order_and_only_as_long_as_somebody_listens() {
+fn names_come_in_order_and_only_during_a_recording() {
     let names = events::listen();
-    // Numbers that nobody else names.
+    // Numbers that have no name.
     let first = 4_000_000_000;
     for number in first..first + 3 {
         events::name(Kind::Barrier, number, 0, || format!("barrier {number}"));

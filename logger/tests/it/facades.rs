@@ -1,4 +1,5 @@
-//! Messages of the `log` and `tracing` facades are in the recording. One test alone, since a facade has one end in a program.
+//! Messages of the `log` and `tracing` facades are recorded. One test alone, since a facade has one
+//! subscriber in a program.
 
 use crate::common;
 use common::{Kept, Message};
@@ -15,7 +16,7 @@ fn both_facades_end_in_the_recording() {
     let thread = on_thread
         .spawn(|| {
             log::info!(target: "arm", "homed after {} s", 3);
-            log::debug!("not of a level that was asked for");
+            log::debug!("below the enabled level");
             tracing::warn!(target: "leg", pressure = 7.5, unit = "bar", "too high: {}", "valve 3");
             tracing::trace!("neither is this");
             tracing::error_span!("of a span nothing is kept")

@@ -1,4 +1,5 @@
-//! The format: what was written is read, and whatever is read instead is an error with its place, never a panic, never memory without bound.
+//! The format: what was written is read. Any other input is an error with its offset, never a
+//! panic, and never uses unbounded memory.
 
 use luna_logger::Level;
 use luna_logger::format::{
@@ -9,7 +10,7 @@ use proptest::prelude::*;
 
 const NAMES: [&str; 3] = ["arm/angle", "ü", ""];
 
-/// A record by its kind and two numbers. Signals 0 to 2 are declared in front.
+/// A record from its kind and two numbers. Signals 0 to 2 are declared before.
 fn record(kind: u8, small: u32, large: u64, bytes: &[u8; 24]) -> Record<'_> {
     let name = NAMES[small as usize % NAMES.len()];
     match kind {
@@ -86,7 +87,7 @@ fn declarations() -> [Record<'static>; 3] {
     })
 }
 
-/// A file of the records, with a block's end where it is asked for.
+/// A file of the records, with a block's end where requested.
 fn file(steps: &[(u8, u32, u64, bool)], bytes: &[u8; 24]) -> Vec<u8> {
     let mut writer = Writer::new(Vec::new()).unwrap();
     for declaration in &declarations() {
@@ -157,7 +158,8 @@ proptest! {
         }
     }
 
-    /// A changed byte is found by the checksum, or by what stands around the blocks; what came before is good.
+    /// A changed byte is found by the checksum, or by the block structure; the records before it
+    /// are valid.
     #[test]
     fn a_changed_byte_is_an_error_with_its_place(
         steps in steps(),
@@ -187,14 +189,14 @@ proptest! {
         read(&recording);
     }
 
-    /// Records that make no sense, in a block whose checksum is right.
+    /// Malformed records in a block with a correct checksum.
     #[test]
     fn any_records_are_read_without_a_panic(records in prop::collection::vec(any::<u8>(), 1..400)) {
         read(&around(&records));
     }
 }
 
-/// All records of all whole blocks, whatever lies between them, and how often something was wrong.
+/// All records of all complete blocks, and how many errors were found.
 fn read_on(bytes: &[u8]) -> (Vec<String>, usize, u64) {
     let (mut records, mut errors) = (Vec::new(), 0);
     let mut reader = Reader::new(bytes).unwrap();
@@ -215,7 +217,7 @@ fn read_on(bytes: &[u8]) -> (Vec<String>, usize, u64) {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever becomes of one block: changed, cut out in part, or with something else in front of it, all others are read.
+    /// One block is changed, cut, or preceded by other bytes: all other blocks are read.
     #[test]
     fn after_damage_all_other_blocks_are_read(
         times in prop::collection::vec(any::<u64>(), 1..12),
@@ -252,7 +254,8 @@ proptest! {
         prop_assert!(errors > 0);
         prop_assert_eq!(missing, u64::from(which + 1 < blocks.len()));
         let short = &blocks[which][..cut.index(blocks[which].len())];
-        // The bytes that follow may be those that were cut off: nothing is damaged then, but what follows.
+        // The following bytes may be those that were cut off: then only the following block is
+        // damaged.
         let follows = [short, &blocks[which + 1..].concat()].concat();
         if !follows.starts_with(&blocks[which]) {
             prop_assert_eq!(&read_on(&file_with(short)).0, &others);
@@ -316,7 +319,8 @@ fn the_bytes_of_a_file_are_those_of_the_documentation() {
 
 #[test]
 fn records_and_fields_of_a_later_version_are_skipped() {
-    // A kind 200; an end with more behind its time; a name of something unknown; a signal of an unknown type with a sample.
+    // A kind 200; an end with more bytes behind its time; a name of an unknown subject; a signal of
+    // an unknown type with a sample.
     let records = [
         &[200, 3, 1, 2, 3][..],
         &[7, 4, 99, 1, 0, 0],

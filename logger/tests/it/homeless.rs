@@ -1,4 +1,5 @@
-//! Messages on the path by threads without rings: lost, and counted. One test, since threads that are in no hub count for the recording that began last.
+//! Messages on the path by threads without rings are lost and counted. One test alone, since
+//! threads without a hub count for the recording that began last.
 
 use crate::common;
 use common::Kept;
@@ -6,7 +7,7 @@ use luna_logger::{Hub, Level, Logging, Recorder, message};
 use luna_platform::current;
 use std::sync::Arc;
 
-/// On a thread of its own, which is on the path: so many messages.
+/// Writes this many messages on a thread of its own, which is on the path.
 fn on_the_path(hub: Option<&Arc<Hub>>, messages: u32) {
     let hub = hub.cloned();
     let thread = std::thread::spawn(move || {
@@ -24,7 +25,7 @@ fn on_the_path(hub: Option<&Arc<Hub>>, messages: u32) {
 fn messages_on_the_path_without_rings_are_counted() {
     let hubs = ["first", "second"].map(|name| Hub::new(name, Default::default()));
     let kept = [Kept::default(), Kept::default()];
-    // Nothing is recorded yet: they are nobody's.
+    // Nothing is recorded yet, so they count for no recording.
     on_the_path(None, 100);
     let start = |n: usize| Recorder::start(&hubs[n], Logging::to_sink(kept[n].sink())).unwrap();
     let first = start(0);
@@ -37,7 +38,7 @@ fn messages_on_the_path_without_rings_are_counted() {
     for (recorder, kept, lost) in [(first, &kept[0], 14), (second, &kept[1], 14)] {
         let report = recorder.finish();
         assert_eq!((report.messages.recorded, report.messages.lost), (0, lost));
-        let told = kept.read().lost_messages;
-        assert_eq!(told.values().sum::<u64>(), lost);
+        let counted = kept.read().lost_messages;
+        assert_eq!(counted.values().sum::<u64>(), lost);
     }
 }

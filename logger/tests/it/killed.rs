@@ -1,4 +1,5 @@
-//! A program that is killed, or whose disk is full, leaves a recording that can be read to its last complete block. The program is this one, started again.
+//! A program that is killed, or has a full disk, leaves a recording that is readable to its last
+//! complete block. The program is this one, started again.
 #![cfg(unix)]
 
 use crate::common;
@@ -30,7 +31,7 @@ impl Drop for Temporary {
     }
 }
 
-/// The test `name` of this program as a program of its own, whose output is read.
+/// The test `name` of this program, as a program of its own with piped output.
 fn program(name: &str, file: &Path) -> Command {
     let mut program = Command::new(std::env::current_exe().unwrap());
     program
@@ -45,7 +46,8 @@ fn program(name: &str, file: &Path) -> Command {
     program
 }
 
-/// What it reports last. It has ended well then: all that it says is read, since it may not write to a pipe that is closed.
+/// Its last line. It must have ended without error: its output is read to the end, since it could
+/// not write to a closed pipe.
 fn reported(mut child: Child) -> Option<String> {
     let lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let reported = lines
@@ -91,7 +93,8 @@ fn records_until_it_is_killed() {
 #[test]
 #[ignore = "another test starts it as a program of its own"]
 fn records_to_a_disk_that_becomes_full() {
-    // A write beyond the limit is cut off there, and the next one fails, as on a full disk. The limit is in the middle of a block.
+    // A write beyond the limit is cut there, and the next one fails, as on a full disk. The limit
+    // is in the middle of a block.
     setrlimit(Resource::RLIMIT_FSIZE, 200_001, 200_001).unwrap();
     // SAFETY: ignoring a signal runs nothing.
     unsafe { signal(Number::SIGXFSZ, SigHandler::SigIgn) }.unwrap();
@@ -103,11 +106,11 @@ fn records_to_a_disk_that_becomes_full() {
 
 #[test]
 #[ignore = "another test starts it as a program of its own"]
-fn records_while_nobody_reads_standard_error() {
+fn records_while_standard_error_is_not_read() {
     // Until the other one has closed it.
     std::io::read_to_string(std::io::stdin()).unwrap();
-    // Nobody records yet: it goes to standard error.
-    message(Level::Error, "test", format_args!("nobody reads this"));
+    // Nothing records yet: it goes to standard error.
+    message(Level::Error, "test", format_args!("not recorded"));
     let hub = Hub::new("unread", Default::default());
     let recording = Logging::to_file(file()).show_messages(Level::Info);
     let recorder = Recorder::start(&hub, recording).unwrap();
@@ -151,7 +154,7 @@ fn records_while_standard_error_is_full() {
     );
 }
 
-/// How many samples of the one signal there are, which must be in order, and whether the file is whole.
+/// The number of samples of the signal, which must be in order, and whether the file is complete.
 fn numbers(file: &Path) -> (u64, bool) {
     let bytes = fs::read(file).unwrap();
     if bytes.is_empty() {
@@ -175,7 +178,7 @@ fn what_was_moved_on_before_a_kill_can_be_read() {
         .unwrap();
     // Read from until it is killed: it may not find the pipe closed before.
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    // Each line says that the program has gone on.
+    // Each line shows that the program continues.
     let before = lines
         .by_ref()
         .map(Result::unwrap)
@@ -191,9 +194,9 @@ fn what_was_moved_on_before_a_kill_can_be_read() {
 }
 
 #[test]
-fn who_closes_standard_error_ends_no_recording() {
+fn a_closed_standard_error_ends_no_recording() {
     let file = Temporary::new("unread");
-    let mut child = program("records_while_nobody_reads_standard_error", &file.0)
+    let mut child = program("records_while_standard_error_is_not_read", &file.0)
         .stdin(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -206,13 +209,13 @@ fn who_closes_standard_error_ends_no_recording() {
 }
 
 #[test]
-fn who_does_not_read_standard_error_ends_no_recording() {
+fn an_unread_standard_error_ends_no_recording() {
     let file = Temporary::new("unread-full");
     let mut child = program("records_while_standard_error_is_full", &file.0)
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // Open, and nobody reads from it.
+    // Open, but never read.
     let unread = child.stderr.take();
     let reported = reported(child);
     drop(unread);

@@ -1,9 +1,10 @@
-//! Who makes what has a name asks for it as long as it is recorded. Alone in its program: all who record hear of all names.
+//! Names are collected only while a recording with events runs. Alone in its program: all recorders
+//! get all names.
 
 use luna_logger::{Hub, Logging, Recorder, StartError, WriterSink};
 use luna_platform::events::{self, Kind};
 
-/// Whether anybody listens.
+/// Whether names are collected.
 fn is_asked() -> bool {
     let mut is_asked = false;
     events::name(Kind::Channel, u32::MAX, 0, || {
@@ -14,7 +15,7 @@ fn is_asked() -> bool {
 }
 
 #[test]
-fn nobody_collects_names_when_the_recording_has_ended() {
+fn no_names_are_collected_after_the_recording() {
     let to_nowhere = || Logging::to_sink(WriterSink::new(std::io::sink()));
     let hub = Hub::new("pump", Default::default());
     assert!(!is_asked());
@@ -23,7 +24,7 @@ fn nobody_collects_names_when_the_recording_has_ended() {
     let again = Recorder::start(&hub, to_nowhere().events());
     assert!(matches!(again, Err(StartError::Twice)));
     assert_eq!(recorder.finish().error, None);
-    // The hub lives on, as it does while somebody has signals of it.
+    // The hub lives on, as it does while signals of it exist.
     assert!(!is_asked());
     hub.name(Kind::Channel, 1, "late".to_owned());
     drop(hub);

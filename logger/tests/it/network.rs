@@ -1,4 +1,5 @@
-//! Recordings over TCP and UDP: peers that come, go, stall, and are none of ours. What is lost is counted exactly.
+//! Recordings over TCP and UDP: peers that come, go, stall, and speak another protocol. Losses are
+//! counted exactly.
 
 use crate::common;
 use common::{Content, Kept};
@@ -15,7 +16,7 @@ use std::time::Duration;
 /// Longer than any test takes.
 const LONG: Duration = Duration::from_secs(600);
 
-/// Keeps what each sender sends, and who is said to have come and gone.
+/// Keeps the recording of each sender, and the reported arrivals and departures.
 #[derive(Default)]
 struct Office {
     state: Mutex<State>,
@@ -66,10 +67,10 @@ impl Office {
 
 struct Keeping(Arc<Office>);
 
-/// Tells the office of each block.
-struct Telling(common::KeepingSink, Arc<Office>);
+/// Reports each block to the office.
+struct Reporting(common::KeepingSink, Arc<Office>);
 
-impl Sink for Telling {
+impl Sink for Reporting {
     fn begin(&mut self, head: &[u8]) -> io::Result<()> {
         self.0.begin(head)
     }
@@ -84,7 +85,7 @@ impl Sink for Telling {
 impl Handler for Keeping {
     fn open(&self, peer: &Peer) -> io::Result<Box<dyn Sink>> {
         let kept = Kept::default();
-        let sink = Telling(kept.sink(), self.0.clone());
+        let sink = Reporting(kept.sink(), self.0.clone());
         self.0.change(|state| state.kept.push((peer.clone(), kept)));
         Ok(Box::new(sink))
     }
@@ -101,7 +102,7 @@ impl Handler for Keeping {
 
 fn tcp_at(address: &str) -> (Arc<Office>, Receiving) {
     let office = Arc::<Office>::default();
-    // Somebody may have the port for a moment: a sender that is connected to itself, for one.
+    // The port may be in use for a moment, for example by a sender connected to itself.
     let receiver = loop {
         match Receiver::tcp(address) {
             Ok(receiver) => break receiver,
@@ -119,9 +120,10 @@ fn tcp() -> (Arc<Office>, Receiving) {
     tcp_at("127.0.0.1:0")
 }
 
-/// For a test that gives up its port and takes it again: on an address that no other test has, so that none gets the port meanwhile. `test` is a number of its own.
+/// For a test that closes its port and opens it again: on an address of its own, so that no other
+/// test gets the port meanwhile. `test` selects the address.
 fn tcp_of(test: u8) -> (Arc<Office>, Receiving) {
-    // Elsewhere the loopback device has one address, and a port that was free stays so by chance.
+    // Elsewhere the loopback device has one address, and the port may be taken meanwhile.
     if !cfg!(target_os = "linux") {
         return tcp();
     }
@@ -130,7 +132,7 @@ fn tcp_of(test: u8) -> (Arc<Office>, Receiving) {
     tcp_at(&format!("127.{}.{high}.{low}:0", 64 + test))
 }
 
-/// A recording under way, into which this thread records.
+/// A running recording of this thread.
 struct Run {
     recorder: Recorder,
     signal: Signal<u64>,
@@ -230,13 +232,14 @@ fn a_receiver_that_was_started_again_gets_a_recording_of_its_own() {
     };
     run.record(1);
     has_come(1);
-    // These are in later blocks, which are sent when the acknowledgement of that one has been read: so the sender has no block 0 any more, which a new receiver would take.
+    // These are in later blocks, sent after the acknowledgement of the first was read: so the
+    // sender has no block 0 any more, which a new receiver would accept.
     run.record(5_000);
     has_come(5_001);
     receiving.stop();
     assert!(!first.state.lock().unwrap().gone[0].1.has_ended);
     let (second, receiving) = tcp_at(&address);
-    // Until it is there, what is recorded may be lost.
+    // Until then, samples may be lost.
     while second.state.lock().unwrap().kept.is_empty() {
         run.record(1);
         std::thread::yield_now();
@@ -247,7 +250,8 @@ fn a_receiver_that_was_started_again_gets_a_recording_of_its_own() {
     assert!(error.is_none() && !before.has_ended, "{error:?}");
     let (after, _) = second.only();
     let (before, after) = (numbers(&before), numbers(&after));
-    // A block whose acknowledgement was lost with the receiver counts as lost, though it is there.
+    // A block whose acknowledgement was lost with the receiver counts as lost, although the
+    // receiver has it.
     assert!(
         (before.len() + after.len()) as u64 >= report.signals[0].recorded,
         "{report}"
@@ -258,7 +262,8 @@ fn a_receiver_that_was_started_again_gets_a_recording_of_its_own() {
     receiving.stop();
 }
 
-/// Between a sender and a receiver: passes on so many bytes for each connection, then cuts it; none of them: for ever.
+/// A relay between sender and receiver: passes on this many bytes for each connection, then cuts
+/// it. After the last it cuts none.
 fn cutting(to: SocketAddr, cuts: Vec<usize>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -312,7 +317,7 @@ proptest! {
     }
 }
 
-/// A peer that does to each connection what it is told, and says each time that it has done so.
+/// A peer that treats each connection as given, and reports each time that it has done so.
 fn peer(
     mut treat: impl FnMut(TcpStream) + Send + 'static,
 ) -> (String, std::sync::mpsc::Receiver<()>) {
@@ -336,7 +341,7 @@ fn read_hello(stream: &mut TcpStream) {
 }
 
 #[test]
-fn a_peer_that_stalls_keeps_nobody_and_all_is_counted() {
+fn a_stalled_peer_delays_nothing_and_all_is_counted() {
     let mut open = Vec::new();
     let (address, has_come) = peer(move |stream| open.push(stream));
     let mut run = Run::start(Logging::to_tcp(address).end_within(Duration::from_millis(50)));
@@ -354,7 +359,7 @@ fn a_peer_that_stalls_keeps_nobody_and_all_is_counted() {
 }
 
 #[test]
-fn wrong_peers_are_told_as_such() {
+fn wrong_peers_are_reported_as_such() {
     let answer = |version: u8, format: u8| {
         let mut bytes = b"\x89LUNET\r\n".to_vec();
         bytes.extend([version, 0, 0, 0, format, 0, 0, 0]);
@@ -371,7 +376,7 @@ fn wrong_peers_are_told_as_such() {
         (answer(1, 1), "damaged"),
     ] {
         let error = loop {
-            let error = error_of_a_peer_that_says(bytes.clone());
+            let error = error_of_a_peer_that_sends(bytes.clone());
             // A peer that the machine has left no time is another matter.
             if !error.contains("in time") {
                 break error;
@@ -381,7 +386,7 @@ fn wrong_peers_are_told_as_such() {
     }
 }
 
-fn error_of_a_peer_that_says(bytes: Vec<u8>) -> String {
+fn error_of_a_peer_that_sends(bytes: Vec<u8>) -> String {
     let (address, has_answered) = peer(move |mut stream| {
         read_hello(&mut stream);
         let _ = stream.write_all(&bytes);
@@ -479,7 +484,7 @@ fn senders_that_are_none_disturb_no_others() {
 }
 
 #[test]
-fn a_receiver_takes_so_many_senders_and_no_more() {
+fn the_number_of_senders_is_limited() {
     let (office, receiving) = tcp();
     let mut there = Vec::new();
     for n in 0..64 {
@@ -541,7 +546,8 @@ fn what_udp_loses_is_counted_by_its_receiver() {
     }
     let last = datagrams.len() - 1;
     assert!(last >= 8, "{last}");
-    // What declares is not dropped: without it, what follows could not be read, and would be missing too. A slow run declares again.
+    // Declarations are not dropped: without them later blocks could not be read, and would be
+    // missing too. A slow run declares again.
     let has = |datagram: &[u8], name: &[u8]| datagram.windows(name.len()).any(|part| part == name);
     let declares = |datagram: &[u8]| has(datagram, b"sender") || has(datagram, b"numbers");
     let declared = datagrams
@@ -559,10 +565,10 @@ fn what_udp_loses_is_counted_by_its_receiver() {
             between.send_to(datagram, receiving.address()).unwrap();
         }
     }
-    // And what is none of ours disturbs nobody.
+    // Datagrams of another protocol disturb nothing.
     let stranger = UdpSocket::bind("127.0.0.1:0").unwrap();
     stranger
-        .send_to(b"who is there?", receiving.address())
+        .send_to(b"not a datagram of LUNA", receiving.address())
         .unwrap();
     let (content, gone) = office.only();
     assert_eq!(gone.missing, dropped);

@@ -1,4 +1,4 @@
-//! What threads record is in the recording, with its time, or is counted as lost: exactly.
+//! What threads record is in the recording, with its time, or is counted as lost, exactly.
 
 use crate::common;
 use common::{KeepingSink, Kept};
@@ -62,7 +62,7 @@ fn samples_have_their_values_and_the_times_of_their_recording() {
     );
     assert!(read.times.is_sorted());
     for ((time, _), (before, after)) in read.samples[&0].iter().zip(between) {
-        // A reading of both clocks may be off by a time slice, if it was interrupted each time.
+        // An interrupted reading of both clocks is off by a time slice at most.
         let most = Duration::from_millis(20);
         let time = Instant::from_nanos(*time);
         assert!(
@@ -119,7 +119,7 @@ fn a_signal_is_registered_inside_of_a_hub_alone() {
 #[test]
 fn bad_registrations_say_what_to_do() {
     let register = |name: &str, unit: &str| Signal::<f32>::with_unit(name, unit).register();
-    // What is wrong is wrong without a system too.
+    // Errors do not depend on a system.
     assert_eq!(register("", "").unwrap_err(), RegisterError::NoName);
     let long = "x".repeat(64);
     assert!(matches!(
@@ -136,7 +136,7 @@ fn bad_registrations_say_what_to_do() {
         Err(RegisterError::Duplicate { .. })
     ));
     drop(second);
-    // A process that is started anew goes on with its signal, but it must be the same.
+    // A restarted process continues its signal, but the signal must be the same.
     assert!(matches!(
         register("one", "s"),
         Err(RegisterError::Duplicate { .. })
@@ -164,7 +164,7 @@ fn a_file_that_cannot_be_made_is_an_error() {
     assert!(!hub.is_recording());
 }
 
-/// Takes a block when it is let, and not before; says when it waits for that.
+/// Takes a block when permitted; reports when it waits for that.
 struct Gated {
     kept: KeepingSink,
     waits: Sender<()>,
@@ -184,7 +184,7 @@ impl Sink for Gated {
     }
 }
 
-/// The sink, what lets it take a block, and what tells that it waits for that.
+/// The sink, its permits, and its reports that it waits.
 fn gated(kept: &Kept) -> (Sender<()>, Receiver<()>, Gated) {
     let (open, gate) = channel();
     let (waits, waiting) = channel();
@@ -195,7 +195,8 @@ fn gated(kept: &Kept) -> (Sender<()>, Receiver<()>, Gated) {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 20, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A sink that stalls while threads record more than their rings hold: nobody waits for it, and what is lost is counted exactly.
+    /// A sink stalls while threads record more than their rings hold: no thread waits for it, and
+    /// losses are counted exactly.
     #[test]
     fn sent_and_lost_are_all_that_was_produced(
         room in 20usize..400,
@@ -233,7 +234,7 @@ proptest! {
             prop_assert_eq!(one.recorded + one.lost, produced);
             let values = read.samples.get(&(index as u32)).map(|all| floats(all)).unwrap_or_default();
             prop_assert_eq!(values.len() as u64, one.recorded);
-            // In order, none twice, and the first that there was room for are all there.
+            // In order, none twice, and the first ones, for which there was room, complete.
             prop_assert!(values.is_sorted_by(|a, b| a < b));
             let first = values.iter().take(room.min(values.len())).enumerate();
             for (n, value) in first {
@@ -243,7 +244,8 @@ proptest! {
         }
     }
 
-    /// A sink that refuses some blocks, as a full disk does: what is in them is counted as lost, and the rest can be read.
+    /// A sink refuses some blocks, as on a full disk: their contents count as lost, and the rest
+    /// can be read.
     #[test]
     fn what_a_sink_refuses_is_counted(refused in prop::collection::vec(prop::bool::ANY, 0..40)) {
         struct Refusing(KeepingSink, std::vec::IntoIter<bool>);
@@ -289,8 +291,8 @@ proptest! {
 }
 
 #[test]
-fn messages_that_a_sink_refuses_are_told_in_the_recording() {
-    /// Refuses each block that has a message of the test in it, whatever else is.
+fn messages_that_a_sink_refuses_are_counted_in_the_recording() {
+    /// Refuses each block with a message of the test in it.
     struct Picky(KeepingSink);
     const MARK: &[u8] = b"refuse this";
     impl Sink for Picky {
@@ -357,7 +359,7 @@ fn a_burst_of_messages_costs_no_samples() {
 }
 
 #[test]
-fn a_sink_that_never_comes_back_keeps_nobody_for_ever() {
+fn a_sink_that_never_returns_delays_the_end_for_a_limited_time() {
     let kept = Kept::default();
     let hub = Hub::new("stuck", Default::default());
     let (open, waiting, sink) = gated(&kept);
@@ -401,7 +403,8 @@ fn a_sink_that_panics_costs_what_it_was_given() {
     assert_eq!(report.error.as_deref(), Some("the sink panicked"));
 }
 
-/// Takes blocks and keeps none of them for good, as one whose receiver acknowledges nothing; panics at a block with `PANIC` in it.
+/// Takes blocks and loses them, as a sink without acknowledgements; panics at a block that contains
+/// `PANIC`.
 struct Unacknowledged {
     held: Tally,
     lost: Tally,
@@ -432,7 +435,7 @@ impl Sink for Unacknowledged {
 }
 
 #[test]
-fn a_sink_that_panics_says_what_it_had_taken_and_lost() {
+fn a_sink_that_panics_reports_what_it_had_taken_and_lost() {
     let (taken, takes) = channel();
     let sink = Unacknowledged {
         held: Tally::default(),
@@ -522,7 +525,8 @@ fn a_sink_that_cannot_take_a_block_yet_is_offered_it_again() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 10, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Of several sinks the first says what is recorded; another that refuses some has the rest, and can be read.
+    /// Of several sinks the first decides what is recorded. Another that refuses some blocks has
+    /// the rest, and it can be read.
     #[test]
     fn several_sinks_get_one_recording(refused in prop::collection::vec(prop::bool::ANY, 1..20)) {
         struct Refusing(KeepingSink, std::vec::IntoIter<bool>);

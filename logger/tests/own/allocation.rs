@@ -1,4 +1,4 @@
-//! Logging allocates nothing on a thread that is prepared. Counted on this thread alone, so other threads may do as they like.
+//! Logging does not allocate on a prepared thread. Only allocations of this thread count.
 
 use luna_logger::{Hub, Level, Logging, Recorder, Signal, WriterSink, message};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -16,7 +16,7 @@ fn count() {
     COUNTED.set(COUNTED.get() + 1);
 }
 
-// SAFETY: all is passed on to the system's allocator as it came.
+// SAFETY: each call is passed on unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
@@ -34,12 +34,12 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Says at the first byte of a block that it waits, and waits until the other end is gone.
+/// Reports at the first byte of a block that it waits, and waits until the other end is dropped.
 struct Stalled(Sender<()>, Receiver<()>, bool);
 
 impl Write for Stalled {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // The head is written by who starts the recording.
+        // The head is written by the thread that starts the recording.
         if std::mem::replace(&mut self.2, true) {
             let _ = self.0.send(());
             let _ = self.1.recv();

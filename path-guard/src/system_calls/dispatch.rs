@@ -1,4 +1,5 @@
-//! Syscall User Dispatch on x86-64: the handler, and how a thread is armed. See `Documentation/admin-guide/syscall-user-dispatch.rst` of Linux.
+//! Syscall User Dispatch on x86-64: the handler, and the arming of threads. See
+//! `Documentation/admin-guide/syscall-user-dispatch.rst` of Linux.
 
 use super::Selector;
 use super::rules::Made;
@@ -35,15 +36,16 @@ pub(crate) fn probe() {
     unsafe { libc::syscall(libc::SYS_getppid) };
 }
 
-/// Lets this thread's system calls be stopped when `selector` says so, from now to its end.
+/// Stops this thread's system calls while `selector` is set, from now to its end.
 ///
 /// # Safety
 ///
-/// The selector is this thread's, and lives as long as it: the kernel reads it on each system call.
+/// The selector belongs to this thread, and lives as long: the kernel reads it on each system call.
 pub(crate) unsafe fn arm(selector: &Selector) {
     let outcome = installed().clone().and_then(|restorer| {
-        // The way back from the handler is never stopped, since the handler says what holds from there on.
-        // SAFETY: the pointer stays valid, by the contract; the range is code that only returns from handlers.
+        // The return from the handler is never stopped: the handler sets the selector for the code
+        // after it. SAFETY: the pointer stays valid, by the contract; the range is code that only
+        // returns from handlers.
         let outcome = unsafe {
             libc::prctl(
                 PR_SET_SYSCALL_USER_DISPATCH,
@@ -67,16 +69,16 @@ pub(crate) unsafe fn arm(selector: &Selector) {
     }
 }
 
-/// Installs the handler, once; gives the address of the code that returns from it.
+/// Installs the handler, once; returns the address of the code that returns from it.
 fn installed() -> &'static Result<u64, String> {
     static INSTALLED: OnceLock<Result<u64, String>> = OnceLock::new();
     INSTALLED.get_or_init(|| {
         // SAFETY: a zeroed action is a valid one, with an empty mask.
         let mut action: libc::sigaction = unsafe { MaybeUninit::zeroed().assume_init() };
         action.sa_sigaction = on_stopped as *const () as usize;
-        // A handler of another signal that interrupts this one may be stopped in turn.
+        // A handler of another signal that interrupts this one may be stopped too.
         action.sa_flags = libc::SA_SIGINFO | libc::SA_NODEFER;
-        // SAFETY: the handler has the signature that SA_SIGINFO asks for, and is async-signal-safe.
+        // SAFETY: the handler has the signature that SA_SIGINFO requires, and is async-signal-safe.
         let outcome = unsafe { libc::sigaction(libc::SIGSYS, &action, ptr::null_mut()) };
         if outcome != 0 {
             return Err(format!(
@@ -88,7 +90,7 @@ fn installed() -> &'static Result<u64, String> {
     })
 }
 
-/// Where the C library returns from handlers: only the kernel can say.
+/// The address of the C library's code that returns from handlers, as the kernel has it.
 fn restorer() -> Result<u64, String> {
     #[repr(C)]
     #[derive(Default)]
@@ -99,7 +101,8 @@ fn restorer() -> Result<u64, String> {
         mask: u64,
     }
     let mut action = KernelAction::default();
-    // SAFETY: the structure is the kernel's own on this architecture, and its mask has the 8 bytes that are said.
+    // SAFETY: the structure is the kernel's on this architecture, and its mask has the stated 8
+    // bytes.
     let outcome = unsafe {
         libc::syscall(
             libc::SYS_rt_sigaction,
@@ -116,8 +119,8 @@ fn restorer() -> Result<u64, String> {
     }
 }
 
-/// Those that cannot be made in another's name: they replace the thread's stack, its mask of signals or the program, or go back to where they
-/// came from.
+/// Calls that the handler cannot make in place of the thread: they replace the thread's stack, its
+/// signal mask or the program, or return from a handler.
 fn must_be_made_in_place(number: i64) -> bool {
     matches!(
         number,
@@ -137,13 +140,14 @@ fn must_be_made_in_place(number: i64) -> bool {
 
 /// A system call of this thread was stopped.
 extern "C" fn on_stopped(_: c_int, information: *mut siginfo_t, context: *mut c_void) {
-    // SAFETY: with SA_SIGINFO the kernel gives both, valid for the handler's time, and nobody else has them.
+    // SAFETY: with SA_SIGINFO the kernel passes both, valid for the handler's time, and there are
+    // no other references to them.
     let (information, registers) = unsafe {
         let context = &mut *context.cast::<ucontext_t>();
         (&*information, &mut context.uc_mcontext.gregs)
     };
     if information.si_code != SYS_USER_DISPATCH {
-        // A seccomp filter's, or somebody's `kill`: as if there were no handler.
+        // A seccomp filter's, or a `kill`: behave as without a handler.
         // SAFETY: both are async-signal-safe.
         unsafe {
             libc::signal(libc::SIGSYS, libc::SIG_DFL);
@@ -172,12 +176,14 @@ extern "C" fn on_stopped(_: c_int, information: *mut siginfo_t, context: *mut c_
         made.breach(path::expected_call())
     });
     if must_be_made_in_place(made.number) {
-        // Back to the instruction, which now passes, as does what follows until the thread goes on the path anew.
+        // Back to the instruction, which passes now, as do later ones until the thread enters the
+        // path again.
         registers[libc::REG_RIP as usize] -= INSTRUCTION_LENGTH;
         return;
     }
-    // SAFETY: it is what the thread was about to do, with its arguments; the result goes where the kernel would have put it. What
-    // the instruction changes besides are registers that the kernel changes as well.
+    // SAFETY: it is the call that the thread was about to make, with its arguments, so it is as
+    // sound as there; the result goes where the kernel would have put it. Other registers changed
+    // by the instruction are changed by the kernel as well.
     registers[libc::REG_RAX as usize] = unsafe { make(&made) };
     // SAFETY: the selector is this thread's own.
     unsafe { &*selector }.stop();
@@ -189,7 +195,8 @@ extern "C" fn on_stopped(_: c_int, information: *mut siginfo_t, context: *mut c_
 unsafe fn make(made: &Made) -> i64 {
     let [a, b, c, d, e, f] = made.arguments;
     let result;
-    // SAFETY: the contract; the kernel changes rcx and r11 besides the result, and uses nothing of this stack.
+    // SAFETY: by the contract; the kernel changes rcx and r11 besides the result, and does not use
+    // this stack.
     unsafe {
         asm!(
             "syscall",

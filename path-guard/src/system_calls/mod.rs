@@ -1,8 +1,9 @@
-//! System calls, as they are made: by the kernel's Syscall User Dispatch.
+//! Watches system calls by the kernel's Syscall User Dispatch.
 //!
-//! While a thread is on the path, a byte of its own ([`Selector`]) says that its system calls are to be stopped. The kernel then raises SIGSYS in
-//! place of the call, whoever makes it. The handler looks whether the rules allow it here, notes it if not, makes the call in the thread's name, and
-//! lets it go on with what the kernel said: nothing else changes for the program.
+//! While a thread is on the path, a byte of its own ([`Selector`]) makes the kernel stop its system
+//! calls. The kernel then raises SIGSYS in place of the call, whatever code makes it. The handler
+//! checks the rules, notes a violation, makes the call for the thread, and returns the kernel's
+//! result to it: nothing else changes for the program.
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 mod dispatch;
@@ -38,14 +39,14 @@ impl Selector {
         self.set(Self::STOP);
     }
 
-    /// From now on they are none of the guard's business.
+    /// From now on the guard ignores the thread's calls.
     #[inline]
     pub(crate) fn let_pass(&self) {
         self.set(Self::LET_PASS);
     }
 
     fn set(&self, value: u8) {
-        // The kernel reads it on this very thread: what the compiler must not do is to move a call across.
+        // The kernel reads it on this thread: only the compiler must not move a call across.
         compiler_fence(Ordering::SeqCst);
         self.0.store(value, Ordering::Relaxed);
         compiler_fence(Ordering::SeqCst);

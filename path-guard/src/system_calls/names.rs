@@ -3,7 +3,7 @@
 /// Names each of these by its number.
 macro_rules! names {
     ($($constant:ident $name:literal,)*) => {
-        /// What a system call is called; empty if it is none of the common ones.
+        /// The name of a system call; empty if it is not one of the common ones.
         pub(super) fn name(number: i64) -> &'static str {
             match number {
                 $(libc::$constant => $name,)*

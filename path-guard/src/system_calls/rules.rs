@@ -34,7 +34,8 @@ impl Made {
         })
     }
 
-    /// The clock is read without a system call where the machine permits; where not, that is no fault of the program's.
+    /// The clock is read without a system call where the machine permits; elsewhere the call is not
+    /// the program's fault.
     fn is_clock(&self) -> bool {
         matches!(
             self.number,
@@ -88,7 +89,7 @@ impl Made {
         }
     }
 
-    /// What it asks of a futex, if it does.
+    /// The futex operation, if it is one.
     fn futex_operation(&self) -> Option<i32> {
         (self.number == libc::SYS_futex).then(|| {
             self.arguments[1] as i32 & !(libc::FUTEX_PRIVATE_FLAG | libc::FUTEX_CLOCK_REALTIME)
@@ -145,7 +146,7 @@ mod tests {
             lock.breach(Some(Call::Sleep)),
             Some(Kind::Lock { operation })
         );
-        // The standard library's locks wait by this one, the framework's sleep by another.
+        // The standard library's locks wait by this operation, the framework's sleep by another.
         let waits = futex(libc::FUTEX_WAIT | libc::FUTEX_PRIVATE_FLAG);
         let operation = "FUTEX_WAIT";
         assert_eq!(

@@ -1,4 +1,5 @@
-//! The guard itself: each breach of the rules is seen, with its process and its place; what is no breach is not.
+//! The guard itself: each breach of the rules is detected, with its process and its place; nothing
+//! else is.
 
 use super::places::watchdog;
 use luna::prelude::*;
@@ -15,7 +16,7 @@ use std::time::Duration;
 /// Where a careless process is.
 const PLACES: [&str; 2] = ["an executor", "a thread"];
 
-/// Runs a process called `careless`; gives what was seen.
+/// Runs a process called `careless`; returns the violations.
 fn careless<F>(place: &str, body: F) -> Vec<Violation>
 where
     F: Future<Output = luna::Result<()>> + Send + 'static,
@@ -38,7 +39,7 @@ where
     system.run()
 }
 
-/// Whether system calls can be watched; if not, says so by the test's name.
+/// Whether system calls can be watched; if not, prints a message with the test's name.
 fn sees_system_calls(test: &str) -> bool {
     let covered = coverage();
     if covered != Coverage::Complete {
@@ -102,8 +103,8 @@ fn memory_that_grows_or_is_the_bodys_own_is_seen() {
 }
 
 #[test]
-fn the_same_place_is_told_once_and_counted() {
-    let _watch = watchdog("the_same_place_is_told_once_and_counted");
+fn the_same_place_is_reported_once_and_counted() {
+    let _watch = watchdog("the_same_place_is_reported_once_and_counted");
     let violations = careless("an executor", async {
         for _ in 0..1000 {
             drop(allocates());
@@ -121,8 +122,8 @@ fn the_same_place_is_told_once_and_counted() {
 }
 
 #[test]
-fn a_test_fails_with_what_was_done_by_whom_and_where() {
-    let _watch = watchdog("a_test_fails_with_what_was_done_by_whom_and_where");
+fn a_test_fails_with_the_violation_its_process_and_its_place() {
+    let _watch = watchdog("a_test_fails_with_the_violation_its_process_and_its_place");
     let failed = catch_unwind(|| {
         check(|| {
             run("an executor", async {
@@ -220,15 +221,15 @@ fn a_contended_lock_of_the_standard_library_is_seen() {
 
 #[test]
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
-fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
-    let _watch = watchdog("a_system_call_is_seen_whoever_makes_it_and_does_what_it_does");
-    if !sees_system_calls("a_system_call_is_seen_whoever_makes_it_and_does_what_it_does") {
+fn any_codes_system_call_is_detected_and_has_its_effect() {
+    let _watch = watchdog("any_codes_system_call_is_detected_and_has_its_effect");
+    if !sees_system_calls("any_codes_system_call_is_detected_and_has_its_effect") {
         return;
     }
     for place in PLACES {
         let violations = careless(place, async {
             let parent: i64;
-            // SAFETY: getppid takes nothing and changes nothing but its result and two registers.
+            // SAFETY: getppid takes no arguments and changes only its result and two registers.
             unsafe {
                 std::arch::asm!(
                     "syscall",
@@ -241,7 +242,8 @@ fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
             assert_eq!(parent, i64::from(really));
             // All six arguments, a result in memory, and an error.
             let mut pipe = [0; 2];
-            // SAFETY: the array has room for two descriptors, which are this test's own; the buffers are live.
+            // SAFETY: the array has room for two descriptors, which only this test uses; the
+            // buffers are live.
             unsafe {
                 assert_eq!(libc::pipe(pipe.as_mut_ptr()), 0);
                 assert_eq!(libc::write(pipe[1], b"abc".as_ptr().cast(), 3), 3);
@@ -273,7 +275,7 @@ fn a_system_call_is_seen_whoever_makes_it_and_does_what_it_does() {
         let made = [
             "getppid", "pipe2", "write", "read", "close", "close", "close", "mmap", "munmap",
         ];
-        // glibc makes a pipe by a system call of its own, which is not among those with a name.
+        // glibc makes a pipe by a system call that has no name here.
         names
             .iter_mut()
             .filter(|name| name.is_empty())
@@ -290,7 +292,7 @@ fn threads_and_signals_work_on_the_path() {
         return;
     }
     extern "C" fn ignore(_: libc::c_int) {}
-    // SAFETY: the handler does nothing, and nobody else here uses the signal.
+    // SAFETY: the handler does nothing, and the signal has no other use here.
     unsafe { libc::signal(libc::SIGUSR2, ignore as *const () as usize) };
     for place in PLACES {
         let violations = careless(place, async {
@@ -363,13 +365,13 @@ fn what_is_off_the_path_is_not_seen() {
         });
         assert_eq!(violations, []);
     }
-    // A thread of one's own is on no path.
+    // A plain thread is not on the path.
     check(|| drop(allocates()));
 }
 
 #[test]
-fn a_panic_is_told_as_such_alone() {
-    let _watch = watchdog("a_panic_is_told_as_such_alone");
+fn a_panic_is_reported_only_as_such() {
+    let _watch = watchdog("a_panic_is_reported_only_as_such");
     for place in PLACES {
         let (report, violations) = collect(|| run(place, async { panic!("on purpose") }));
         assert!(report.unwrap_err().to_string().contains("on purpose"));

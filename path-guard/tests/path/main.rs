@@ -1,5 +1,7 @@
-//! Everything of LUNA that runs on the real-time path, held to the path's rules: nothing is allocated, freed, blocked on or asked of the system that the rules do
-//! not allow. `control` shows that each breach is seen; `scenarios` is what is run. What is new joins there by one function in a list.
+//! All functions of LUNA on the real-time path, checked against the path's rules: no allocation, no
+//! free, no blocking, no system call beyond those that the rules allow. `control` shows that each
+//! breach is detected; `scenarios` has the code to run. Add a function to a list there for new
+//! code.
 
 #[cfg(luna_path_guard)]
 mod control;
@@ -16,7 +18,7 @@ static ALLOCATOR: luna_path_guard::Allocator = luna_path_guard::Allocator::new()
 #[test]
 fn the_path_keeps_to_its_rules() {
     use std::io::Write;
-    // Not by a macro, whose output the harness keeps to itself.
+    // Not by a macro: the harness captures its output.
     let _ = writeln!(
         std::io::stderr(),
         "skipped: the_path_keeps_to_its_rules: {}",

@@ -1,4 +1,4 @@
-//! Where the processes of a scenario run: the same scenario is run in all of these.
+//! The placements of a scenario's processes: each scenario runs in all of them.
 
 use luna::{Executor, Policy, ProcessBuilder, System};
 use std::future::Future;
@@ -30,11 +30,11 @@ impl Placement {
     ];
 }
 
-/// A system whose processes are put where the placement says.
+/// A system with processes placed according to the placement.
 pub(crate) struct Places {
     pub(crate) system: System,
     pub(crate) placement: Placement,
-    /// What the system's end is to be, unless it is to succeed.
+    /// The expected end of the system, if not success.
     pub(crate) error: Option<&'static str>,
     executors: Vec<Executor>,
     processes: usize,
@@ -125,7 +125,7 @@ pub(crate) fn hold_to_the_rules(name: &'static str, scenario: fn(&mut Places)) {
     }
 }
 
-/// Ends the whole program if a test is not done after five minutes: one that hangs has failed, and says its name.
+/// Ends the whole program if a test is not done after five minutes, with the test's name.
 pub(crate) fn watchdog(test: &'static str) -> impl Drop {
     struct Watchdog(Option<mpsc::Sender<()>>);
     impl Drop for Watchdog {

@@ -1,7 +1,8 @@
-//! The code of an FMU: its functions, called by the bindings of the `fmi` crate.
+//! The code of an FMU: its functions, called through the bindings of the `fmi` crate.
 //!
-//! The instances of that crate are not used. Their log callbacks read texts that may be null, and panic on a status that there is not: in a function that C calls, that ends the
-//! program. And they let foreign code write to a `bool`.
+//! That crate's instances are not used. Their log callbacks read texts that may be null, and panic
+//! on an unknown status: in a function called from C that ends the program. And they let foreign
+//! code write to a `bool`.
 
 use super::description::Description;
 use super::error::{FmuError, FmuStatus};
@@ -43,7 +44,7 @@ macro_rules! demand {
 
 /// # Safety
 ///
-/// What the code gives is null, or a text that ends.
+/// `said` is null, or a string terminated by a zero.
 unsafe fn check_version(description: Version, said: *const c_char) -> Result<(), FmuError> {
     if said.is_null() {
         return Err(FmuError::Library {
@@ -85,7 +86,7 @@ fn called_three(status: three::fmi3Status) -> Called {
     }
 }
 
-/// What an FMU logs, though it was asked not to: nothing of it is looked at.
+/// Ignores what an FMU logs although logging is off.
 unsafe extern "C" fn ignore_two(
     _: two::fmi2ComponentEnvironment,
     _: two::fmi2String,
@@ -119,8 +120,9 @@ fn callbacks_two() -> two::fmi2CallbackFunctions {
         two::fmi2String,
         ...
     );
-    // SAFETY: Rust cannot define a variadic function. This one reads no argument, and in the calling conventions of the platforms that FMUs are for it is the caller who
-    // puts arguments there and takes them away.
+    // SAFETY: Rust cannot define a variadic function. This function reads no argument, and in the
+    // calling conventions of the platforms of FMUs the caller both passes and removes the
+    // arguments.
     let logger = unsafe { std::mem::transmute::<Fixed, Variadic>(ignore_two) };
     // calloc and free.
     let memory = fmi::fmi2::CallbackFunctions::default();
@@ -133,7 +135,7 @@ fn callbacks_two() -> two::fmi2CallbackFunctions {
     }
 }
 
-/// An instance of version 2. Dropping it frees it. Its files must live as long.
+/// An instance of version 2. Dropping it frees it. Its files must exist that long.
 pub(super) struct Two {
     code: two::Fmi2Binding,
     component: two::fmi2Component,
@@ -141,8 +143,10 @@ pub(super) struct Two {
     _callbacks: Box<two::fmi2CallbackFunctions>,
 }
 
-// The SAFETY of all calls below: the functions are there, with the types of the standard; the instance is one that the code gave and that was not freed, used by one thread at a time;
-// arrays have the lengths that are said. What the code does is its own: see the module `fmu`.
+// SAFETY of all calls below: the functions exist and have the types of the standard, since the
+// loader found them under their names. The instance was returned by this code, is not freed before
+// the drop, and is used by one thread at a time. The stated array lengths are those of the slices.
+// What the code itself does is outside of this argument: see the module `fmu`.
 
 impl Two {
     pub(super) fn new(
@@ -160,7 +164,8 @@ impl Two {
         let (name, token) = (text(name)?, text(&description.token)?);
         let resources = text(&import.canonical_resource_path_string())?;
         let callbacks = Box::new(callbacks_two());
-        // SAFETY: as above; the texts live until it returns, the callbacks longer than the instance.
+        // SAFETY: as above; the strings live until it returns, the callbacks longer than the
+        // instance.
         let component = unsafe {
             code.fmi2Instantiate(
                 name.as_ptr(),
@@ -248,7 +253,7 @@ impl Drop for Two {
     }
 }
 
-/// An instance of version 3. Dropping it frees it. Its files must live as long.
+/// An instance of version 3. Dropping it frees it. Its files must exist that long.
 pub(super) struct Three {
     code: three::Fmi3Binding,
     instance: three::fmi3Instance,
@@ -307,7 +312,8 @@ impl Three {
     }
 
     pub(super) fn do_step(&mut self, at: f64, by: f64) -> Called {
-        // Bytes, since a `bool` that is neither 0 nor 1 must not be: whether there is an event, it wants to end, it has ended early.
+        // Bytes, since a `bool` must be 0 or 1 and foreign code writes these: an event occurred,
+        // the simulation should end, the step ended early.
         let [mut event, mut end, mut early] = [0_u8; 3];
         let mut reached = at;
         // SAFETY: as above; a bool of C is a byte.
@@ -358,7 +364,7 @@ impl Three {
         Ok(match kind {
             Kind::Real => real,
             Kind::Integer => integer.into(),
-            // The port's range refuses what is neither.
+            // The port's range refuses other values.
             Kind::Boolean => byte.into(),
         })
     }

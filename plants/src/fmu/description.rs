@@ -1,7 +1,7 @@
 //! The parts of a modelDescription.xml that a plant needs.
 //!
-//! Read here and not by the `fmi` crate: that leaves units and ranges of version 2 out, and refuses descriptions with attributes that it does not know,
-//! as many tools write them.
+//! Not by the `fmi` crate: that omits the units and ranges of version 2, and refuses descriptions
+//! with unknown attributes, which many tools write.
 
 use super::error::FmuError;
 use super::{Kind, Variable, Version};
@@ -18,7 +18,7 @@ pub(super) struct Description {
     pub(super) variables: Vec<Variable>,
 }
 
-/// What a type definition says for the variables that refer to it.
+/// Defaults of a type definition for the variables that refer to it.
 #[derive(Default, Clone)]
 struct Defaults {
     unit: Option<String>,
@@ -42,7 +42,7 @@ fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
 }
 
 impl Defaults {
-    /// What the node says, and for the rest the type that it refers to.
+    /// The node's attributes, and for missing ones those of its type.
     fn of(node: Node<'_, '_>, types: &HashMap<&str, Defaults>) -> Result<Self, FmuError> {
         let declared = node
             .attribute("declaredType")
@@ -99,7 +99,7 @@ impl Description {
         })
     }
 
-    /// As much of a description as the `fmi` crate needs to load and instantiate.
+    /// A description reduced to what the `fmi` crate needs to load and instantiate.
     pub(super) fn for_loader(&self) -> String {
         let (version, token) = match self.version {
             Version::Two => ("2.0", "guid"),
@@ -230,7 +230,7 @@ mod tests {
         let (least, greatest) = (f64::NEG_INFINITY, f64::INFINITY);
         assert_eq!(of(1), ("1", least, greatest, Some(Kind::Real), "local"));
         assert_eq!(of(2).3, None);
-        // What is handed on can be read again.
+        // The passed-on description can be read again.
         assert!(description.for_loader().contains("guid=\"{&amp;}\""));
         Document::parse(&description.for_loader()).unwrap();
     }
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_said() {
+    fn malformed_descriptions_are_reported() {
         let reason = |text: Result<Description, FmuError>| text.err().unwrap().to_string();
         let variable = |text: &str| reason(two(text));
         assert!(

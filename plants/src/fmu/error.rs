@@ -1,4 +1,4 @@
-//! What can be wrong with an FMU, before it runs and while it does.
+//! Errors of an FMU, before it runs and while it does.
 
 use super::Version;
 use crate::error::{Side, listed};
@@ -6,7 +6,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What an FMU's function says when it does not say that all is well.
+/// The status of an FMU's function other than OK.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum FmuStatus {
@@ -14,11 +14,13 @@ pub enum FmuStatus {
     Discard,
     /// fmi2Error, fmi3Error: the instance cannot go on.
     Error,
-    /// fmi2Fatal, fmi3Fatal: nor can any other instance of it. It is never called again, not even to be freed.
+    /// fmi2Fatal, fmi3Fatal: no instance of the FMU can go on. It is never called again, not even
+    /// to be freed.
     Fatal,
-    /// It asks for the simulation to end, or has ended a step early, which it was not allowed to.
+    /// It asks for the end of the simulation, or ended a step early, which was not allowed.
     Ended,
-    /// What the standard does not allow here: fmi2Pending without a callback for it, or a number that is no status.
+    /// A status that the standard does not allow here: fmi2Pending without a callback for it, or an
+    /// unknown number.
     Unknown,
 }
 
@@ -26,91 +28,88 @@ impl fmt::Display for FmuStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             FmuStatus::Discard => "discards it",
-            FmuStatus::Error => "says error",
-            FmuStatus::Fatal => "says fatal error",
-            FmuStatus::Ended => "wants the simulation to end",
-            FmuStatus::Unknown => "gives no valid status",
+            FmuStatus::Error => "returns an error",
+            FmuStatus::Fatal => "returns a fatal error",
+            FmuStatus::Ended => "asks for the end of the simulation",
+            FmuStatus::Unknown => "returns an invalid status",
         })
     }
 }
 
-/// Why an FMU does not go on. Making one allocates nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Why an FMU cannot go on. Creating one allocates nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuFault {
     /// One of its functions failed.
+    #[error("the FMU's {call} {status}")]
     Call {
         /// Which: "doStep", "get", "set".
         call: &'static str,
-        /// What it said.
+        /// The status that it returned.
         status: FmuStatus,
     },
-    /// It takes steps of one length alone, that of the first, and was asked for one that is not a whole multiple of it.
+    /// It only takes steps of one length, that of the first, and was given one that is not a
+    /// multiple of it.
+    #[error("the FMU takes steps of one length, which was {first:?}, and not of {step:?}")]
     StepSize {
         /// The first.
         first: Duration,
-        /// The one that it was asked for.
+        /// The requested one.
         step: Duration,
     },
 }
 
-impl fmt::Display for FmuFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            FmuFault::Call { call, status } => write!(f, "the FMU's {call} {status}"),
-            FmuFault::StepSize { first, step } => write!(
-                f,
-                "the FMU takes steps of one length, which was {first:?}, and not of {step:?}"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for FmuFault {}
-
 /// Why an FMU cannot become a plant.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuError {
     /// The file cannot be read, or is no archive.
+    #[error("{} is no FMU that can be read: {reason}", .path.display())]
     File {
         /// Which.
         path: PathBuf,
         /// Why.
         reason: String,
     },
-    /// Its modelDescription.xml is missing or makes no sense.
+    /// Its modelDescription.xml is missing or malformed.
+    #[error("the FMU's description: {reason}")]
     Description {
         /// Why.
         reason: String,
     },
     /// It is of another version of the standard than 2 or 3.
+    #[error("the FMU is of FMI {found}; export it for version 2 or 3")]
     Version {
-        /// What it says.
+        /// The version in the description.
         found: String,
     },
     /// It is not for co-simulation.
+    #[error("the FMU is not for co-simulation; export it as one that brings its solver")]
     NoCoSimulation,
-    /// Its code cannot be loaded: there is none for this platform, or it lacks a function.
+    /// Its code cannot be loaded: there is none for this platform, or a function is missing.
+    #[error("the FMU's code cannot be loaded: {reason}")]
     Library {
         /// Why.
         reason: String,
     },
     /// Its code is of another version than its description.
+    #[error("the FMU's description is of {description}, and its code of FMI {code}")]
     VersionOfCode {
         /// Of the description.
         description: Version,
-        /// What the code says.
+        /// The version that the code reports.
         code: String,
     },
     /// It has no variable of that name.
+    #[error("the FMU has no `{name}`; it has {}", listed(.known))]
     NoSuchVariable {
         /// The name.
         name: String,
         /// The names of those of the causality that was looked for.
         known: Vec<String>,
     },
-    /// A variable is not what it was asked for as.
+    /// A variable has another causality than required.
+    #[error("`{name}` of the FMU is no {wanted}, but of causality {found}")]
     Causality {
         /// Its name.
         name: String,
@@ -119,7 +118,10 @@ pub enum FmuError {
         /// What it is.
         found: String,
     },
-    /// A variable's type is none that a plant's port or parameter has: text, an array, a clock.
+    /// A variable's type is not one of a plant's port or parameter: text, an array, a clock.
+    #[error(
+        "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
+    )]
     Type {
         /// Its name.
         name: String,
@@ -127,6 +129,7 @@ pub enum FmuError {
         found: String,
     },
     /// A parameter cannot have that value.
+    #[error("parameter `{name}` of the FMU cannot be {value}: {reason}")]
     Value {
         /// Its name.
         name: String,
@@ -136,65 +139,14 @@ pub enum FmuError {
         reason: String,
     },
     /// It does not get through its initialization.
+    #[error("the FMU's {call} {status}")]
     Refused {
         /// Which of its functions fails: "instantiate", "enterInitializationMode".
         call: &'static str,
-        /// What it says.
+        /// The status that it returned.
         status: FmuStatus,
     },
 }
-
-impl fmt::Display for FmuError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            FmuError::File { path, reason } => {
-                write!(f, "{} is no FMU that can be read: {reason}", path.display())
-            }
-            FmuError::Description { reason } => write!(f, "the FMU's description: {reason}"),
-            FmuError::Version { found } => {
-                write!(f, "the FMU is of FMI {found}; export it for version 2 or 3")
-            }
-            FmuError::NoCoSimulation => f.write_str(
-                "the FMU is not for co-simulation; export it as one that brings its solver",
-            ),
-            FmuError::Library { reason } => write!(f, "the FMU's code cannot be loaded: {reason}"),
-            FmuError::VersionOfCode { description, code } => write!(
-                f,
-                "the FMU's description is of {description}, and its code of FMI {code}"
-            ),
-            FmuError::NoSuchVariable { name, known } => {
-                write!(f, "the FMU has no `{name}`; it has {}", listed(known))
-            }
-            FmuError::Causality {
-                name,
-                wanted,
-                found,
-            } => {
-                write!(
-                    f,
-                    "`{name}` of the FMU is no {wanted}, but of causality {found}"
-                )
-            }
-            FmuError::Type { name, found } => write!(
-                f,
-                "`{name}` of the FMU is a {found}; reals, 32-bit integers and booleans can be connected"
-            ),
-            FmuError::Value {
-                name,
-                value,
-                reason,
-            } => {
-                write!(
-                    f,
-                    "parameter `{name}` of the FMU cannot be {value}: {reason}"
-                )
-            }
-            FmuError::Refused { call, status } => write!(f, "the FMU's {call} {status}"),
-        }
-    }
-}
-
-impl std::error::Error for FmuError {}
 
 impl From<FmuError> for luna::Error {
     fn from(error: FmuError) -> luna::Error {
@@ -202,7 +154,7 @@ impl From<FmuError> for luna::Error {
     }
 }
 
-/// The word for a side in the standard.
+/// The standard's word for a side.
 pub(super) fn causality(side: Side) -> &'static str {
     match side {
         Side::Input => "input",

@@ -9,7 +9,7 @@ use fmi::fmi3::import::Fmi3Import;
 use std::mem::ManuallyDrop;
 use tempfile::TempDir;
 
-/// What a call gives.
+/// A call's result.
 pub(super) type Called<T = ()> = Result<T, FmuStatus>;
 
 /// A loaded and instantiated FMU.
@@ -32,11 +32,12 @@ enum Loaded {
     Three(Box<Three>),
 }
 
-// SAFETY: the standards bind an instance to no thread; they ask that its functions are not called at the same time, and it is used through `&mut` alone. What
-// else is in it are handles of the loaded library, which any thread may use.
+// SAFETY: the standards bind an instance to no thread; they require that its functions are not
+// called at the same time, and all calls take `&mut self`. The other fields are handles of the
+// loaded library, which any thread may use.
 unsafe impl Send for Instance {}
 
-/// Calls the function of that name on what is loaded, and notes how that went.
+/// Calls the function of that name on the loaded instance, and notes its status.
 macro_rules! call {
     ($instance:expr, $function:ident $(, $argument:expr)*) => {{
         let called = match &mut *$instance.loaded {
@@ -50,7 +51,7 @@ macro_rules! call {
 }
 
 impl Instance {
-    /// Loads the code that lies in `files` and makes an instance called `name`.
+    /// Loads the code in `files` and creates an instance called `name`.
     pub(super) fn new(
         files: TempDir,
         description: &Description,
@@ -98,7 +99,7 @@ impl Instance {
         call!(self, get, kind, reference)
     }
 
-    /// What the standard wants before an instance that is well is freed.
+    /// Terminates an instance without failure before it is freed, as the standard requires.
     pub(super) fn terminate(&mut self) {
         if !self.has_failed {
             let _ = call!(self, terminate);
@@ -108,7 +109,8 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        // After a fatal error no function may be called, also not the one that frees: it stays.
+        // After a fatal error no function may be called, not even the one that frees: the instance
+        // is leaked.
         if !self.is_fatal {
             // SAFETY: dropped here alone.
             unsafe { ManuallyDrop::drop(&mut self.loaded) };

@@ -1,8 +1,10 @@
 //! Co-simulation FMUs as plants (feature `fmi`).
 //!
-//! A *functional mock-up unit* is a model that a simulation tool has exported with its solver: a zip archive with a description and a shared library. 20-sim,
-//! OpenModelica, Simulink, Dymola and others write them. Versions 2 and 3 of the standard are read; loading and the C interface are those of the
-//! [`fmi`](https://docs.rs/fmi) crate. It is asked not to log, and what it logs nevertheless is not looked at.
+//! A *functional mock-up unit* is a model that a simulation tool has exported with its solver: a
+//! zip archive with a description and a shared library. 20-sim, OpenModelica, Simulink, Dymola and
+//! others write them. Versions 2 and 3 of the standard are supported; the
+//! [`fmi`](https://docs.rs/fmi) crate does the loading and the C interface. Logging is turned off,
+//! and log calls are ignored.
 //!
 //! ```no_run
 //! use luna_plants::{PlantLink, fmu::Fmu};
@@ -18,15 +20,18 @@
 //!
 //! ## Ranges
 //!
-//! Min and max of the description, or of the type that it declares, are those of the ports. Inputs saturate there, since the standard forbids to set others; outputs
-//! outside are a failure of the plant. Units are the description's, "1" where it has none; nothing is converted.
+//! The ports have the minimum and maximum of the description, or of the declared type. Inputs
+//! saturate there, since the standard forbids setting values outside; an output outside is a
+//! failure of the plant. Units are the description's, "1" if it has none; values are not converted.
 //!
-//! ## What it may cost
+//! ## Risks
 //!
-//! An FMU is foreign code: it may allocate, wait, and take any time in a step. Give its plant an executor or an OS thread of its own, below those of control.
+//! An FMU is foreign code: it may allocate, block, and take any time in a step. Give its plant an
+//! executor or an OS thread of its own, with a priority below control.
 //!
-//! A crash in it, `abort`, `exit`, or a C++ exception that leaves one of its functions ends the program on the spot: no function of
-//! [`on_emergency`](luna::System::on_emergency) runs. Load only what you trust as you trust a library that you link; the rest belongs into a process of its own.
+//! A crash in it, `abort`, `exit`, or a C++ exception that leaves one of its functions ends the
+//! program at once: no function of [`on_emergency`](luna::System::on_emergency) runs. Load only
+//! FMUs that you trust as much as a linked library; run others in a program of their own.
 
 mod code;
 mod description;
@@ -112,7 +117,8 @@ impl Variable {
     }
 }
 
-/// An FMU that is unpacked and described; none of its code has run. Its `Display` lists its variables.
+/// An unpacked FMU and its description; none of its code has run. Its `Display` lists its
+/// variables.
 pub struct Fmu {
     files: TempDir,
     description: Description,
@@ -120,11 +126,13 @@ pub struct Fmu {
 }
 
 impl Fmu {
-    /// Unpacks the FMU at `path` to a temporary folder, which lives as long as it and its plant do, and reads its description.
+    /// Unpacks the FMU at `path` to a temporary folder, which exists as long as it and its plant,
+    /// and reads its description.
     ///
     /// # Errors
     ///
-    /// There is no file, it is no archive, its description is missing or makes no sense, it is of another version, or not for co-simulation.
+    /// The file does not exist or is not an archive; its description is missing or malformed; it
+    /// has another version, or is not for co-simulation.
     ///
     /// ```
     /// use luna_plants::fmu::{Fmu, FmuError};
@@ -162,11 +170,12 @@ impl Fmu {
         self.description.version
     }
 
-    /// Sets a parameter before the model is initialized. The others have their values of the description.
+    /// Sets a parameter before the model is initialized. Other parameters have the values of the
+    /// description.
     ///
     /// # Errors
     ///
-    /// There is none of that name, it is no parameter, of a type that is no number, or the value is outside of its range.
+    /// No parameter has that name, its type is not a number, or the value is outside of its range.
     pub fn parameter(mut self, name: &str, value: f64) -> Result<Fmu, FmuError> {
         let variable = self.variable(name, "parameter")?;
         let kind = variable.kind()?;
@@ -175,7 +184,7 @@ impl Fmu {
             value,
             reason,
         };
-        // Also what is not a number.
+        // Including NaN.
         if !(variable.min <= value && value <= variable.max && value.is_finite()) {
             return Err(refused(format!(
                 "it is within {} to {}",
@@ -189,13 +198,15 @@ impl Fmu {
         Ok(self)
     }
 
-    /// Loads its code, and makes an instance called `name` that is initialized at time 0: a plant with these inputs and outputs, by the names of its
-    /// variables. Inputs that are not listed keep the values that the model gives them.
+    /// Loads its code, and creates an instance called `name`, initialized at time 0: a plant with
+    /// these inputs and outputs, by the names of its variables. Inputs that are not listed keep the
+    /// model's values.
     ///
     /// # Errors
     ///
-    /// There is no code for this platform, or it does not fit; a variable is not there, is not of that causality, or of a type that is no number; the model
-    /// does not get through its initialization.
+    /// There is no code for this platform, or it does not match the description; a variable does
+    /// not exist, has another causality, or its type is not a number; the model's initialization
+    /// fails.
     pub fn instantiate(
         self,
         name: &str,
@@ -286,8 +297,8 @@ impl fmt::Debug for Fmu {
 
 /// An instance of an FMU, as a plant: see [`Fmu::instantiate`].
 ///
-/// A step is one doStep. An FMU that takes steps of one length alone is given several in a step that is a multiple of the first. How long that takes,
-/// and whether it allocates, is the FMU's.
+/// A step is one doStep. An FMU that only takes steps of one length gets several for a step that is
+/// a multiple of the first. The FMU determines how long that takes, and whether it allocates.
 pub struct FmuPlant {
     instance: Instance,
     inputs: Vec<(Kind, u32)>,
@@ -299,7 +310,7 @@ pub struct FmuPlant {
     now: Duration,
 }
 
-/// How many steps of one length an FMU is given at most to make up a longer one.
+/// The limit of steps of one length for one longer step.
 const MOST_STEPS: u128 = 100_000;
 
 fn fault<T>(call: &'static str, called: Called<T>) -> Result<T, PlantError> {

@@ -1,4 +1,4 @@
-//! The far ends of actuators' and sensors' channels, whatever their values are.
+//! The plant's ends of actuators' and sensors' channels, for all types of values.
 
 use luna::{Receiver, Sender, TryRecvError, TrySendError};
 use std::cell::Cell;
@@ -24,10 +24,11 @@ use std::task::Poll;
 /// # assert_eq!(Millimetres::from_value(1.0).unwrap().0, 1000.0);
 /// ```
 pub trait Measured: Sized {
-    /// What the type is called when a value is none: "i32".
+    /// The type's name in errors: "i32".
     const NAME: &str;
 
-    /// The value, if there is one of this type: `value` is finite. It must not allocate or block.
+    /// Converts the finite `value`; none if the type cannot represent it. Must not allocate or
+    /// block.
     fn from_value(value: f64) -> Option<Self>;
 }
 
@@ -68,7 +69,7 @@ macro_rules! whole {
             const NAME: &str = stringify!($type);
 
             fn from_value(value: f64) -> Option<Self> {
-                // A cast saturates, and drops what is behind the point.
+                // A cast saturates, and truncates.
                 let cast = value as $type;
                 (f64::from(cast) == value).then_some(cast)
             }
@@ -77,7 +78,7 @@ macro_rules! whole {
 }
 whole!(i8, u8, i16, u16, i32, u32);
 
-/// Where a value lies between a plant and the operation of its channel.
+/// The place of a value between a plant and its channel's operation.
 pub(super) type Slot = Cell<Option<f64>>;
 
 /// Why an end is of no use any more.
@@ -87,11 +88,12 @@ pub(super) enum Gone {
     Poisoned,
 }
 
-/// Brings values from or to a slot, for ever; pends when the slot is to be looked at. Made once, so that an exchange allocates nothing.
+/// Moves values from or to a slot, for ever; pending when the slot has to be served. Created once,
+/// so that an exchange allocates nothing.
 pub(super) type Pump<'a> = Pin<Box<dyn Future<Output = Gone> + 'a>>;
 
 pub(super) trait ActuatorEnd: Send {
-    /// The newest of what has come, if anything has.
+    /// The newest value received, if any.
     fn newest(&self) -> Result<Option<f64>, Gone>;
 
     /// Fills the slot whenever it is empty.
@@ -100,7 +102,8 @@ pub(super) trait ActuatorEnd: Send {
     fn poison(&self);
 }
 
-/// How many values are taken of one actuator at a time: a register has one, and so does a rendezvous with one writer.
+/// The limit of values received from an actuator at a time: a register holds one, and so does a
+/// rendezvous with one writer.
 const MOST_AT_ONCE: usize = 16;
 
 impl<T: Into<f64> + Send> ActuatorEnd for Receiver<T> {
@@ -139,7 +142,7 @@ pub(super) trait SensorEnd: Send {
     /// The type of the channel, if it has not this value.
     fn refuses(&self, value: f64) -> Option<&'static str>;
 
-    /// Sends it, if there is room or somebody waits.
+    /// Sends the value, if there is room or a reader waits.
     fn offer(&self, value: f64) -> Result<(), Gone>;
 
     /// Empties the slot whenever it is filled.
@@ -185,7 +188,8 @@ impl<T: Measured + Send> SensorEnd for Sender<T> {
     }
 }
 
-/// Pends until the plant has done its part. It polls whom it has done it for, so nobody has to be woken.
+/// Pending until the plant has done its part. The plant polls it afterwards, so no wake-up is
+/// needed.
 async fn until(slot: &Slot, done: impl Fn(Option<f64>) -> bool) {
     poll_fn(|_| {
         if done(slot.get()) {

@@ -1,4 +1,4 @@
-//! From channels to a plant: what takes the place of the hardware's link drivers.
+//! Connects channels to a plant, which replaces the hardware's link drivers.
 
 mod ends;
 mod process;
@@ -16,10 +16,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// A simulated plant, and the far ends of the channels by which processes reach their actuators and sensors.
+/// A simulated plant, and its ends of the channels by which processes reach their actuators and
+/// sensors.
 ///
-/// Control processes write to a [`Sender`] and read from a [`Receiver`], whatever is behind them. At set-up the far ends go to link drivers of the hardware
-/// ([`luna::external`]) or to one of these, which then is spawned as a process of its own: the control processes do not change.
+/// Control processes write to a [`Sender`] and read from a [`Receiver`]. At set-up the other ends
+/// go to the hardware's link drivers ([`luna::external`]) or to a link, which is then spawned as a
+/// process of its own: the control processes do not change.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -43,7 +45,12 @@ use std::time::Duration;
 /// })?;
 ///
 /// // Chosen here: an oven that is not there.
-/// let oven = FirstOrderLag::new(Port::new("power", "W"), Port::new("temperature", "K"), 1.0, Duration::from_secs(20));
+/// let oven = FirstOrderLag::new(
+///     Port::new("power", "W"),
+///     Port::new("temperature", "K"),
+///     1.0,
+///     Duration::from_secs(20),
+/// );
 /// let mut link = PlantLink::new("oven", oven);
 /// link.actuator("power", heating)?;
 /// link.sensor("temperature", measured)?;
@@ -55,9 +62,12 @@ use std::time::Duration;
 ///
 /// ## When a plant fails
 ///
-/// A step that fails, an output that is not a number or out of its range, an input that is not a number: from then on nothing of the plant is delivered. Its channels are poisoned one after the
-/// other, also what a buffer still holds, and then an emergency is raised ([`luna::emergency`]) whose cause is a [`PlantFailure`](crate::PlantFailure): the functions of
-/// [`on_emergency`](luna::System::on_emergency) run, the system ends, and [`System::run`](luna::System::run) returns the cause.
+/// A failure is a step that fails, an output that is not a number or out of its range, or an input
+/// that is not a number. From then on no value of the plant is delivered, not even from a buffer:
+/// its channels are poisoned one after the other. Then an emergency is raised ([`luna::emergency`])
+/// with a [`PlantFailure`](crate::PlantFailure) as its cause: the functions of
+/// [`on_emergency`](luna::System::on_emergency) run, the system ends, and
+/// [`System::run`](luna::System::run) returns the cause.
 pub struct PlantLink<P> {
     name: Arc<str>,
     plant: Checked<P>,
@@ -81,7 +91,7 @@ struct Sensor {
 }
 
 impl<P: Plant> PlantLink<P> {
-    /// A link to `plant`, called `name`: so is its loop, and so it is called when it fails.
+    /// A link to `plant`. Its loop and its failures carry `name`.
     pub fn new(name: &str, plant: P) -> Self {
         Self {
             name: Arc::from(name),
@@ -94,11 +104,11 @@ impl<P: Plant> PlantLink<P> {
         }
     }
 
-    /// Lets what comes from `channel` act on the input called `input`, in its unit.
+    /// Applies values from `channel` to the input called `input`, in its unit.
     ///
     /// # Errors
     ///
-    /// There is no such input, or it has an actuator.
+    /// There is no such input, or it has an actuator already.
     pub fn actuator<T: Into<f64> + Send + 'static>(
         &mut self,
         input: &str,
@@ -112,7 +122,8 @@ impl<P: Plant> PlantLink<P> {
         Ok(self)
     }
 
-    /// Sends what the output called `output` is, in its unit, to `channel`. One output may have several.
+    /// Sends the output called `output`, in its unit, to `channel`. One output may have several
+    /// channels.
     ///
     /// # Errors
     ///
@@ -137,7 +148,7 @@ impl<P: Plant> PlantLink<P> {
     ///
     /// # Errors
     ///
-    /// There is no such input, it has an actuator, or the value is none for it.
+    /// There is no such input, it has an actuator, or the value is invalid for it.
     pub fn hold(&mut self, input: &str, value: f64) -> Result<&mut Self, ConnectError> {
         let number = self.free_input(input)?;
         self.plant
@@ -150,30 +161,39 @@ impl<P: Plant> PlantLink<P> {
         Ok(self)
     }
 
-    /// The enable line of all actuators. Take it before [`periodic`](Self::periodic) or [`lock_step`](Self::lock_step), for a function of
+    /// The enable line of all actuators. Take it before [`periodic`](Self::periodic) or
+    /// [`lock_step`](Self::lock_step), for a function of
     /// [`on_emergency`](luna::System::on_emergency).
     pub fn enable_line(&self) -> EnableLine {
         EnableLine(self.enabled.clone())
     }
 
-    /// Calls `f` with the plant when its process has ended, off the real-time path: to see where it has come to. Of several the last one is called.
+    /// Calls `f` with the plant when its process has ended, off the real-time path, to inspect its
+    /// final state. Only the last `f` given is called.
     pub fn at_end(&mut self, f: impl FnOnce(&P) + Send + 'static) -> &mut Self {
         self.at_end = Some(Box::new(f));
         self
     }
 
-    /// A process that steps the plant each `period`, as hardware that goes on by itself.
+    /// A process that steps the plant each `period`, as hardware that runs by itself.
     ///
-    /// In each slot the plant is stepped by the time since the slot before, with the set-points that were taken last; then the newest value of each actuator is
-    /// taken, then each sensor is sent what is now, if there is room or somebody waits. Before the first slot the sensors say how it all begins: time counts from there, so the
-    /// first step is a period and what was missed, or with [`Timers::Manager`](luna::Timers::Manager), whose slots all loops of a period share, what is left of the period that
-    /// lasts. (Then an FMU that takes steps of one length alone fails at the second.) The plant never waits. So
-    /// give both registers ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)): on a rendezvous a writer waits for the next slot, and so does a reader; in a FIFO that is
-    /// full the newest values are lost. Until an actuator has been written to, its input is neutral (0, or the end of its range next to 0); one whose
-    /// writers are gone keeps its last value.
+    /// In each slot the plant is stepped by the time since the slot before, with the last
+    /// set-points; then the newest value of each actuator is received, then each sensor is sent its
+    /// present value, if there is room or a reader waits. The plant never waits. So use registers
+    /// ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)) for both: on a rendezvous
+    /// a writer or reader waits for the next slot, and a full FIFO loses the newest values. Before
+    /// the first value of an actuator its input is neutral (0, or the end of its range next to 0);
+    /// when its writers are gone it keeps its last value.
     ///
-    /// It ends when the writers of all actuators are gone; if there are none, when the readers of all sensors are. Real-time path: the plant's step, and
-    /// O(ports); no allocation. Time is the system's clock.
+    /// The sensors are sent the initial state before the first slot, and time counts from there. So
+    /// the first step is one period and the time of missed slots. With
+    /// [`Timers::Manager`](luna::Timers::Manager) all loops of a period share their slots; then the
+    /// first step is the rest of the current period. (An FMU that only takes steps of one length
+    /// then fails at its second step.)
+    ///
+    /// It ends when the writers of all actuators are gone; without actuators, when the readers of
+    /// all sensors are. Real-time path: the plant's step and O(ports); no allocation. Its time is
+    /// the system's clock.
     ///
     /// # Errors
     ///
@@ -182,14 +202,18 @@ impl<P: Plant> PlantLink<P> {
         self.into_process(Pace::Periodic(period))
     }
 
-    /// A process that steps the plant by `step` in each exchange: lock-step, in which neither side runs ahead, and no clock matters.
+    /// A process that steps the plant by `step` in each exchange: in lock-step neither side runs
+    /// ahead, and no clock is used.
     ///
-    /// An exchange is one value to each sensor and one from each actuator, in whatever order the processes take and give them. The first one's sensors say how it all
-    /// begins. Then the plant is stepped with the values that came. A process that reads its sensors and then writes its actuators so does one cycle an exchange; what
-    /// the plant puts out depends on the exchanges alone, not on who ran when.
+    /// An exchange is one value to each sensor and one from each actuator, in the order in which
+    /// the processes receive and send them. The sensors of the first exchange have the initial
+    /// state. Then the plant is stepped with the received values. So a process that reads its
+    /// sensors and then writes its actuators does one cycle an exchange. The outputs depend on the
+    /// exchanges alone, not on the scheduling.
     ///
-    /// It ends when the writers of one actuator are gone; if there are none, when the readers of all sensors are. A sensor whose readers are gone is left out.
-    /// Real-time path: the plant's step, and O(ports) a value; no allocation.
+    /// It ends when the writers of one actuator are gone; without actuators, when the readers of
+    /// all sensors are. A sensor without readers is skipped. Real-time path: the plant's step, and
+    /// O(ports) a value; no allocation.
     ///
     /// # Errors
     ///
@@ -268,8 +292,9 @@ impl<P> fmt::Debug for PlantLink<P> {
 pub struct EnableLine(Arc<AtomicBool>);
 
 impl EnableLine {
-    /// From the next step on all actuators apply nothing (0, or the end of their range next to it), whatever is written to them. For good. Inputs that are
-    /// [held](PlantLink::hold) are no actuators. From any thread; O(1).
+    /// From the next step on all actuators apply nothing (0, or the end of their range next to it),
+    /// whatever is written to them, for good. [Held](PlantLink::hold) inputs are not affected. From
+    /// any thread; O(1).
     pub fn cut(&self) {
         self.0.store(false, Ordering::Relaxed);
     }

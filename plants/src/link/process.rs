@@ -29,12 +29,12 @@ impl Pace {
     }
 }
 
-/// A plant as a process, to be spawned: see [`PlantLink::periodic`] and [`PlantLink::lock_step`].
+/// A plant as a process: see [`PlantLink::periodic`] and [`PlantLink::lock_step`].
 #[must_use = "a plant is a process: spawn it"]
 pub struct PlantProcess<P> {
     link: PlantLink<P>,
     pace: Pace,
-    /// What each actuator's writer has written last, and whether there still is one.
+    /// The last value of each actuator, and whether its writer still exists.
     latched: Box<[Latch]>,
     /// The same numbers as the sensors'.
     is_read: Box<[bool]>,
@@ -106,8 +106,8 @@ impl<P: Plant + Send> Process for PlantProcess<P> {
     }
 }
 
-/// The end of a plant that has failed. First its channels are poisoned: nobody whom the emergency brings to run then finds a value that is left over. That delays the
-/// emergency by O(ports).
+/// Fails the plant. First its channels are poisoned, so that no process that runs for the emergency
+/// receives an old value. That delays the emergency by O(ports).
 fn fail(name: &Arc<str>, error: PlantError, actuators: &[Actuator], sensors: &[Sensor]) -> Error {
     for sensor in sensors {
         sensor.end.poison();
@@ -148,7 +148,7 @@ impl<P: Plant> Body<'_, P> {
     async fn go_on(mut self, name: &str, period: Duration) -> Result<(), Stop> {
         let began = luna::now();
         let mut tick = luna::periodic(name, period).map_err(Stop::Luna)?;
-        self.tell()?;
+        self.send_outputs()?;
         let mut last = None;
         while !self.has_ended() {
             let cycle = tick.next().await;
@@ -161,12 +161,13 @@ impl<P: Plant> Body<'_, P> {
                 None => self.step_to_first(slot - began, period, cycle.number)?,
             }
             self.listen()?;
-            self.tell()?;
+            self.send_outputs()?;
         }
         Ok(())
     }
 
-    /// The time from when the loop was made to its first slot that is served, which is number `slots` of its grid and begins `elapsed` after the look at the clock.
+    /// The time from the loop's creation to its first served slot, which is number `slots` of its
+    /// grid and begins `elapsed` after the clock was read.
     fn step_to_first(
         &mut self,
         elapsed: Duration,
@@ -175,9 +176,11 @@ impl<P: Plant> Body<'_, P> {
     ) -> Result<(), PlantError> {
         let nanos = period.as_nanos().saturating_mul(slots.into());
         let on_grid = Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX));
-        // A grid of the loop's own begins with it, a hair after that look. A common one is older, and its first slot comes earlier.
+        // A grid of the loop's own begins just after that reading. A common one is older, and its
+        // first slot comes earlier.
         let elapsed = elapsed.min(on_grid);
-        // A period first, whatever was missed: what takes steps of one length alone takes the first one's.
+        // A period first, also if slots were missed: an FMU with steps of one length uses the
+        // length of its first step.
         let first = elapsed.min(period);
         self.plant.step(first)?;
         match elapsed - first {
@@ -211,7 +214,8 @@ impl<P: Plant> Body<'_, P> {
         }
     }
 
-    /// Ready when each sensor's value is sent, and one of each actuator is there; or when an actuator's writers are gone.
+    /// Ready when each sensor's value is sent and one value of each actuator has come, or when an
+    /// actuator's writers are gone.
     fn poll_exchange(
         &mut self,
         cx: &mut Context<'_>,
@@ -259,7 +263,7 @@ impl<P: Plant> Body<'_, P> {
         }
     }
 
-    /// Gives the plant what its actuators were told.
+    /// Applies the actuators' values to the plant.
     fn set_inputs(&mut self) -> Result<(), PlantError> {
         let is_enabled = self.enabled.load(Ordering::Relaxed);
         for (actuator, latch) in self.actuators.iter().zip(&*self.latched) {
@@ -286,7 +290,7 @@ impl<P: Plant> Body<'_, P> {
         Ok(())
     }
 
-    fn tell(&mut self) -> Result<(), Stop> {
+    fn send_outputs(&mut self) -> Result<(), Stop> {
         let outputs = checked(self.plant, self.sensors)?;
         for (sensor, is_read) in self.sensors.iter().zip(&mut *self.is_read) {
             if !*is_read {
@@ -310,7 +314,7 @@ impl<P: Plant> Body<'_, P> {
     }
 }
 
-/// All outputs, each of which its channels can carry: either all of them are told, or none.
+/// All outputs, converted for their channels: all of them are sent, or none.
 fn checked<'p, P: Plant>(
     plant: &'p mut Checked<P>,
     sensors: &[Sensor],
@@ -334,7 +338,7 @@ fn checked<'p, P: Plant>(
     plant.outputs()
 }
 
-/// The operations under way, one for each channel.
+/// The pending operations, one for each channel.
 #[derive(Default)]
 struct Pumps<'a> {
     actuators: Vec<Pump<'a>>,
@@ -364,7 +368,8 @@ impl<'a> Pumps<'a> {
 }
 
 impl Drop for Pumps<'_> {
-    /// They are memory, and the body ends on the real-time path: once, when there is nothing left to be in time for.
+    /// Freeing memory on the real-time path is accepted here: it happens once, at the end of the
+    /// body, when no deadline is left.
     fn drop(&mut self) {
         luna::off_path(|| {
             self.actuators = Vec::new();

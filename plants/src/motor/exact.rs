@@ -1,15 +1,17 @@
 //! The motor's motion where it is linear, solved exactly: a whole step at once.
 //!
-//! While the joint moves one way, between its stops and below the limit of the current, friction is a constant torque. Speed and current then are
+//! While the joint moves one way, between its stops and below the limit of the current, friction is
+//! a constant torque. Then speed and current are
 //!
 //! ```text
 //! d/dt (ω, i) = A (ω, i) + g      A = | −b/J   K/J |    g = | −friction/J |
 //!                                     | −K/L  −R/L |        |  voltage/L  |
 //! ```
 //!
-//! and go from where they are to where both would rest, as a sum of two exponentials each. While the joint is held by friction, the current alone changes,
-//! by one exponential. Each solution is taken only if nothing that changes the equations can lie within the step: a reversal, breaking loose, a stop, the
-//! limit. A step that may have one is not taken: the motor halves it, or leaves it to sub-steps.
+//! They move from their values to those at rest, as sums of two exponentials. While the joint is
+//! held by friction, only the current changes, by one exponential. A solution is used only if no
+//! event that changes the equations can occur within the step: a reversal, breaking loose, a stop,
+//! the limit. Otherwise the motor halves the step, or integrates it in sub-steps.
 
 use super::{MotorParameters, MotorState};
 
@@ -19,19 +21,20 @@ pub(super) struct Exact {
     /// The length, in s.
     time: f64,
     k: f64,
-    /// What speed and current are behind a step, by what both were before it: all as distances from where they would rest.
+    /// Maps speed and current before a step to those after it, as distances from their values at
+    /// rest.
     transition: [[f64; 2]; 2],
     /// How far the joint turns in a step, by the same distances.
     turned: [f64; 2],
-    /// Which part of its distance the current keeps in a step while the joint is held.
+    /// The factor of the current's distance in a step while the joint is held.
     kept: f64,
     /// What both the speed and the current at rest are divided by.
     rigidity: f64,
 }
 
 impl Exact {
-    /// For steps of `time` seconds; none where the equations have no two real time constants that are well apart (nearly every motor's have), or its armature no resistance or
-    /// inductance.
+    /// For steps of `time` seconds. None if the equations do not have two real, well separated time
+    /// constants (nearly every motor's do), or the armature has no resistance or inductance.
     pub(super) fn new(p: &MotorParameters, time: f64) -> Option<Self> {
         let k = p.joint_constant();
         let (inertia, inductance) = (p.inertia(), p.inductance);
@@ -48,10 +51,11 @@ impl Exact {
         if !is_well_apart || !fades {
             return None;
         }
-        // The greater one first, and the other by it: their difference would lose what is left of a slow one.
+        // The greater root first, and the other from it: their difference would lose the digits of
+        // a slow one.
         let fast = mean - apart.sqrt();
         let slow = determinant / fast;
-        // The exponential of A t is a sum of two matrices, one for each of its eigenvalues.
+        // The exponential of A t is a sum of two matrices, one for each eigenvalue.
         let part = |value: f64, other: f64, row: usize, column: usize| {
             let diagonal = if row == column { other } else { 0.0 };
             (a[row][column] - diagonal) / (value - other)
@@ -74,7 +78,8 @@ impl Exact {
         })
     }
 
-    /// Where the motor is a step after `from` under `voltage`; nothing if the step may not be linear. O(1).
+    /// The motor's state a step after `from` under `voltage`; none if the step may not be linear.
+    /// O(1).
     pub(super) fn step(
         &self,
         p: &MotorParameters,
@@ -94,7 +99,7 @@ impl Exact {
         let current = at_last + (from.current - at_last) * self.kept;
         let depth = (from.angle.abs() - p.end_stop).max(0.0);
         let stop = (p.stop_stiffness * depth).copysign(from.angle);
-        // The current goes one way, so that all between is allowed if both ends are.
+        // The current is monotonic, so all values between are allowed if both ends are.
         let is_held = |current: f64| {
             (self.k * current - stop).abs() <= p.stiction && current.abs() <= p.current_limit
         };
@@ -135,10 +140,12 @@ impl Exact {
         (moves_one_way && is_free && is_below_limit).then_some(to)
     }
 
-    /// How far what begins at `from` may get beyond both of its ends in a step, if it begins with the one rate and ends with the other.
+    /// How far a value that begins at `from` may get beyond both of its ends in a step, if it
+    /// begins and ends with these rates.
     ///
-    /// A rate is a sum of two exponentials that fade: it changes its sign once at most, and until then its size does not grow where it is to change it. So with one
-    /// sign at both ends nothing lies beyond these; with two, no more than the first rate would reach in the whole step.
+    /// A rate is a sum of two decaying exponentials: it changes its sign at most once, and its size
+    /// does not grow before that. So with equal signs nothing lies beyond the ends; with different
+    /// signs, at most what the first rate would reach in the whole step.
     fn extreme(&self, from: f64, rate: f64, rate_after: f64) -> f64 {
         if rate * rate_after < 0.0 {
             from + rate * self.time
@@ -148,7 +155,7 @@ impl Exact {
     }
 }
 
-/// What is known of the last step's length: a motor is mostly driven by steps of one.
+/// The coefficients for the last step's length: most motors are stepped by one length.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Prepared {
     time: f64,
@@ -162,7 +169,7 @@ impl Prepared {
         exact: None,
     };
 
-    /// The motion over steps of `time` seconds, above zero: as it was the last time, if that was as long.
+    /// The motion over steps of `time` seconds, above zero; kept if the last step had this length.
     pub(super) fn steps_of(&mut self, p: &MotorParameters, time: f64) -> Option<&Exact> {
         if self.time != time {
             *self = Self {
@@ -180,7 +187,8 @@ mod tests {
     use crate::{Motor, PAN, TILT};
     use proptest::prelude::*;
 
-    /// The equations, integrated by the classical Runge-Kutta method in steps a hundredth of the armature's time constant.
+    /// The equations, integrated by the classical Runge-Kutta method in steps a hundredth of the
+    /// armature's time constant.
     fn runge_kutta(p: &MotorParameters, from: MotorState, voltage: f64, time: f64) -> MotorState {
         let friction = p.coulomb_friction * from.speed.signum();
         let k = p.joint_constant();
@@ -245,7 +253,7 @@ mod tests {
             for part in 1..=200 {
                 let time = time * f64::from(part) / 200.0;
                 let exact = Exact::new(&p, time).expect("as before");
-                // Unchecked: what the equations say, whether they hold or not.
+                // Without a check that the equations hold.
                 let unbounded = MotorParameters { end_stop: 10.0, stop_stiffness: 0.0, stiction: 1e9, current_limit: f64::INFINITY, ..p };
                 let Some(to) = exact.step(&unbounded, from, voltage) else {
                     return Err(TestCaseError::fail(format!("it reverses within {time} s")));

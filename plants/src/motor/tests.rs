@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 const AXES: [MotorParameters; 2] = [PAN, TILT];
 
-/// An axis whose stops are out of the way.
+/// An axis without stops.
 fn unbounded(parameters: MotorParameters) -> Motor {
     Motor::new(MotorParameters {
         end_stop: f64::INFINITY,
@@ -72,13 +72,14 @@ fn rests_at_rest_below_breakaway_and_moves_above() {
         let mut plant = Motor::new(p);
         plant.state.angle = 0.123;
         for n in 0..1000 {
-            // A load that changes sign each millisecond: what makes smoothed friction laws creep or chatter.
+            // A load that changes sign each millisecond, which makes smoothed friction laws creep
+            // or chatter.
             plant.drive(if n % 2 == 0 { 0.99 } else { -0.99 } * breakaway, 1e-3);
             assert_eq!((plant.state().angle, plant.state().speed), (0.123, 0.0));
         }
         plant.drive(1.01 * breakaway, 0.1);
         assert!(plant.state().speed > 0.0);
-        // Once loose it keeps moving under what could not have moved it from rest.
+        // Once loose it keeps moving under a load that could not have moved it from rest.
         plant.drive(0.9 * breakaway, 0.1);
         assert!(plant.state().speed > 0.0);
     }
@@ -107,7 +108,8 @@ fn end_stop_holds_at_full_duty() {
                 plant.drive(duty, 1.0 / rate);
                 deepest = deepest.max(plant.state().angle.abs() - p.end_stop);
             }
-            // Hit at full speed from the middle: within 4 degrees. Then held: within what the motor compresses and friction keeps.
+            // Hit at full speed from the middle: within 4 degrees. Then held: within the motor's
+            // compression and the friction.
             assert!(deepest < 0.07, "{deepest} rad into the stop");
             let held = plant.state().angle.abs() - p.end_stop;
             assert_eq!(plant.state().speed, 0.0);
@@ -148,7 +150,8 @@ fn halving_the_step_changes_little() {
     }
 }
 
-/// Against sub-steps 64 times as fine, what is taken at once where it is linear is nearer than what never is, and within 150 µrad, some three counts of the encoder.
+/// Compared with sub-steps 64 times as fine, exact steps are nearer than sub-steps alone, and
+/// within 150 µrad, some three counts of the encoder.
 #[test]
 fn steps_at_once_are_as_good_as_sub_steps() {
     for p in AXES {

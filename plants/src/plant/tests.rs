@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A plant that does what it is told.
+/// A plant that follows a script.
 struct Scripted {
     inputs: Vec<Port>,
     outputs: Vec<Port>,
@@ -57,7 +57,7 @@ fn plain() -> Scripted {
     Scripted::new(Port::new("u", "V"), Port::new("y", "rad").range(-1.0, 1.0))
 }
 
-/// Fails with `error`, at once and ever after, and says nothing else.
+/// Fails with `error`, at once and for ever.
 fn fails(plant: Scripted, error: &PlantError) {
     let mut checked = Checked::new(plant);
     assert_eq!(checked.step(STEP).as_ref(), Err(error));
@@ -90,7 +90,7 @@ fn errors_of_step_and_measure_are_final() {
 }
 
 #[test]
-fn an_output_that_is_no_number_is_none() {
+fn an_output_that_is_no_number_is_refused() {
     for value in [f64::INFINITY, f64::NEG_INFINITY] {
         let error = PlantError::NotFinite {
             side: Side::Output,

@@ -1,4 +1,4 @@
-//! From its first value on a plant's process allocates nothing, and frees nothing.
+//! From its first value on a plant's process neither allocates nor frees.
 
 use luna::prelude::*;
 use luna_plants::{DeadTime, FirstOrderLag, PanTilt, Plant, PlantLink, Port, Series};
@@ -9,7 +9,7 @@ use std::time::Duration;
 struct Counting;
 
 thread_local! {
-    /// Of this thread alone: the thread that runs the system frees what the start leaves behind, at its leisure.
+    /// Of this thread alone: the thread that runs the system frees the start's memory at any time.
     static CALLS: Cell<u64> = const { Cell::new(0) };
 }
 

@@ -1,4 +1,4 @@
-//! A motor axis with its safety blocks, on virtual time, and what can go wrong with it.
+//! A motor axis with its safety blocks, on virtual time, and faults that it can have.
 //!
 //! ```text
 //!  operator ──> set-points ~> controller ──> output ~> motor
@@ -6,11 +6,13 @@
 //!                                 ~            ╰~~~~~~~~~┤
 //!                              encoder <~~~~~~~~~~~~~~~~~╯
 //!
-//!  set-points: limit, rate limit        encoder: largest rate, noise, disagreement        output: timeout, limit, rate limit, end stop, motion
+//!  set-points: limit, rate limit
+//!  encoder: largest rate, noise, disagreement
+//!  output: timeout, limit, rate limit, end stop, motion
 //!  ──> rendezvous   ~> register
 //! ```
 //!
-//! Three processes of blocks: within each the blocks are a chain, one after the other, without a switch between them.
+//! Three processes of blocks: within each, the blocks are a chain without a switch between them.
 
 use luna::Instant;
 use luna::prelude::*;
@@ -28,7 +30,7 @@ pub(crate) const MS: Duration = Duration::from_millis(1);
 pub(crate) const WHEN: Duration = Duration::from_millis(1_200);
 /// How long a run is.
 pub(crate) const LENGTH: Duration = Duration::from_secs(3);
-/// Where the stops begin for the blocks, in rad; in fact they stand at 1.4.
+/// Where the stops begin for the blocks, in rad; the mechanical stops are at 1.4.
 pub(crate) const STOP: f64 = 1.3;
 
 /// What goes wrong.
@@ -47,7 +49,7 @@ pub(crate) enum Trouble {
     SetPointRunsAway,
     /// They are no numbers.
     SetPointIsNan,
-    /// The controller says nothing any more.
+    /// The controller sends nothing any more.
     ControllerSilent,
     /// The controller drives one way, whatever it measures.
     ControllerMad,
@@ -70,13 +72,14 @@ pub(crate) const TROUBLES: [Trouble; 9] = [
 pub(crate) struct Outcome {
     /// What the blocks found, and how long after it went wrong.
     pub(crate) alarms: Vec<(Duration, Finding)>,
-    /// When the functions of the emergency ran, if there was one, and with what the run ended.
+    /// When the functions of the emergency ran, if there was one, and the cause that ended the run.
     pub(crate) emergency: Option<(Duration, Finding)>,
-    /// How long after it went wrong the encoders were further apart than is tolerated, if they were.
+    /// How long after the fault the encoders were further apart than tolerated, if they were.
     pub(crate) apart: Option<Duration>,
-    /// How long after it went wrong the motor first got so much that a free axis moves.
+    /// How long after the fault the duty first was enough to move a free axis.
     pub(crate) driven: Option<Duration>,
-    /// When the duty was 0 for the last time before it was not, counted from when it went wrong: the motor has been off since.
+    /// The beginning of the last time that the duty was 0, counted from the fault: the motor has
+    /// been off since.
     pub(crate) off_since: Option<Duration>,
     /// Whether the system was in its safe state at the end.
     pub(crate) is_safe_state: bool,
@@ -204,12 +207,12 @@ pub(crate) const APART: Duration = Duration::from_millis(5);
 /// A duty that moves the axis if it is free, and how long it may take.
 const DRIVEN: f64 = 0.3;
 pub(crate) const BLOCKED: Duration = Duration::from_millis(50);
-/// How long the controller may say nothing.
+/// How long the controller may be silent.
 pub(crate) const SILENT: Duration = Duration::from_millis(5);
-/// How long the operator may ask for too much, and the controller may drive into a stop.
+/// How long the operator may demand too much, and the controller may drive into a stop.
 pub(crate) const ASKED: Duration = Duration::from_millis(20);
 pub(crate) const PRESSED: Duration = Duration::from_millis(40);
-/// Samples over which noise is looked at.
+/// The number of samples for noise.
 pub(crate) const NOISE: u32 = 20;
 
 fn set_points() -> luna::Result<Chain> {
@@ -256,7 +259,7 @@ fn output() -> luna::Result<Chain> {
         )?)
 }
 
-/// Runs the axis with `trouble` for three seconds of virtual time: each time the same.
+/// Runs the axis with `trouble` for three seconds of virtual time. Each run is the same.
 pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
     let mut system = System::new("safe axis");
     system.virtual_clock();
@@ -270,18 +273,20 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
     let (safe, duties) = register();
     let (wanted, asked) = luna::channel();
     let (duty, computed) = luna::channel();
-    let (told, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(64));
+    let (reports, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(64));
 
     // The blocks.
     let feedback_within = 3 * MS;
-    main.process("set-points")
-        .priority(14)
-        .spawn(set_points()?.process(asked, limited).tell(told.clone()))?;
+    main.process("set-points").priority(14).spawn(
+        set_points()?
+            .process(asked, limited)
+            .report_to(reports.clone()),
+    )?;
     let of_encoder = encoder()?.process(encoder_readings, checked);
     main.process("encoder").priority(18).spawn(
         of_encoder
             .feedback(second_readings, feedback_within)?
-            .tell(told.clone())
+            .report_to(reports.clone())
             .of_sensor(),
     )?;
     let silence = Response::new(Reaction::Neutral).recovery(Recovery::After(Duration::ZERO));
@@ -290,11 +295,13 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
         Timeout::new(SILENT, 0.0)?,
         silence,
     )?;
-    main.process("output")
-        .priority(16)
-        .spawn(of_motor.feedback(positions, feedback_within)?.tell(told))?;
+    main.process("output").priority(16).spawn(
+        of_motor
+            .feedback(positions, feedback_within)?
+            .report_to(reports),
+    )?;
 
-    // What they stand between.
+    // The processes around the blocks.
     let start = Arc::new(Mutex::new(None));
     let at_start = start.clone();
     main.process("operator").priority(13).spawn(async move {
@@ -356,7 +363,7 @@ pub(crate) fn run(trouble: Trouble) -> luna::Result<Outcome> {
         .priority(20)
         .spawn(motor.periodic(MS)?)?;
 
-    // Who looks.
+    // The alarms that were recorded.
     let alarms = Arc::new(Mutex::new(Vec::new()));
     let notes = alarms.clone();
     main.process("notes").priority(25).spawn(async move {

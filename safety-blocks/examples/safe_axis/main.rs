@@ -1,4 +1,5 @@
-//! A motor axis, what can go wrong with it, and what its safety blocks make of that. On virtual time, so that each run is the same.
+//! A motor axis, its possible faults, and what its safety blocks do about each. On virtual time, so
+//! that each run is the same.
 
 mod axis;
 

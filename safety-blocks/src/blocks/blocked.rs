@@ -6,18 +6,22 @@ use crate::lasting::Still;
 use crate::setting::{Of, SettingError};
 use std::time::Duration;
 
-/// Refuses an output that has driven an axis for a time without moving it.
+/// Refuses an output that has driven an axis for some time without moving it.
 ///
-/// The value is the output, the feedback the position. Driven is an output of at least `driven` in size, either way: choose what surely moves the free axis. Moved is a
-/// position further than `moved` from where it stood. Guards against a jammed mechanism, a motor or a bridge that is dead, a coupling that slips before the encoder, an encoder that
+/// The value is the output, the feedback the position. The axis is driven by an output of at least
+/// `driven` in size, in either direction: choose one that surely moves the free axis. It has moved
+/// when its position is further than `moved` from where it stood. Guards against a jammed
+/// mechanism, a dead motor or bridge, a coupling that slips before the encoder, an encoder that
 /// stands still.
 ///
-/// Bound: `time` and one more sample, from the later of the last motion and the first drive. No false alarm while an axis that is driven moves by more than `moved` in each
-/// `time`. Does not see an axis that is blocked while it is driven by less, nor which of motor and encoder is at fault. An axis that is held against a stop or a load on purpose is
-/// blocked too: leave the block out there, or let an [`EndStop`](crate::EndStop) of the same [`Chain`](crate::Chain) take the drive off.
+/// Bound: `time` and one more sample, from the later of the last motion and the first drive. No
+/// false alarm while a driven axis moves by more than `moved` in each `time`. Does not detect an
+/// axis that is blocked while driven by less, nor whether motor or encoder is at fault. An axis
+/// held against a stop or a load on purpose counts as blocked too: omit the block there, or let an
+/// [`EndStop`](crate::EndStop) of the same [`Chain`](crate::Chain) remove the drive.
 ///
-/// What a chain puts out in the place of the output it is told: while that is neutral nothing is driven. So with [`Recovery::After`](crate::Recovery::After) a blocked axis
-/// is tried again after that time.
+/// The chain reports the actual output to the block: while that is neutral nothing is driven. So
+/// with [`Recovery::After`](crate::Recovery::After) a blocked axis is tried again after that time.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Blocked, Sample, Verdict};
@@ -36,7 +40,8 @@ pub struct Blocked {
 }
 
 impl Blocked {
-    /// Driven by `driven` or more (the unit of the output), not moved by more than `moved` (that of the position), for `time`.
+    /// Driven by `driven` or more (the unit of the output), not moved by more than `moved` (the
+    /// unit of the position), for `time`.
     ///
     /// # Errors
     ///

@@ -6,13 +6,17 @@ use crate::setting::{Of, SettingError};
 
 /// Refuses motion into an end stop and allows motion out of it.
 ///
-/// The value is what moves the axis (a duty, a torque, a speed): a positive one raises the position, and 0 is rest. The feedback is the position. At
-/// `high` and above no positive value passes, at `low` and below no negative one: it becomes 0. Without a position all become 0.
+/// The value is what moves the axis (a duty, a torque, a speed): a positive one raises the
+/// position, and 0 is rest. The feedback is the position. At `high` and above positive values
+/// become 0, at `low` and below negative ones. Without a position all become 0.
 ///
-/// Put it behind a [`RateLimit`](crate::RateLimit), which else would go on into the stop at its rate.
+/// Put it behind a [`RateLimit`](crate::RateLimit), which would otherwise continue into the stop at
+/// its rate.
 ///
-/// Guards against an axis that is driven into its stops. Bound: the same sample. It takes the drive off, and brakes nothing: leave room for the way in which
-/// the axis comes to rest, and for one sample at full speed. Does not see a position that is wrong, nor a motor that turns the wrong way.
+/// Guards against an axis that is driven into its stops. Bound: the same sample. It removes the
+/// drive but does not brake: leave room for the distance in which the axis comes to rest, and for
+/// one sample at full speed. Does not detect a wrong position, nor a motor that turns the wrong
+/// way.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, EndStop, Sample};
@@ -50,12 +54,13 @@ impl EndStop {
         })
     }
 
-    /// An axis that has reached a stop has left it when it is further than `distance` from where the stop begins. Without, noise of the position lets a drive into
-    /// the stop flicker.
+    /// An axis that has reached a stop has left it when it is further than `distance` from the
+    /// beginning of the stop. Without hysteresis, noise of the position lets a drive into the stop
+    /// flicker.
     ///
     /// # Errors
     ///
-    /// It is negative, no finite number, or not below the way between the stops.
+    /// It is negative, not finite, or not below the distance between the stops.
     pub fn hysteresis(mut self, distance: f64) -> Result<Self, SettingError> {
         self.hysteresis = Of("end stop").number(
             "hysteresis",

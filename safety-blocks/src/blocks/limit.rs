@@ -4,10 +4,10 @@ use crate::block::{Block, Sample, Verdict};
 use crate::fault::Fault;
 use crate::setting::{Of, SettingError};
 
-/// Lets no value pass that is outside of `min` to `max`: it becomes the nearer end.
+/// Limits a value to `min` to `max`: a value outside becomes the nearer end.
 ///
-/// Guards against a controller gone mad, a wrong gain, a set-point from nowhere. Bound: the same sample. Does not see a value that is wrong and within
-/// its limits, nor how fast it changes.
+/// Guards against a faulty controller, a wrong gain, an invalid set-point. Bound: the same sample.
+/// Does not detect a wrong value within its limits, nor fast changes.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Limit, Sample};

@@ -9,12 +9,17 @@ const FEWEST: u32 = 10;
 
 /// Refuses measurements that are too noisy.
 ///
-/// The measure is the mean size of the second difference, `|x[n] - 2 x[n-1] + x[n-2]|`, over about `samples` samples (a leaky mean, each taken as at most
-/// twice `level`, so that an outlier is no noise). Motion at a constant speed has none, an acceleration `a` has `a T^2` at a period `T`, and noise within plus and minus `e` has at most `4 e`.
+/// The measure is the mean size of the second difference, `|x[n] - 2 x[n-1] + x[n-2]|`, over about
+/// `samples` samples (a leaky mean; each difference counts as at most twice `level`, so that an
+/// outlier is not noise). Motion at a constant speed has none, an acceleration `a` has `a T^2` at a
+/// period `T`, and noise within plus and minus `e` has at most `4 e`.
 ///
-/// Guards against a shield that is off, a supply that breaks down, a converter's loose reference. No false alarm while no second difference is above `level`: so for noise
-/// within `e`, accelerations up to `a` and speeds up to `v` with a jitter `j` of the period, set it to at least `4 e + a T^2 + v j`. Bound: noise whose second
-/// differences are at least twice `level` is found within `samples` samples (0.7 of it, and 2). Does not see noise in between for sure, nor noise that is slow against the samples.
+/// Guards against a loose shield, a failing supply, a converter's loose reference. No false alarm
+/// while no second difference is above `level`: so for noise within `e`, accelerations up to `a`
+/// and speeds up to `v` with a jitter `j` of the period, set it to at least `4 e + a T^2 + v j`.
+/// Bound: noise with second differences of at least twice `level` is found within `samples` samples
+/// (0.7 of it, and 2). Does not reliably detect noise between these levels, nor noise that is slow
+/// compared with the samples.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Noise, Sample, Verdict};
@@ -23,7 +28,8 @@ const FEWEST: u32 = 10;
 /// let ms = Duration::from_millis(1);
 /// let mut encoder = Noise::new(0.01, 20)?; // rad
 /// let mut noisy = (0..).map(|n| if n % 2 == 0 { 0.01 } else { -0.01 });
-/// let found = noisy.position(|x| matches!(encoder.step(&Sample::new(x, ms)), Verdict::Refused(_)));
+/// let found =
+///     noisy.position(|x| matches!(encoder.step(&Sample::new(x, ms)), Verdict::Refused(_)));
 /// assert!(found.unwrap() < 20);
 /// # Ok::<(), luna_safety_blocks::SettingError>(())
 /// ```
@@ -38,7 +44,8 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Of second differences up to `level`, in the unit of the signal, over about `samples` samples.
+    /// For second differences up to `level`, in the unit of the signal, over about `samples`
+    /// samples.
     ///
     /// # Errors
     ///
@@ -68,7 +75,8 @@ impl Block for Noise {
             // `min` also bounds a difference that overflows.
             self.mean += (difference.min(2.0 * self.level) - self.mean) * self.share;
         }
-        // The mean of what is at most the level is that too, but for its rounding.
+        // The mean of differences that are at most the level is at most the level, except for
+        // rounding.
         if self.mean <= self.level * (1.0 + 1e-9) {
             return Verdict::Pass(value);
         }

@@ -1,4 +1,4 @@
-//! What a sensor says, and whether it can be.
+//! Blocks that check whether a measurement is possible.
 
 use crate::block::{Block, Sample, Verdict};
 use crate::fault::Fault;
@@ -8,7 +8,8 @@ use std::time::Duration;
 
 /// Refuses measurements outside of `min` to `max`.
 ///
-/// Guards against broken wires and converters at their ends. Bound: the same sample. Does not see what is wrong and within its range.
+/// Guards against broken wires and saturated converters. Bound: the same sample. Does not detect a
+/// wrong value within its range.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Range, Sample, Verdict};
@@ -52,11 +53,13 @@ impl Block for Range {
     fn reset(&mut self) {}
 }
 
-/// Refuses measurements that the axis cannot have reached since the one before.
+/// Refuses measurements that the axis cannot have reached since the previous one.
 ///
-/// Guards against jumps: lost counts, loose contacts, a counter that was reset. Bound: the same sample. The next measurement is held against the refused one, so a
-/// jump is one refused sample, and stays one only by a [`Response`](crate::Response) that holds. Does not see a sensor that is slow, or stands still. A
-/// sensor of steps changes by a whole one between two samples: allow for one step in the shortest time between samples.
+/// Guards against jumps: lost counts, loose contacts, a counter that was reset. Bound: the same
+/// sample. The next measurement is compared with the refused one, so a jump refuses only one
+/// sample; use a [`Response`](crate::Response) that holds to keep the fault. Does not detect a
+/// sensor that is slow, or stands still. A quantized sensor changes by a whole step between two
+/// samples: allow for one step in the shortest time between samples.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, MaxRate, Sample, Verdict};
@@ -76,7 +79,7 @@ pub struct MaxRate {
 }
 
 impl MaxRate {
-    /// Of an axis that never moves faster than `fastest`, in the unit of the signal by second.
+    /// For an axis that never moves faster than `fastest`, in the unit of the signal per second.
     ///
     /// # Errors
     ///
@@ -109,13 +112,17 @@ impl Block for MaxRate {
     }
 }
 
-/// Refuses a measurement that has not changed for a time.
+/// Refuses a measurement that has not changed for some time.
 ///
-/// It changes when it is further than `band` from where it stood. Guards against a sensor or a link that repeats its last value. For a sensor that is never still (noise
-/// above `band`), or for any other with [`while_driven`](Self::while_driven): then time counts only while the feedback, which is what drives the axis, is large enough to move it.
+/// It has changed when it is further than `band` from where it stood. Guards against a sensor or a
+/// link that repeats its last value. Use it for a sensor that is never still (noise above `band`),
+/// or for any other with [`while_driven`](Self::while_driven): then time counts only while the
+/// feedback, which is what drives the axis, is large enough to move it.
 ///
-/// Bound: `time` and one more sample, from the later of the last change and the first drive. No false alarm while it moves by more than `band` in each `time`.
-/// Does not see a sensor that is frozen while nothing is driven; cannot tell a frozen sensor from a [`Blocked`](crate::Blocked) axis.
+/// Bound: `time` and one more sample, from the later of the last change and the first drive. No
+/// false alarm while it moves by more than `band` in each `time`. Does not detect a sensor that is
+/// frozen while nothing is driven; cannot distinguish a frozen sensor from a
+/// [`Blocked`](crate::Blocked) axis.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Frozen, Sample, Verdict};
@@ -123,7 +130,10 @@ impl Block for MaxRate {
 ///
 /// let ms = Duration::from_millis(1);
 /// let mut pressure = Frozen::new(0.0, 20 * ms)?;
-/// assert_eq!((0..).find(|_| pressure.step(&Sample::new(1.5, ms)) != Verdict::Pass(1.5)), Some(20));
+/// assert_eq!(
+///     (0..).find(|_| pressure.step(&Sample::new(1.5, ms)) != Verdict::Pass(1.5)),
+///     Some(20)
+/// );
 /// # Ok::<(), luna_safety_blocks::SettingError>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -146,7 +156,8 @@ impl Frozen {
         })
     }
 
-    /// Only while the feedback is at least `least` in size, in its unit. Without a feedback then all is refused.
+    /// Counts only while the feedback is at least `least` in size, in its unit. Without a feedback
+    /// all measurements are refused.
     ///
     /// # Errors
     ///
@@ -176,10 +187,12 @@ impl Block for Frozen {
     }
 }
 
-/// Refuses a measurement that differs from another sensor's, the feedback, for too long.
+/// Refuses a measurement that differs for too long from the feedback, another sensor's.
 ///
-/// Guards against a sensor that drifts, sticks, or slips. Bound: `time` and one more sample, from when they are further apart than `tolerance`; with a `time` of zero the
-/// same sample. No false alarm while they are not further apart for as long as `time`. Does not see what both have in common, nor which of them is wrong.
+/// Guards against a sensor that drifts, sticks, or slips. Bound: `time` and one more sample, from
+/// when they are further apart than `tolerance`; with a `time` of zero the same sample. No false
+/// alarm while they are not further apart for as long as `time`. Does not detect faults common to
+/// both, nor which of them is wrong.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, Disagreement, Sample, Verdict};
@@ -199,11 +212,11 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
-    /// Two that may be `tolerance` (in their unit) apart, and further for less than `time`.
+    /// Two sensors that may be `tolerance` (in their unit) apart, and further for less than `time`.
     ///
     /// # Errors
     ///
-    /// `tolerance` is negative or no finite number.
+    /// `tolerance` is negative or not finite.
     pub fn new(tolerance: f64, time: Duration) -> Result<Self, SettingError> {
         Ok(Self {
             tolerance: Of("disagreement").not_negative("tolerance", tolerance)?,

@@ -5,13 +5,17 @@ use crate::fault::Fault;
 use crate::setting::{Of, SettingError};
 use std::time::Duration;
 
-/// Lets a value change only so fast: what comes faster is followed at the limit.
+/// Limits the rate of change: a faster change is followed at the limit.
 ///
-/// Guards the mechanism against steps. Bound: the same sample; the change in `elapsed` is at most `rate * elapsed`, to rounding. It begins at 0
-/// ([`starting_at`](Self::starting_at)), and the first sample, for which no time has passed, changes nothing. Does not see a value that is wrong and slow.
+/// Guards the mechanism against steps. Bound: the same sample; the change in `elapsed` is at most
+/// `rate * elapsed`, except for rounding. It begins at 0 ([`starting_at`](Self::starting_at)), and
+/// the first sample, with no time elapsed, changes nothing. Does not detect a wrong value that
+/// changes slowly.
 ///
-/// What a block before or behind it in a [`Chain`](crate::Chain) puts out instead, it is told: it goes on from there. In a chain of processes, each with a
-/// block of its own, it is not: put blocks that jump (end stop, a response that holds neutral) before it there, or accept that what they release comes back at once.
+/// A [`Chain`](crate::Chain) reports its actual output to the block, also if another block replaced
+/// it: the limit continues from there. In a chain of processes with a block each, it does not:
+/// there put blocks that jump (end stop, a response that holds neutral) before it, or accept that a
+/// released value returns at once.
 ///
 /// ```
 /// use luna_safety_blocks::{Block, RateLimit, Sample};
@@ -57,17 +61,18 @@ impl RateLimit {
         Ok(self)
     }
 
-    /// Lets `value` pass at once whenever it comes: what never harms, as a motor that is off.
+    /// Lets `value` pass at once whenever it comes: a harmless value, such as 0 for a motor.
     ///
     /// # Errors
     ///
-    /// It is no finite number.
+    /// It is not finite.
     pub fn free_to(mut self, value: f64) -> Result<Self, SettingError> {
         self.free = Some(Of("rate limit").finite("free value", value)?);
         Ok(self)
     }
 
-    /// Counts a pause between samples as at most `time`: so that after a silence of a second it does not step by what a second allows.
+    /// Counts a pause between samples as at most `time`, so that a second of silence does not allow
+    /// the step of a second.
     ///
     /// # Errors
     ///

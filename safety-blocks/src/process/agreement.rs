@@ -11,14 +11,22 @@ use luna::{Instant, Process, Receiver, RecvTimeoutError, SendError, Sender, alt}
 use std::pin::pin;
 use std::time::Duration;
 
-/// An [`Agreement`] between two channels and one: a value of each makes a round, for which one is put out.
+/// An [`Agreement`] with two input channels and one output: each round takes a value of each and
+/// puts one out.
 ///
-/// When one has come, the other is waited for `skew`; then it is missing in this round, and its value begins the next. When neither has come for `silence`, both are missing,
-/// each `silence` again. A channel whose writers are gone, or have poisoned it, is missing from then on, and not waited for. When both are gone, neutral is put out once, and it ends; also when its readers are gone.
+/// When one value has come, the process waits `skew` for the other; then that one is missing in
+/// this round, and begins the next. When neither has come for `silence`, both are missing, again
+/// after each `silence`. A channel without writers, or poisoned, is missing from then on, without
+/// waiting. When both are gone, neutral is put out once, and the process ends. It also ends when
+/// its readers are gone.
 ///
-/// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for the second value of a round (in a recorded system, with the next round), and while it is in one; a value that nobody has taken by then is withdrawn, and neutral put out in its place. Bound: a channel that falls silent is seen `skew` after the other's next value, two that do after `silence`. Choose `skew` below the period: a channel that is
-/// later than that in each round is missing in each. Real-time path: yes; O(1) a round, no allocation, but one for the first alarm,
-/// for a safe state, and for an emergency.
+/// When the system enters a safe state it offers neutral at once, or within `skew` if it waits for
+/// the second value of a round (in a recorded system, with the next round), and goes on while the
+/// safe state lasts. A value that was not taken by then is withdrawn, and replaced by neutral.
+/// Bound: a silent channel is found `skew` after the other's next value, two silent channels after
+/// `silence`. Choose `skew` below the period: a channel that is later than that in each round is
+/// missing in each. Real-time path: yes; O(1) a round, no allocation except one for the first
+/// alarm, for a safe state, and for an emergency.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -32,7 +40,15 @@ use std::time::Duration;
 /// let ((a, from_a), (b, from_b)) = (luna::channel(), luna::channel());
 /// let (safe, torques) = luna::channel();
 /// let both = Agreement::new(Vote::OneOutOfTwo, 0.0, 0.1, Duration::ZERO)?;
-/// main.process("vote").spawn(AgreementProcess::new("vote", both, Reaction::Neutral, [from_a, from_b], safe, 5 * ms, 20 * ms)?)?;
+/// main.process("vote").spawn(AgreementProcess::new(
+///     "vote",
+///     both,
+///     Reaction::Neutral,
+///     [from_a, from_b],
+///     safe,
+///     5 * ms,
+///     20 * ms,
+/// )?)?;
 /// for (name, channel, second) in [("controller a", a, 0.35), ("controller b", b, 0.8)] {
 ///     main.process(name).spawn(async move {
 ///         for torque in [0.3, second] {
@@ -51,7 +67,7 @@ use std::time::Duration;
 /// # Ok::<(), luna::Error>(())
 /// ```
 #[derive(Debug)]
-#[must_use = "a process protects nobody until it is spawned"]
+#[must_use = "a process protects nothing until it is spawned"]
 pub struct AgreementProcess {
     agreement: Agreement,
     reactor: Reactor,
@@ -64,7 +80,7 @@ pub struct AgreementProcess {
 }
 
 impl AgreementProcess {
-    /// Called `name`, from the two `channels`, A and B, to `output`.
+    /// An agreement called `name`, from the two `channels`, A and B, to `output`.
     ///
     /// # Errors
     ///
@@ -91,9 +107,9 @@ impl AgreementProcess {
         })
     }
 
-    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites.
-    pub fn tell(mut self, told: Sender<Finding>) -> Self {
-        self.alarms.tell(told);
+    /// Sends each fault that begins to `reports`, if there is room: use a buffer that overwrites.
+    pub fn report_to(mut self, reports: Sender<Finding>) -> Self {
+        self.alarms.report_to(reports);
         self
     }
 
@@ -107,7 +123,7 @@ impl AgreementProcess {
         let mut steps = Steps::default();
         let mut entered = pin!(self.alarms.entered());
         let mut end = luna::now() + self.silence;
-        // Neutral, for the safe state, until it is taken or something else is put out.
+        // Neutral is on offer for the safe state, until it is taken or replaced.
         let mut offers = false;
         loop {
             let awaited = entered.as_mut().as_pin_mut();
@@ -135,7 +151,8 @@ impl AgreementProcess {
                 self.agreement.reset();
             }
             let verdict = self.agreement.step(a, b, elapsed);
-            // With a warning alone: of one that is refused the first, and without any nothing is put out.
+            // Only with a warning: the first value of a refused pair. Without values nothing is put
+            // out.
             let came = a.or(b).unwrap_or(self.reactor.neutral());
             let (value, alarm) = self.reactor.react(verdict, came, elapsed);
             if let Some(alarm) = alarm {
@@ -155,7 +172,7 @@ impl AgreementProcess {
         Ok(())
     }
 
-    /// What the two say in one round, or neither until `end`.
+    /// The two values of one round, or none of them until `end`.
     async fn round(
         &mut self,
         end: Instant,
@@ -205,7 +222,7 @@ enum Round {
     Values([Option<f64>; 2]),
     /// The safe state was entered before a value came.
     SafeState,
-    /// Neutral was put out for it, if there is somebody who could take it.
+    /// Neutral was put out for it, if a reader exists.
     Taken(bool),
     /// Both are gone.
     Over,
@@ -221,7 +238,7 @@ impl Process for AgreementProcess {
     async fn run(&mut self) -> luna::Result<()> {
         let ended = self.pass_on().await;
         if ended.is_ok() {
-            // Who is gone needs no neutral.
+            // Readers that are gone need no neutral.
             let _ = self.output.send(self.reactor.neutral()).await;
         }
         ended

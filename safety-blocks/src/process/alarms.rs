@@ -1,13 +1,13 @@
-//! What a process does with an alarm: the one place that knows how the rest of the system is told.
+//! What a process does with an alarm, and how the rest of the system is informed.
 
 use crate::fault::Finding;
 use crate::response::{Alarm, Reaction};
 use luna::{Error, SafeStateEntered, Safety, Sender};
 
-/// Who is told.
+/// The receivers of alarms.
 #[derive(Debug, Default)]
 pub(super) struct Alarms {
-    told: Option<Sender<Finding>>,
+    reports: Option<Sender<Finding>>,
     /// The system's, while the body runs.
     safety: Option<Safety>,
     was_safe_state: bool,
@@ -16,8 +16,8 @@ pub(super) struct Alarms {
 }
 
 impl Alarms {
-    pub(super) fn tell(&mut self, told: Sender<Finding>) {
-        self.told = Some(told);
+    pub(super) fn report_to(&mut self, reports: Sender<Finding>) {
+        self.reports = Some(reports);
     }
 
     /// The body begins.
@@ -31,11 +31,12 @@ impl Alarms {
             reaction,
             is_first,
         } = alarm;
-        if let Some(told) = &self.told {
-            // Who does not look misses it: nobody waits for that.
-            let _ = told.try_send(finding.clone());
+        if let Some(reports) = &self.reports {
+            // An alarm without room is dropped: the process does not wait for its reader.
+            let _ = reports.try_send(finding.clone());
         }
-        // An error is memory: taken once for a warning of a block, and where all is over in any case.
+        // An error allocates: once for a block's warning, and otherwise when the system stops in
+        // any case.
         match (reaction, &self.safety) {
             (Reaction::Warn | Reaction::Neutral, Some(safety)) if is_first => {
                 luna::off_path(|| safety.warn(Error::other(finding)));
@@ -60,7 +61,7 @@ impl Alarms {
         self.emergency.take().map_or(Ok(()), Err)
     }
 
-    /// Whether the system is in a safe state, whoever brought it there: outputs are to be neutral.
+    /// Whether the system is in a safe state, from whatever source: outputs have to be neutral.
     pub(super) fn is_safe_state(&self) -> bool {
         self.safety.as_ref().is_some_and(Safety::is_safe_state)
     }
@@ -70,7 +71,8 @@ impl Alarms {
         self.safety.as_ref().map(Safety::safe_state_entered)
     }
 
-    /// Whether the process is to put out neutral when the safe state is entered: not while it is in one.
+    /// Whether the process has to put out neutral when the safe state is entered; not while it is
+    /// in one.
     pub(super) fn awaits_safe_state(&self) -> bool {
         !self.was_safe_state
     }
@@ -80,7 +82,8 @@ impl Alarms {
         self.was_safe_state = true;
     }
 
-    /// Whether a safe state was left since the call before: who brought the system there is to look anew.
+    /// Whether a safe state was left since the last call: then the blocks that led to it judge
+    /// again.
     pub(super) fn safe_state_is_over(&mut self) -> bool {
         let is_safe_state = self.is_safe_state();
         std::mem::replace(&mut self.was_safe_state, is_safe_state) && !is_safe_state

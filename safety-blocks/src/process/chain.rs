@@ -40,12 +40,14 @@ pub trait Signal: Copy + Send + 'static {
     #[must_use]
     fn with_value(self, value: f64) -> Self;
 
-    /// What it brings with it to be compared with. The default is nothing: then it comes by [`ChainProcess::feedback`].
+    /// The feedback that it carries. The default is none: then it comes by
+    /// [`ChainProcess::feedback`].
     fn feedback(&self) -> Option<f64> {
         None
     }
 
-    /// The time since the one before, if it says so. The default is nothing: then it is the time between their arrivals.
+    /// The time since the one before, if it carries that. The default is none: then it is the time
+    /// between arrivals.
     fn elapsed(&self) -> Option<Duration> {
         None
     }
@@ -61,18 +63,24 @@ impl Signal for f64 {
     }
 }
 
-/// How many values of the feedback are taken at a time: a register has one.
+/// The limit of feedback values received at a time: a register holds one.
 const MOST_AT_ONCE: usize = 16;
 
-/// A [`Chain`] between two channels: what comes is judged and put out, one for one.
+/// A [`Chain`] between two channels: each value that comes is judged, and one is put out for it.
 ///
-/// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one value. It sends what the chain puts out before it takes
-/// the next. When its writers are gone (or have poisoned the channel) it puts out neutral once and ends, so that who holds the last value holds that; after an
-/// emergency it puts out nothing. When the system enters a [safe state](crate::Reaction::SafeState), whoever brought it there, it offers neutral at once, also while it waits for a value, until it is taken or the next value comes, and then puts it out for each value that
-/// comes. A value that nobody has taken by then is withdrawn, and neutral put out in its place. When its readers are gone it ends.
+/// It keeps the pace of its input and adds no queue: with a rendezvous on both sides it holds one
+/// value. It sends each output before it receives the next value. When its writers are gone (or
+/// have poisoned the channel) it puts out neutral once and ends, so that neutral is the reader's
+/// last value; after an emergency it puts out nothing. When its readers are gone it ends.
 ///
-/// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to receive, with a timeout a timer. No allocation, but one for the first alarm of each block,
-/// for a safe state, and for an emergency.
+/// When the system enters a [safe state](crate::Reaction::SafeState), from whatever source, it
+/// offers neutral at once, also while it waits for a value, until it is taken or the next value
+/// comes, and then puts neutral out for each value that comes. A value that was not taken by then
+/// is withdrawn, and replaced by neutral.
+///
+/// Real-time path: yes; a receive, the chain's step, a send; with a feedback up to 16 attempts to
+/// receive, with a timeout a timer. No allocation except one for the first alarm of each block, for
+/// a safe state, and for an emergency.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -102,7 +110,7 @@ const MOST_AT_ONCE: usize = 16;
 /// assert_eq!((limited.passed(), limited.limited(), limited.refused()), (1, 1, 1));
 /// # Ok::<(), luna::Error>(())
 /// ```
-#[must_use = "a process protects nobody until it is spawned"]
+#[must_use = "a process protects nothing until it is spawned"]
 pub struct ChainProcess<T = f64> {
     chain: Chain,
     input: Receiver<T>,
@@ -113,7 +121,7 @@ pub struct ChainProcess<T = f64> {
     is_of_sensor: bool,
     /// What was put out last.
     last: Option<T>,
-    /// What is to be put out for the safe state, unless there is something else before.
+    /// The value to put out for the safe state, unless another one comes before.
     offered: Option<T>,
 }
 
@@ -151,8 +159,10 @@ impl Chain {
 }
 
 impl<T: Signal> ChainProcess<T> {
-    /// Takes the feedback from `values`, for signals that bring none: with each value the newest that has come, if it came at most `oldest` ago. Give it a register
-    /// ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)); it is looked at, never waited for. The age is counted from when this process took it out.
+    /// Takes the feedback from `values`, for signals that carry none: with each value the newest
+    /// that has come, if it came at most `oldest` ago. Use a register
+    /// ([`Buffer::overwrite_oldest(1)`](luna::Buffer::overwrite_oldest)); the process never waits
+    /// for it. Its age is counted from when this process received it.
     ///
     /// # Errors
     ///
@@ -171,14 +181,15 @@ impl<T: Signal> ChainProcess<T> {
         Ok(self)
     }
 
-    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites. Nobody waits for who reads it.
-    pub fn tell(mut self, told: Sender<Finding>) -> Self {
-        self.alarms.tell(told);
+    /// Sends each fault that begins to `reports`, if there is room, without waiting: use a buffer
+    /// that overwrites.
+    pub fn report_to(mut self, reports: Sender<Finding>) -> Self {
+        self.alarms.report_to(reports);
         self
     }
 
-    /// Is for what is measured, of which nothing is better than something made up: puts out no neutral when its writers are gone, nor because the system
-    /// is in a safe state.
+    /// For measurements, where no value is better than an invented one: puts out no neutral when
+    /// its writers are gone, nor in a safe state of the system.
     pub fn of_sensor(mut self) -> Self {
         self.is_of_sensor = true;
         self
@@ -186,14 +197,16 @@ impl<T: Signal> ChainProcess<T> {
 }
 
 impl<T: Signal + From<f64>> ChainProcess<T> {
-    /// Wakes up when nothing has come for the time of `timeout`, before the chain. It is called `name`. By `response` its
-    /// fall-back is put out in the place of neutral, or with a warning what came last; and again at its [repetition](Timeout::repeat), through the chain.
+    /// Wakes up when nothing has come for the time of `timeout`, before the chain. It is called
+    /// `name`. Depending on `response` it puts out its fall-back in place of neutral, or the last
+    /// value in case of a warning; and again at its [repetition](Timeout::repeat), through the
+    /// chain.
     ///
-    /// Gives what others see of it, too.
+    /// Returns its monitor, too.
     ///
     /// # Errors
     ///
-    /// The fall-back is no finite number, which `timeout` has seen to.
+    /// The fall-back is not finite, which `timeout` has already checked.
     pub fn timeout(
         mut self,
         name: &str,
@@ -239,7 +252,7 @@ impl<T: Signal> ChainProcess<T> {
                     front.reactor.rearm();
                 }
             }
-            // The time of the clock goes on in any case.
+            // The clock's time advances in any case.
             let by_clock = steps.elapsed(now);
             let feedback = &mut self.feedback;
             let sample = Sample {
@@ -273,7 +286,7 @@ impl<T: Signal> ChainProcess<T> {
     /// What comes next, or the fall-back; nothing when the writers are gone.
     async fn next(&mut self, entered: Entered<'_>) -> luna::Result<Option<Came<T>>> {
         let deadline = self.timeout.as_ref().map(|front| front.deadline);
-        // Of the newest signal, all but the value goes on.
+        // The newest signal: all of it but the value is used again.
         let last = self.last.filter(|_| !self.is_of_sensor);
         let awaited = entered.filter(|_| self.alarms.awaits_safe_state() && last.is_some());
         let came = match (self.offered.take(), awaited, deadline) {
@@ -311,7 +324,8 @@ impl<T: Signal> ChainProcess<T> {
         Ok(Some(Came::Signal(signal)))
     }
 
-    /// Offers `neutral` until it is taken, or until there is something else to put out: who reads in step with what it sends is not kept waiting.
+    /// Offers `neutral` until it is taken, or until there is another value to put out, so that a
+    /// reader that reads in step with its sends is not blocked.
     async fn offer(&self, neutral: T, deadline: Option<Instant>) -> luna::Result<Offered<T>> {
         let offered = alt! {
             sent = self.output.send(neutral) => Offered::Taken(taken(sent)?),
@@ -335,7 +349,7 @@ enum Came<T> {
 
 /// What an offer of neutral comes to.
 enum Offered<T> {
-    /// Whether there is somebody who could take it.
+    /// Whether a reader exists.
     Taken(bool),
     Came(Result<T, RecvTimeoutError>),
 }
@@ -398,7 +412,7 @@ impl<T: Signal> Process for ChainProcess<T> {
             && !self.is_of_sensor
             && !is_over
         {
-            // Who is gone needs no neutral.
+            // Readers that are gone need no neutral.
             let _ = self
                 .output
                 .send(last.with_value(self.chain.neutral()))

@@ -10,14 +10,22 @@ use crate::setting::SettingError;
 use luna::{Instant, Process, Receiver, Sender, alt};
 use std::pin::pin;
 
-/// A [`DeadMan`] between two channels: values pass while the key is held, and neutral is put out else.
+/// A [`DeadMan`] between two channels: values pass while the key is held; otherwise neutral is put
+/// out.
 ///
-/// One is put out for each value that comes, and neutral at once when the key is released or its time is over, without waiting for the next value. Key writers that
-/// are gone have released it; so has poison. A release is no fault and no alarm, unless the response says so by [`limited_for`](Response::limited_for). It recovers as the response says: with
-/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key is held again. When the writers of values are gone it puts out neutral once, and ends; also when its readers are gone.
+/// One value is put out for each that comes, and neutral at once when the key is released or its
+/// time is over. When the writers of keys are gone, or have poisoned the channel, the key is
+/// released. A release is no fault and no alarm, unless the response makes it one by
+/// [`limited_for`](Response::limited_for). It recovers as the response specifies: with
+/// [`Recovery::After(Duration::ZERO)`](crate::Recovery::After) with the first value after the key
+/// is held again. When the writers of values are gone it puts out neutral once, and ends; also when
+/// its readers are gone.
 ///
-/// When the system enters a safe state it offers neutral at once (in a recorded system, with the next value), and while it is in one; a value that nobody has taken by then is withdrawn, and neutral put out in its place. Bound: a release or an end of the time is put out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no allocation, but one for the first alarm,
-/// for a safe state, and for an emergency.
+/// When the system enters a safe state it offers neutral at once (in a recorded system, with the
+/// next value), and goes on while the safe state lasts. A value that was not taken by then is
+/// withdrawn, and replaced by neutral. Bound: neutral after a release or the end of the time is put
+/// out as soon as the process runs and its reader takes it. Real-time path: yes; O(1) a step, no
+/// allocation except one for the first alarm, for a safe state, and for an emergency.
 ///
 /// ```
 /// use luna::prelude::*;
@@ -31,7 +39,15 @@ use std::pin::pin;
 /// let (key, keys) = luna::channel();
 /// let (safe, outputs) = luna::channel();
 /// let grip = DeadMan::new(Duration::from_millis(50))?;
-/// main.process("dead-man").spawn(DeadManProcess::new("grip", grip, 0.0, Reaction::Neutral, speeds, keys, safe)?)?;
+/// main.process("dead-man").spawn(DeadManProcess::new(
+///     "grip",
+///     grip,
+///     0.0,
+///     Reaction::Neutral,
+///     speeds,
+///     keys,
+///     safe,
+/// )?)?;
 /// main.process("operator").spawn(async move {
 ///     key.send(1).await?;
 ///     speed.send(0.2).await?; // held
@@ -50,7 +66,7 @@ use std::pin::pin;
 /// # Ok::<(), luna::Error>(())
 /// ```
 #[derive(Debug)]
-#[must_use = "a process protects nobody until it is spawned"]
+#[must_use = "a process protects nothing until it is spawned"]
 pub struct DeadManProcess {
     dead_man: DeadMan,
     reactor: Reactor,
@@ -64,16 +80,16 @@ enum Event {
     Value(Option<f64>),
     Key(Option<u32>),
     Time,
-    /// Neutral was put out for the safe state, if there is somebody who could take it.
+    /// Neutral was put out for the safe state, if a reader exists.
     Taken(bool),
 }
 
 impl DeadManProcess {
-    /// Called `name`, between `values` and `output`, with the key that comes from `keys`.
+    /// A dead-man called `name` between `values` and `output`, with keys from `keys`.
     ///
     /// # Errors
     ///
-    /// `neutral` is no finite number.
+    /// `neutral` is not finite.
     pub fn new(
         name: &str,
         dead_man: DeadMan,
@@ -93,9 +109,9 @@ impl DeadManProcess {
         })
     }
 
-    /// Tells `told` of each fault that begins, if there is room: give it a buffer that overwrites.
-    pub fn tell(mut self, told: Sender<Finding>) -> Self {
-        self.alarms.tell(told);
+    /// Sends each fault that begins to `reports`, if there is room: use a buffer that overwrites.
+    pub fn report_to(mut self, reports: Sender<Finding>) -> Self {
+        self.alarms.report_to(reports);
         self
     }
 
@@ -193,7 +209,7 @@ impl DeadManProcess {
     }
 }
 
-/// Begins to count, and gives the instant of it.
+/// Starts to count, and returns the present instant.
 fn steps_from(steps: &mut Steps) -> Instant {
     let now = luna::now();
     steps.elapsed(now);
@@ -204,7 +220,7 @@ impl Process for DeadManProcess {
     async fn run(&mut self) -> luna::Result<()> {
         let ended = self.pass_on().await;
         if !matches!(&ended, Err(error) if !error.is_poisoned()) {
-            // Who is gone needs no neutral.
+            // Readers that are gone need no neutral.
             let _ = self.output.send(self.reactor.neutral()).await;
         }
         ended

@@ -34,7 +34,8 @@ impl Steps {
 /// Awaits what ends when the safe state is entered, or never.
 type Entered<'a> = Option<Pin<&'a mut SafeStateEntered>>;
 
-/// Awaits `event`, which is cancel-safe, and gives it up when the safe state is entered: then there is nothing. One poll of `entered` each time it waits.
+/// Awaits `event`, which must be cancel-safe. Returns none if the safe state is entered before. It
+/// polls `entered` once each time it waits.
 async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Output> {
     let mut event = pin!(event);
     poll_fn(|cx| {
@@ -42,7 +43,7 @@ async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Outp
             return Poll::Ready(Some(output));
         }
         match &mut entered {
-            // Which of two came first a recording can tell of alternatives and of single operations alone.
+            // A replay log can order alternatives and single operations only.
             Some(entered) if !luna::record::is_recorded() => {
                 entered.as_mut().poll(cx).map(|()| None)
             }
@@ -52,8 +53,10 @@ async fn unless<F: Future>(event: F, mut entered: Entered<'_>) -> Option<F::Outp
     .await
 }
 
-/// Puts `value` out; whether somebody took it: who is gone needs no protection. If the safe state is entered before somebody does, `value` is withdrawn, and what `neutral` makes is put out in its place: one for one.
-/// As long as `value` is taken at once it costs what a send does, and one poll of `entered` each time it waits.
+/// Puts `value` out, and returns whether a reader took it; a reader that is gone needs no
+/// protection. If the safe state is entered before that, `value` is withdrawn and replaced by the
+/// result of `neutral`: still one value. If `value` is taken at once it costs a send, and one poll
+/// of `entered` each time it waits.
 async fn put_out<T: Send>(
     output: &Sender<T>,
     value: T,

@@ -2,7 +2,8 @@
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// Random cases from the seed `LUNA_SEED`, else always the same; it is printed, for when a test fails.
+/// Random cases from the seed `LUNA_SEED`; without it always the same. The seed is printed for
+/// failing tests.
 pub(crate) fn seeded() -> Config {
     let seed = std::env::var("LUNA_SEED")
         .ok()

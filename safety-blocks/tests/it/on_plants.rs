@@ -39,7 +39,8 @@ fn limits_keep_a_controller_gone_mad_within_current_and_slope() {
         );
         last = duty;
         let state = drive(&mut motor, duty);
-        // At most what the supply's part drives through the armature, with a back-EMF of the same size against it.
+        // At most the current that its part of the supply drives through the armature, with a
+        // back-EMF of the same size against it.
         assert!(state.current.abs() <= 2.0 * 0.3 * PAN.supply / PAN.resistance);
     }
 }
@@ -71,7 +72,7 @@ fn a_broken_wire_switches_the_oven_off_at_once() {
         Duration::from_secs(2),
     );
     let mut oven = Checked::new(oven);
-    // A chain for what is measured: in the place of what cannot be it says that it is far too hot.
+    // A chain for a measurement: an impossible value is replaced by one that is far too hot.
     let mut chain = Chain::new(1000.0)
         .unwrap()
         .then("wire", Range::new(-20.0, 300.0).unwrap(), Reaction::Neutral)
@@ -93,7 +94,8 @@ fn a_broken_wire_switches_the_oven_off_at_once() {
     assert!(oven.get("temperature").unwrap() < 2.0);
 }
 
-/// After how many samples from the fault on `block` refuses what `sensor` makes of a motor's angle; the motor runs to and fro.
+/// The number of samples from the fault until `block` refuses a motor's angle as measured by
+/// `sensor`; the motor runs to and fro.
 fn found(
     mut block: impl Block,
     sample: impl Fn(MotorState, MotorState, f64) -> Sample,
@@ -117,7 +119,7 @@ fn found(
 }
 
 #[test]
-fn a_frozen_encoder_is_found_by_each_who_can() {
+fn a_frozen_encoder_is_found_by_each_block_that_can() {
     // Driven it moves by more than this in 30 ms. At 1100 it is driven hard.
     let frozen = Frozen::new(2e-3, 30 * MS)
         .unwrap()
@@ -201,7 +203,7 @@ fn a_channel_that_sticks_is_found_and_neither_drives_the_axis_alone() {
 }
 
 #[test]
-fn the_motor_stands_still_when_nobody_holds_the_key() {
+fn the_motor_stands_still_while_the_key_is_not_held() {
     let mut grip = DeadMan::new(50 * MS).unwrap().must_change();
     let mut motor = Motor::new(PAN);
     let mut let_go = None;

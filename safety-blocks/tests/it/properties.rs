@@ -1,4 +1,5 @@
-//! What holds whatever comes: limits, rates, no false alarm within what is documented, and a fault found within its bound.
+//! Properties for all inputs: limits, rates, no false alarm within the documented bounds, and each
+//! fault found within its bound.
 
 use crate::common;
 use common::seeded;
@@ -82,7 +83,7 @@ fn steps(block: &mut impl Block, samples: impl IntoIterator<Item = Sample>) -> O
 proptest! {
     #![proptest_config(seeded())]
 
-    /// No block, whatever it is given, lets a number pass that is not finite, and none that is not finite passes for a good one.
+    /// No block lets a value pass that is not finite, or accepts a sample that is not finite.
     #[test]
     fn what_is_not_finite_never_passes(samples in samples()) {
         for (name, mut block) in all_blocks() {
@@ -97,7 +98,8 @@ proptest! {
         }
     }
 
-    /// A chain of all blocks in any order (but the end stop is behind the rate), with any responses, puts out what is finite, within the limits, and no faster than allowed.
+    /// A chain of all blocks in any order (but the end stop behind the rate limit), with any
+    /// responses, puts out finite values within the limits, no faster than allowed.
     #[test]
     fn a_chain_keeps_its_limits_whatever_comes(
         samples in samples(),
@@ -163,7 +165,8 @@ proptest! {
         }
     }
 
-    /// Within a stop's hysteresis a drive into it does not flicker, and out of it is always allowed.
+    /// Within a stop's hysteresis a drive into it does not flicker; a drive out of it is always
+    /// allowed.
     #[test]
     fn an_end_stop_does_not_flicker(noise in prop::collection::vec(-0.01..0.01f64, 1..50)) {
         let mut stop = EndStop::new(-1.0, 1.0).unwrap().hysteresis(0.02).unwrap();
@@ -176,7 +179,8 @@ proptest! {
         prop_assert_eq!(stop.step(&at(0.98, 0.1)), Verdict::Pass(0.1));
     }
 
-    /// An axis that moves at its largest speed, with jitter, never is too fast; a jump always is, in the same sample.
+    /// An axis that moves at its largest speed, with jitter, is never too fast; a jump always is,
+    /// in the same sample.
     #[test]
     fn jumps_are_seen_at_once_and_motion_never(
         motion in prop::collection::vec((-0.999..0.999f64, 1u64..3_000_000), 1..60), jump in prop_oneof![-9.0..-0.1f64, 0.1..9.0f64],
@@ -194,7 +198,8 @@ proptest! {
         prop_assert!(is_seen);
     }
 
-    /// Noise, acceleration, and speed with jitter as documented are no false alarm, for ever; the noise that is documented to be found is, in time.
+    /// Noise, acceleration, and speed with jitter within the documented bounds raise no alarm;
+    /// noise beyond its bound is found in time.
     #[test]
     fn noise_is_found_in_time_and_never_where_there_is_none(
         noise in prop::collection::vec(-1.0..=1.0f64, 100..400), samples in 10u32..60,
@@ -208,7 +213,7 @@ proptest! {
             let value = speed * time + 0.5 * acceleration * time * time + amount * noise;
             prop_assert!(matches!(block.step(&Sample::new(value, MS)), Verdict::Pass(_)), "{n}");
         }
-        // An outlier in silence is none, however large it is.
+        // An outlier in silence is no noise, however large it is.
         block.reset();
         for n in 0..200 {
             let value = if Some(n) == outlier { 1e6 } else { 0.0 };
@@ -221,7 +226,8 @@ proptest! {
         prop_assert!(f64::from(found) <= (0.7 * f64::from(samples)).ceil() + 2.0, "{found} of {samples}");
     }
 
-    /// Output without motion is found within its time and one sample, whatever the jitter; motion, or no drive, never is.
+    /// Output without motion is found within its time and one sample, for any jitter; motion, or no
+    /// drive, never is.
     #[test]
     fn a_blocked_actuator_is_found_in_time_and_a_free_one_never(
         free in prop::collection::vec((0.3..1.0f64, 1u64..2_000_000), 1..60), jitter in prop::collection::vec(1u64..2_000_000, 400), drive in 0.3..1.0f64,
@@ -256,7 +262,7 @@ proptest! {
         prop_assert_eq!(steps(&mut block, rests), None);
     }
 
-    /// A frozen sensor is found within its time and one sample; one that moves never.
+    /// A frozen sensor is found within its time and one sample; a moving one never.
     #[test]
     fn a_frozen_sensor_is_found_in_time_and_a_live_one_never(
         values in prop::collection::vec(-1.0..1.0f64, 1..60), jitter in prop::collection::vec(1u64..2_000_000, 400),
@@ -285,7 +291,8 @@ proptest! {
         prop_assert!(found);
     }
 
-    /// Two sensors may be apart for less than the time; for longer is found within it and one sample.
+    /// Two sensors may be apart for less than the time; for longer they are found within it and one
+    /// sample.
     #[test]
     fn a_disagreement_is_found_in_time_and_a_short_one_never(
         short in prop::collection::vec((0u64..10, -1.0..1.0f64), 1..30), apart in prop_oneof![-5.0..-0.11f64, 0.11..5.0f64],
@@ -301,9 +308,9 @@ proptest! {
         prop_assert_eq!(steps(&mut block, wrong), Some(10));
     }
 
-    /// What two channels let pass lies between them, or between neutral and one of them.
+    /// The output of two channels lies between their values, or between neutral and one of them.
     #[test]
-    fn two_channels_let_nothing_pass_that_none_has_said(
+    fn the_output_of_two_channels_lies_between_their_values(
         rounds in prop::collection::vec((prop::option::of(any_number()), prop::option::of(any_number()), any_elapsed()), 1..50),
         vote in prop::sample::select(vec![Vote::OneOutOfTwo, Vote::TwoOutOfTwo]), neutral in -1.0..1.0f64, tolerance in 0.0..1.0f64,
     ) {
@@ -332,7 +339,8 @@ proptest! {
         }
     }
 
-    /// A dead-man is held exactly while the key has been refreshed in time, since it was pressed, and not for too long.
+    /// A dead-man is held exactly while the key has been refreshed in time since it was pressed,
+    /// and not for too long.
     #[test]
     fn a_dead_man_is_held_exactly_while_it_is(
         events in prop::collection::vec((prop::option::of(0u32..4), 0u64..40), 1..80), must_change in any::<bool>(),
@@ -341,7 +349,7 @@ proptest! {
         if must_change {
             block = block.must_change();
         }
-        // What it is by its definition: when it was pressed, when it was refreshed last, by what.
+        // The definition: when the key was pressed, when it was refreshed last, by which number.
         let (mut now, mut held): (u64, Option<(u64, u64, u32)>) = (0, None);
         let mut spent = false;
         for (key, ms) in events {
@@ -361,7 +369,7 @@ proptest! {
         }
     }
 
-    /// Set-points that come in time pass; silence is seen when the time is over, and not before.
+    /// Set-points that come in time pass; silence is found when the time is over, and not before.
     #[test]
     fn silence_is_seen_exactly_when_its_time_is_over(gaps in prop::collection::vec(0u64..50, 1..50), silent in 0u64..100) {
         let mut timeout = Timeout::new(50 * MS, -1.0).unwrap();
@@ -372,7 +380,8 @@ proptest! {
         prop_assert_eq!(matches!(verdict, Verdict::Refused(_)), silent >= 50);
     }
 
-    /// Neutral is held from a fault until samples have been good for the time that is set, in one piece; and what is put out always is finite.
+    /// Neutral is held from a fault until samples have been good for the set time without a break;
+    /// the output is always finite.
     #[test]
     fn neutral_is_held_until_it_has_recovered(faults in prop::collection::vec(any::<bool>(), 1..200), hold in 0usize..20) {
         let response = Response::new(Reaction::Neutral).recovery(Recovery::After(hold as u32 * MS));
@@ -392,7 +401,7 @@ proptest! {
 }
 
 #[test]
-fn a_reset_lets_it_go_on_and_a_fault_that_is_still_there_is_found_anew() {
+fn a_reset_clears_a_fault_and_a_lasting_fault_is_found_again() {
     let mut chain = Chain::new(0.0)
         .unwrap()
         .then(
@@ -406,7 +415,7 @@ fn a_reset_lets_it_go_on_and_a_fault_that_is_still_there_is_found_anew() {
     for round in 0..3 {
         let mut alarms = 0;
         let free = (0..20).filter(|_| chain.step(&jammed, |_| alarms += 1) == 0.5);
-        // The sample that it is anchored at, and five less the one at which it is found.
+        // The first sample as the reference, and five less the one at which it is found.
         assert_eq!((free.count(), alarms), (5, 1), "round {round}");
         assert!(monitor.is_held());
         monitor.reset();

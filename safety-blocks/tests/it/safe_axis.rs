@@ -1,5 +1,5 @@
-//! A motor axis whose plant, operator and controller are broken, one after the other, on virtual time: when each fault is seen, to the millisecond, and what
-//! the axis did until then.
+//! A motor axis with a fault of its plant, operator or controller, on virtual time: when each fault
+//! is found, to the millisecond, and what the axis did until then.
 
 #[path = "../../examples/safe_axis/axis.rs"]
 mod axis;
@@ -9,7 +9,7 @@ use luna_plants::PAN;
 use luna_safety_blocks::Fault;
 use std::time::Duration;
 
-/// Who found the fault, and after how many milliseconds; and whether that is when the emergency ran.
+/// The block that found the fault, after how many milliseconds, and whether the emergency ran then.
 fn first(outcome: &Outcome) -> (&str, Duration, bool) {
     let (after, cause) = &outcome.alarms[0];
     let is_emergency = outcome
@@ -33,7 +33,7 @@ fn without_trouble_there_is_no_alarm_and_the_axis_follows() {
 #[test]
 fn a_frozen_encoder_is_seen_five_milliseconds_after_it_is_too_far_off() {
     let outcome = run(Trouble::EncoderFrozen).unwrap();
-    // At this speed the axis is two hundredths of a radian further after 8 ms.
+    // At this speed the axis moves two hundredths of a radian in 8 ms.
     assert_eq!(outcome.apart, Some(8 * MS));
     assert_eq!(first(&outcome), ("encoders", 8 * MS + APART, true));
     assert!(matches!(
@@ -94,7 +94,8 @@ fn a_silent_controller_is_seen_when_its_time_is_over() {
     let outcome = run(Trouble::ControllerSilent).unwrap();
     // It spoke last one cycle before.
     assert_eq!(first(&outcome), ("controller", SILENT - MS, false));
-    // The plant takes it in its next slot, and applies it from there on: seen at that slot's end.
+    // The plant receives it in its next slot, and applies it from there on: visible at that slot's
+    // end.
     assert_eq!(outcome.off_since, Some(SILENT + MS));
     assert_eq!(outcome.end.speed, 0.0);
 }
@@ -104,7 +105,8 @@ fn a_controller_gone_mad_does_not_reach_the_end_stop() {
     let outcome = run(Trouble::ControllerMad).unwrap();
     let (block, after, _) = first(&outcome);
     let off = outcome.off_since.unwrap();
-    // The drive is off two slots after the blocks took it off: one until the plant takes it, one until its step is seen.
+    // The drive is off two slots after the blocks removed it: one until the plant receives that,
+    // one until its step is visible.
     assert_eq!((block, after), ("end stop", off - 2 * MS + PRESSED));
     assert!(
         (STOP..PAN.end_stop).contains(&outcome.furthest),

@@ -1,4 +1,5 @@
-//! From their first value on the blocks' processes allocate nothing, and free nothing, also while faults begin and end.
+//! From their first value on the blocks' processes neither allocate nor free, also while faults
+//! begin and end.
 
 use luna::prelude::*;
 use luna_safety_blocks::{
@@ -13,7 +14,7 @@ use std::time::Duration;
 struct Counting;
 
 thread_local! {
-    /// Of this thread alone: the thread that runs the system frees what the start leaves behind, at its leisure.
+    /// Of this thread alone: the thread that runs the system frees the start's memory at any time.
     static CALLS: Cell<u64> = const { Cell::new(0) };
 }
 
@@ -88,7 +89,8 @@ fn all() -> Chain {
         .unwrap()
 }
 
-/// The calls of the executor's thread while `values` come at the end of a network that `build` makes, and how many causes were told.
+/// The calls of the executor's thread while `values` come at the end of a network made by `build`,
+/// and the number of reported causes.
 fn calls(
     build: impl FnOnce(&luna::Executor, [Receiver<f64>; 2], Receiver<u32>, Sender<f64>, Sender<Finding>),
 ) -> (u64, u32) {
@@ -98,8 +100,8 @@ fn calls(
     let ((a, from_a), (b, from_b)) = (luna::channel(), luna::channel());
     let (key, keys) = luna::channel();
     let (output, values) = luna::buffered(Buffer::overwrite_oldest(1));
-    let (told, causes) = luna::buffered(Buffer::overwrite_oldest(4));
-    build(&main, [from_a, from_b], keys, output, told);
+    let (reports, causes) = luna::buffered(Buffer::overwrite_oldest(4));
+    build(&main, [from_a, from_b], keys, output, reports);
     let (counted, count) = std::sync::mpsc::channel();
     main.process("control")
         .spawn(async move {
@@ -133,16 +135,18 @@ fn calls(
 
 #[test]
 fn blocks_allocate_nothing() {
-    let (none, alarms) = calls(|main, [a, b], _, output, told| {
+    let (none, alarms) = calls(|main, [a, b], _, output, reports| {
         let process = all().process(a, output).feedback(b, 3 * MS).unwrap();
         let timeout = Timeout::new(5 * MS, 0.0).unwrap().repeat(MS).unwrap();
         let (process, _) = process.timeout("silence", timeout, recovering()).unwrap();
-        main.process("chain").spawn(process.tell(told)).unwrap();
+        main.process("chain")
+            .spawn(process.report_to(reports))
+            .unwrap();
     });
     assert_eq!(none, 0);
     assert!(alarms > 300, "{alarms}");
 
-    let (none, alarms) = calls(|main, channels, _, output, told| {
+    let (none, alarms) = calls(|main, channels, _, output, reports| {
         let agreement = Agreement::new(Vote::OneOutOfTwo, 0.0, 0.05, MS).unwrap();
         let process = AgreementProcess::new(
             "vote",
@@ -154,17 +158,17 @@ fn blocks_allocate_nothing() {
             10 * MS,
         );
         main.process("vote")
-            .spawn(process.unwrap().tell(told))
+            .spawn(process.unwrap().report_to(reports))
             .unwrap();
     });
     assert_eq!(none, 0);
     assert!(alarms > 100, "{alarms}");
 
-    let (none, alarms) = calls(|main, [a, _b], keys, output, told| {
+    let (none, alarms) = calls(|main, [a, _b], keys, output, reports| {
         let grip = DeadMan::new(10 * MS).unwrap();
         let process = DeadManProcess::new("grip", grip, 0.0, recovering(), a, keys, output);
         main.process("grip")
-            .spawn(process.unwrap().tell(told))
+            .spawn(process.unwrap().report_to(reports))
             .unwrap();
     });
     assert_eq!(none, 0);

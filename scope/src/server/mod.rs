@@ -1,6 +1,6 @@
-//! Who connects, and what he gets.
+//! Connections and their answers.
 //!
-//! A thread for each connection, of which there is a bounded number; it ends with the answer, or is a viewer's.
+//! Each connection has a thread, up to a limit. It ends with the answer, or serves a viewer.
 
 mod request;
 mod viewer;
@@ -14,15 +14,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Beside the viewers so many connections may ask for parts of the page.
+/// The limit of connections for files of the page, beside the viewers.
 const ASKING: usize = 32;
-/// A request's line and headers have at most so many bytes.
+/// The limit of the bytes of a request's line and headers.
 const LONGEST: usize = 8 << 10;
 /// A request is there as a whole within this time, and an answer is taken.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// An answer without a thread of its own takes so long at most, whatever the client does.
+/// The longest time for an answer without a thread of its own, whatever the client does.
 const BRIEF: Duration = Duration::from_millis(200);
-/// Who sends nothing for so long has sent all.
+/// After this silence the client's request counts as complete.
 const SILENCE: Duration = Duration::from_millis(200);
 
 /// Takes connections until the scope is closed.
@@ -45,7 +45,7 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
             let _ = refuse(stream, &Refusal::TooMany, BRIEF);
             continue;
         };
-        // Who gets no thread is hung up on.
+        // Without a thread the connection is closed.
         let _ = std::thread::Builder::new()
             .name("luna-scope-user".to_owned())
             .stack_size(512 << 10)
@@ -55,7 +55,7 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
     }
 }
 
-/// One of a bounded number, given back when it is dropped.
+/// One of a limited number of connections, released on drop.
 pub(crate) struct Place {
     shared: Arc<Shared>,
     of: fn(&Shared) -> &AtomicUsize,
@@ -142,7 +142,7 @@ fn read(stream: &mut TcpStream) -> io::Result<Option<Vec<u8>>> {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         bytes.extend_from_slice(&some[..got]);
-        // What follows the headers is a body, which no request here has, or a frame sent too early.
+        // Bytes after the headers are a body, which no request here has, or a frame sent too early.
         if let Some(end) = bytes.windows(4).position(|four| four == b"\r\n\r\n") {
             bytes.truncate(end + 4);
             return Ok((bytes.len() <= LONGEST).then_some(bytes));
@@ -156,7 +156,7 @@ fn read(stream: &mut TcpStream) -> io::Result<Option<Vec<u8>>> {
 /// Answers, within `patience` in all.
 fn refuse(mut stream: TcpStream, refusal: &Refusal, patience: Duration) -> io::Result<()> {
     let until = Instant::now() + patience;
-    // The system has room for a short answer, the first one on this connection.
+    // The system's buffer has room for a short answer, which is the first one on this connection.
     stream.set_nonblocking(true)?;
     let text = format!("{refusal}\n");
     answer(
@@ -179,7 +179,7 @@ fn refuse(mut stream: TcpStream, refusal: &Refusal, patience: Duration) -> io::R
     )
 }
 
-/// Reads to the end, or until no time is left: however small the pieces are.
+/// Reads to the end or until the time has passed, however small the pieces are.
 fn drain(
     mut read: impl FnMut(Duration) -> io::Result<usize>,
     mut left: impl FnMut() -> Duration,
@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_sends_for_ever_is_read_for_a_limited_time() {
+    fn an_endless_request_is_read_for_a_limited_time() {
         let mut left = [200, 140, 80, 20, 0].map(Duration::from_millis).into_iter();
         let mut limits = Vec::new();
         let byte = |limit: Duration| {
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_said_all_is_not_waited_for() {
+    fn a_complete_request_is_answered_at_once() {
         let mut pieces = [4096, 7, 0].into_iter();
         drain(|_| Ok(pieces.next().unwrap()), || BRIEF).unwrap();
         assert_eq!(pieces.next(), None);

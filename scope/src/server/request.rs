@@ -1,22 +1,30 @@
-//! What is asked for, and by whom.
+//! Requests, and the checks of their origin.
 
-use std::fmt;
 use std::net::IpAddr;
 
-/// A request has at most so many headers. Browsers send about fifteen.
+/// The limit of a request's headers. Browsers send about fifteen.
 const MOST_HEADERS: usize = 64;
 
-/// Why a request is not answered with what it asks for. Its `Display` is for who asks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Why a request is refused. Its `Display` is the answer's text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
+    #[error("The scope does not understand this request.")]
     Malformed,
+    #[error("The request is too long.")]
     TooLong,
+    #[error("The scope takes no content.")]
     HasBody,
+    #[error("The scope only answers GET requests.")]
     Method,
+    #[error("The scope does not answer under this name; it can be started with --host NAME.")]
     Host,
+    #[error("A page of another origin has no access to the scope.")]
     Origin,
+    #[error("There is no such page.")]
     NoSuchPath,
+    #[error("This path needs a WebSocket, version 13.")]
     NoWebSocket,
+    #[error("The scope has reached its limit of viewers.")]
     TooMany,
 }
 
@@ -36,30 +44,12 @@ impl Refusal {
     }
 }
 
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Refusal::Malformed => "This is no request that the scope understands.",
-            Refusal::TooLong => "The request is too long.",
-            Refusal::HasBody => "The scope takes no content.",
-            Refusal::Method => "The scope can only be looked at: GET.",
-            Refusal::Host => {
-                "The scope does not answer under this name; it can be started with --host NAME."
-            }
-            Refusal::Origin => "A page of another origin may not look at the scope.",
-            Refusal::NoSuchPath => "There is no such page.",
-            Refusal::NoWebSocket => "Here a WebSocket is spoken, version 13.",
-            Refusal::TooMany => "Too many look at the scope already.",
-        })
-    }
-}
-
 /// A request that is well-formed.
 #[derive(Debug, PartialEq)]
 pub(super) struct Request {
     pub(super) path: String,
     pub(super) wants_body: bool,
-    /// The key of one that wants to become a viewer.
+    /// The WebSocket key of a client that wants to become a viewer.
     pub(super) web_socket: Option<String>,
     host: String,
     origin: Option<String>,
@@ -108,7 +98,8 @@ impl Request {
         })
     }
 
-    /// Whether it was meant for this scope, and comes from its own page. A program that is no browser need not state an origin.
+    /// Checks that the request was meant for this scope, and comes from its own page. A program
+    /// that is not a browser may omit the origin.
     pub(super) fn check(&self, reached: IpAddr, others: &[String]) -> Result<(), Refusal> {
         let (name, port) = split_port(&self.host).ok_or(Refusal::Host)?;
         let address = name.trim_start_matches('[').trim_end_matches(']').parse();
@@ -131,7 +122,7 @@ impl Request {
     }
 }
 
-/// The value of a header that stands there once at most.
+/// The value of a header that may occur only once.
 fn one<'a>(headers: &[httparse::Header<'a>], name: &str) -> Result<Option<&'a str>, Refusal> {
     let mut found = headers
         .iter()

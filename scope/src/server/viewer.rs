@@ -1,7 +1,7 @@
-//! One who looks.
+//! A viewer's connection.
 //!
-//! What he gets: blocks as they are (binary), and the scope's own words (JSON): `hello`, `begin`, `missed`, `loops`, `status`, `parameters`, `authorized`, `set`.
-//! What he may say: `token`, `set`.
+//! The scope sends blocks (binary) and messages (JSON): `hello`, `begin`, `missed`, `loops`,
+//! `status`, `parameters`, `authorized`, `set`. The viewer may send `token` and `set`.
 
 use crate::scope::Shared;
 use crate::store::{News, Position};
@@ -13,23 +13,24 @@ use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Error, Message, WebSocket};
 
-/// How often it is looked whether there is something to tell or to hear.
+/// How often both directions are served.
 const ROUND: Duration = Duration::from_millis(16);
-/// How often the counts are told.
+/// How often the counts are sent.
 const COUNTS: Duration = Duration::from_millis(500);
-/// What a viewer says has at most so many bytes.
+/// The limit of the bytes of a viewer's message.
 const LONGEST: usize = 4 << 10;
-/// The blocks on their way to a viewer have so many bytes at most, with what was declared and beside one block; the scope's words come on top.
+/// The limit of the bytes of blocks in transit to a viewer, beside declarations and one block;
+/// messages are not included.
 const ON_THE_WAY: usize = 1 << 20;
-/// So often a viewer may guess the token.
+/// How many wrong tokens a viewer may send.
 const GUESSES: u32 = 3;
-/// So many words of a viewer are heard in a round.
-const WORDS: usize = 16;
+/// The limit of a viewer's messages handled in a round.
+const MOST_MESSAGES: usize = 16;
 
-/// What a viewer may say.
+/// A viewer's message.
 #[derive(Debug, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
-enum Word {
+enum Request {
     Token { token: String },
     Set { id: u64, name: String, value: Value },
 }
@@ -41,12 +42,12 @@ struct Viewer<'a> {
     is_authorized: bool,
     wrong: u32,
     loops: Option<u64>,
-    /// What was told last, so that it is not told twice.
+    /// The last status sent, so that it is not sent twice.
     status: Value,
     parameters: Value,
 }
 
-/// Shows what comes, until the viewer goes, is too slow or says what it may not.
+/// Serves a viewer until it leaves, is too slow or violates the protocol.
 pub(super) fn show(stream: TcpStream, shared: &Shared) -> io::Result<()> {
     stream.set_nonblocking(true)?;
     let config = WebSocketConfig::default()
@@ -67,7 +68,7 @@ pub(super) fn show(stream: TcpStream, shared: &Shared) -> io::Result<()> {
     };
     match viewer.rounds() {
         Ok(()) | Err(Error::ConnectionClosed | Error::AlreadyClosed) => {}
-        // A word that is too long, or none of the protocol.
+        // The message is too long, or not of the protocol.
         Err(_) => {
             let _ = viewer.socket.close(None);
             let _ = viewer.socket.flush();
@@ -79,7 +80,7 @@ pub(super) fn show(stream: TcpStream, shared: &Shared) -> io::Result<()> {
 impl Viewer<'_> {
     fn rounds(&mut self) -> Result<(), Error> {
         let settings = &self.shared.settings;
-        self.tell(&json!({
+        self.send(&json!({
             "type": "hello",
             "version": env!("CARGO_PKG_VERSION"),
             "parameters": settings.parameters.is_some(),
@@ -108,11 +109,11 @@ impl Viewer<'_> {
         }
     }
 
-    fn tell(&mut self, what: &Value) -> Result<(), Error> {
+    fn send(&mut self, what: &Value) -> Result<(), Error> {
         waits(self.socket.write(Message::text(what.to_string()))).map(drop)
     }
 
-    /// Whether all that was told is on its way.
+    /// Sends. Returns whether everything is on its way.
     fn flush(&mut self) -> Result<bool, Error> {
         waits(self.socket.flush()).map(|done| done.is_some())
     }
@@ -126,10 +127,10 @@ impl Viewer<'_> {
         } = self.shared.store().news(&mut self.position, ON_THE_WAY);
         if begins {
             self.loops = None;
-            self.tell(&json!({"type": "begin", "declarations": declarations}))?;
+            self.send(&json!({"type": "begin", "declarations": declarations}))?;
         }
         if missed > 0 && !begins {
-            self.tell(&json!({"type": "missed", "blocks": missed, "declarations": declarations}))?;
+            self.send(&json!({"type": "missed", "blocks": missed, "declarations": declarations}))?;
         }
         for block in blocks {
             waits(self.socket.write(Message::binary(block.to_vec())))?;
@@ -146,33 +147,33 @@ impl Viewer<'_> {
             (is_new.then(|| loops.json()), store.status())
         };
         if let Some(loops) = loops {
-            self.tell(&loops)?;
+            self.send(&loops)?;
         }
         if status != self.status {
             self.status.clone_from(&status);
-            self.tell(&json!({"type": "status", "status": status}))?;
+            self.send(&json!({"type": "status", "status": status}))?;
         }
         if let Some(parameters) = &self.shared.settings.parameters {
             let list = json!(parameters.list());
             if list != self.parameters {
                 self.parameters.clone_from(&list);
-                self.tell(&json!({"type": "parameters", "list": list}))?;
+                self.send(&json!({"type": "parameters", "list": list}))?;
             }
         }
         Ok(())
     }
 
     fn listen(&mut self) -> Result<(), Error> {
-        for _ in 0..WORDS {
+        for _ in 0..MOST_MESSAGES {
             match waits(self.socket.read())? {
                 None => break,
                 Some(Message::Text(text)) => {
                     let answer = match serde_json::from_str(&text) {
-                        Ok(word) => self.hear(word),
-                        // Not of this page.
+                        Ok(request) => self.handle(request),
+                        // Not from this page.
                         Err(_) => return Err(Error::AttackAttempt),
                     };
-                    self.tell(&answer)?;
+                    self.send(&answer)?;
                     if self.wrong >= GUESSES {
                         return Err(Error::AttackAttempt);
                     }
@@ -184,16 +185,16 @@ impl Viewer<'_> {
         Ok(())
     }
 
-    fn hear(&mut self, word: Word) -> Value {
+    fn handle(&mut self, request: Request) -> Value {
         let settings = &self.shared.settings;
-        match word {
-            Word::Token { token } => {
+        match request {
+            Request::Token { token } => {
                 let is_right = settings.token.as_ref().is_some_and(|own| own.is(&token));
                 self.is_authorized |= is_right;
                 self.wrong += u32::from(!is_right);
                 json!({"type": "authorized", "ok": is_right})
             }
-            Word::Set { id, name, value } => {
+            Request::Set { id, name, value } => {
                 let done = match &settings.parameters {
                     _ if !self.is_authorized => {
                         Err("setting needs the token that the scope was started with".to_owned())
@@ -207,7 +208,7 @@ impl Viewer<'_> {
     }
 }
 
-/// What was done; nothing if it has to wait.
+/// The result; none if the operation would block.
 fn waits<T>(done: Result<T, Error>) -> Result<Option<T>, Error> {
     match done {
         Ok(value) => Ok(Some(value)),
@@ -222,10 +223,10 @@ mod tests {
 
     #[test]
     fn a_number_that_is_set_is_the_number_that_was_sent() {
-        // The nearest double to these digits; a reader that rounds twice takes its neighbour.
-        let word = r#"{"type":"set","id":1,"name":"kp","value":21.476612524468646}"#;
-        let Word::Set { value, .. } = serde_json::from_str(word).unwrap() else {
-            panic!("it is a word that sets");
+        // The nearest double to these digits; a parser that rounds twice returns its neighbour.
+        let message = r#"{"type":"set","id":1,"name":"kp","value":21.476612524468646}"#;
+        let Request::Set { value, .. } = serde_json::from_str(message).unwrap() else {
+            panic!("the message sets a parameter");
         };
         assert_eq!(value, json!(21.476_612_524_468_646_f64));
     }

@@ -1,4 +1,4 @@
-//! What was declared, and the state that each process is in, for who comes late.
+//! The declarations, and the state of each process, for viewers that connect later.
 
 use luna_logger::format::{ClockBase, Encoder, Event, Losing, Record, RunsOn, SignalInfo, Type};
 use std::collections::BTreeMap;
@@ -8,19 +8,21 @@ use std::sync::Arc;
 const LONGEST: usize = 256;
 /// More of a kind are not kept.
 const MOST: usize = 1 << 15;
-/// So many bytes are kept in all, as they are in blocks: they go to a viewer as a whole. What there is one of has its own room.
+/// The limit of bytes in all, as they are in blocks: a viewer gets them all at once. Records that
+/// exist once have their own room.
 const MOST_BYTES: usize = super::MOST_DECLARED - MOST_OF_LOSSES - (4 << 10);
-/// So many bytes of losses: they are to be told even if the rest is full.
+/// Bytes reserved for losses, so that they are sent even if the rest is full.
 const MOST_OF_LOSSES: usize = 64 << 10;
 
-/// What a record has at most beside its texts: its kind and length, and its numbers (five bytes for 32 bits, ten for 64).
+/// The largest size of a record without its texts: kind, length and numbers (five bytes for 32
+/// bits, ten for 64).
 const THREAD: usize = 3 + 5 + 2;
 const SIGNAL: usize = 3 + 5 + 2 + 3 * 2;
 const NAME: usize = 3 + 1 + 5 + 5 + 2 + 10;
 const LOSSES: usize = 3 + 1 + 5 + 10;
 const STATE: usize = 3 + 5 + 10 + 3 + 5 + 2 * 10;
 
-/// Codes of events that say in which state a process is: ready, running, waiting, done.
+/// Codes of events that change the state of a process: ready, running, waiting, done.
 const STATES: std::ops::RangeInclusive<u16> = 1..=4;
 const EMERGENCY: u16 = 12;
 
@@ -38,7 +40,7 @@ pub(super) struct Declared {
     emergency: Option<Event>,
 }
 
-/// Room for so many bytes.
+/// Room for `BYTES` bytes.
 #[derive(Debug, Default)]
 struct Room<const BYTES: usize> {
     bytes: usize,
@@ -99,7 +101,8 @@ impl Declaration for Event {
 }
 
 impl<const BYTES: usize> Room<BYTES> {
-    /// Keeps a value, unless there are too many. Says whether it is kept and was not known before.
+    /// Keeps a value, unless the limit is reached. Returns whether it is kept and was not known
+    /// before.
     fn keep<K: Ord, V: Declaration>(&mut self, of: &mut BTreeMap<K, V>, key: K, value: V) -> bool {
         let known = of.get(&key);
         if known == Some(&value) {
@@ -118,7 +121,8 @@ impl<const BYTES: usize> Room<BYTES> {
 }
 
 impl Declared {
-    /// Keeps a declaration. Says whether viewers are to get it: not what they know, nor that for which there is no room.
+    /// Keeps a declaration. Returns whether viewers are to get it: not if they know it, nor if
+    /// there is no room for it.
     pub(super) fn take(&mut self, record: &Record<'_>) -> bool {
         match *record {
             Record::Session {
@@ -142,7 +146,8 @@ impl Declared {
                 };
                 self.room.keep(&mut self.signals, info.number, signal)
             }
-            // They are not shown, and there may be ever new ones: nobody who comes later gets them.
+            // They are not shown, and their number is unbounded: viewers that connect later do not
+            // get them.
             Record::Name {
                 subject: luna_logger::format::Subject::SubProcess,
                 ..
@@ -182,7 +187,7 @@ impl Declared {
         }
     }
 
-    /// Remembers the state that an event says.
+    /// Keeps the state that an event leads to.
     pub(super) fn event(&mut self, event: &Event) {
         if STATES.contains(&event.code) {
             self.room.keep(&mut self.states, event.subject, *event);
@@ -289,7 +294,7 @@ mod tests {
         })
     }
 
-    /// The greatest there are, so that a record has as many bytes as it can have.
+    /// The greatest values, so that a record has its largest size.
     fn fill(declared: &mut Declared, texts: &str) {
         let huge = |number: u32| u32::MAX - number;
         for number in 0..MOST as u32 {
@@ -300,7 +305,7 @@ mod tests {
                 subject: huge(number),
                 arguments: [u64::MAX; 2],
             };
-            // Far from each other, so that what is between them needs all its bytes.
+            // Far from each other, so that their differences have the largest size.
             let far = [0, u64::MAX][number as usize % 2];
             declared.event(&event(far));
             let lost = u64::MAX;
@@ -324,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_has_so_many_bytes_at_most() {
+    fn the_kept_bytes_are_limited() {
         for texts in ["", "x", &"x".repeat(200), &"x".repeat(5000)] {
             let mut declared = Declared::default();
             let long = "x".repeat(5000);
@@ -343,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_is_not_told_again() {
+    fn known_declarations_are_not_sent_again() {
         let mut declared = Declared::default();
         assert!(name(&mut declared, 7, "pan"));
         assert!(!name(&mut declared, 7, "pan"));
@@ -357,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_are_told_when_the_rest_is_full() {
+    fn losses_are_sent_when_the_rest_is_full() {
         let mut declared = Declared::default();
         let long = "x".repeat(LONGEST);
         for number in 0..MOST as u32 {

@@ -40,13 +40,13 @@ fn sample(store: &mut Store, time: u64, value: f64) {
     store.take(store.recording, &record);
 }
 
-/// The samples in some blocks, which a reader can make sense of by themselves.
+/// The samples in some blocks, which must be readable by themselves.
 fn samples(blocks: &[Arc<[u8]>]) -> Vec<u64> {
     let mut times = Vec::new();
     let mut file = Encoder::head().to_vec();
     let mut encoder = Encoder::new();
     for (number, block) in (0u32..).zip(blocks) {
-        // Numbered anew: a viewer does not look at these.
+        // Blocks are numbered again: a viewer ignores the numbers.
         encoder.discard();
         let mut block = block.to_vec();
         block[4..8].copy_from_slice(&number.to_le_bytes());
@@ -91,19 +91,20 @@ fn memory_is_bounded_whatever_comes() {
 }
 
 #[test]
-fn who_comes_late_gets_the_declarations() {
+fn a_late_viewer_gets_the_declarations() {
     let mut store = begun();
     for n in 0..200_000u64 {
         sample(&mut store, n * 1_000_000, 0.5);
     }
-    // The block with the signal's declaration is gone from memory: the reader would refuse its samples.
+    // The block with the signal's declaration is not in memory any more: the reader would refuse
+    // its samples.
     assert!(store.first > 0);
     let news = store.news(&mut Position::default(), usize::MAX);
     assert!(!samples(&news.blocks).is_empty());
 }
 
 #[test]
-fn who_is_too_slow_is_told_what_it_has_missed() {
+fn a_slow_viewer_gets_the_number_of_missed_blocks() {
     let mut store = begun();
     let mut position = Position::default();
     store.news(&mut position, usize::MAX);
@@ -147,7 +148,7 @@ fn what_was_declared_is_within_what_a_viewer_gets_at_once() {
 }
 
 #[test]
-fn a_new_recording_begins_anew_for_all() {
+fn a_new_recording_restarts_all_viewers() {
     let mut store = begun();
     let mut position = Position::default();
     assert!(store.news(&mut position, usize::MAX).begins);

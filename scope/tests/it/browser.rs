@@ -1,6 +1,7 @@
-//! The page in a real browser: a headless Chromium. Without one on this machine the tests are left out, and say so.
+//! The page in a real browser, a headless Chromium. Without one on this machine the tests are
+//! skipped with a message.
 //!
-//! All is waited for in the page; how fast anything is does not matter.
+//! All waiting happens in the page; speed does not matter.
 
 use crate::support;
 use luna_scope::{Parameter, Parameters, Scope, Settings, Speed};
@@ -37,7 +38,7 @@ fn settings() -> Settings {
         .patience(Duration::from_secs(3600))
 }
 
-/// A scope with a machine that runs by the clock, and a browser that looks at it.
+/// A scope with a simulated machine in real time, and a browser that shows it.
 fn live(name: &str) -> Option<(Browser, Feeder, Scope)> {
     let mut browser = browser(name)?;
     let scope = Scope::open(settings()).unwrap();
@@ -119,7 +120,7 @@ fn a_trigger_holds_the_plot_where_the_level_is_crossed() {
     let share = browser.run("(() => { const s = scope.views.signals; const [from, to] = s.window(); return (s.trigger.at - from) / (to - from); })()");
     assert!((number(&share) - 0.25).abs() < 1e-6, "{share}");
 
-    // Once, and falling: then it stands.
+    // Once, and falling: then the plot is held.
     browser.run("(() => { const e = document.querySelector('#trigger-edge'); e.value = '-1'; e.dispatchEvent(new Event('change')); const m = document.querySelector('#trigger-mode'); m.value = 'single'; m.dispatchEvent(new Event('change')); })()");
     browser.wait("!scope.clock.live");
     let sides = browser.run("(() => { const { signals } = scope.views, { series } = signals.rows.get('pan/setpoint').signal; const index = series.find(signals.trigger.at); return [series.value(index - 1), series.value(index)]; })()");
@@ -156,7 +157,7 @@ fn what_is_shown_can_be_exported() {
     let folder = browser.folder.join("downloads");
     browser.downloads_to(&folder);
     browser.click("#pause");
-    // Back from the end, where some of the curves may be a sample ahead of the others.
+    // Back from the end, where some curves may be a sample ahead of others.
     browser.run("scope.views.signals.zoom(0.1); scope.views.signals.pan(40)");
     browser.frames(3);
     browser.click("#export-csv");
@@ -207,7 +208,8 @@ fn a_late_cycle_leads_to_the_timeline() {
     );
     let p50 = browser.run("document.querySelector('#loops .figures dd').textContent");
     assert!(p50.as_str().unwrap().ends_with(" µs"), "{p50}");
-    // The counts may be ahead of the events: the last cycle whose events the page has, and some after it.
+    // The counts may be ahead of the events: the last cycle whose events the page has, and some
+    // after it.
     browser.wait("(() => { const { loops } = scope.views, { events } = scope.model; if (events.end === events.begin) return false; const known = events.time[(events.end - 1) & events.mask] - 0.01, rows = loops.shown.late.slice(-100).reverse(); const n = rows.findIndex(({ time }) => loops.seconds(time) < known); if (n < 0) return false; window.clicked = { seconds: loops.seconds(rows[n].time), lateness: rows[n].lateness / 1e9 }; document.querySelectorAll('#loops tbody tr button')[n].click(); return true; })()");
     browser.wait("!document.querySelector('#timeline').hidden && !scope.clock.live");
     // It hears of late cycles while it is paused, and stays where it is.
@@ -223,7 +225,7 @@ fn a_late_cycle_leads_to_the_timeline() {
     browser.frames(3);
     let coloured = browser.run("(() => { const c = document.querySelector('#lanes canvas'); const d = c.getContext('2d').getImageData(200, 30, c.width - 200, c.height - 30).data; let n = 0; for (let i = 0; i < d.length; i += 4) if (d[i + 3] && d[i + 1] > d[i] + 60) n++; return n; })()");
     assert!(number(&coloured) > 500.0, "bars are drawn: {coloured}");
-    // Idle time is left out: what remains is in order, and the other way round it is the same.
+    // Idle time is left out: the rest keeps its order, and the inverse conversion agrees.
     browser.click("#lanes-idle");
     browser.wait("scope.views.timeline.knots !== null");
     let bent = browser.run("(() => { const t = scope.views.timeline, at = [...Array(50).keys()].map((n) => t.to - t.span * (1 - n / 50)); return [at.every((time, n) => n === 0 || t.x(time) > t.x(at[n - 1])), Math.max(...at.map((time) => Math.abs(t.time(t.x(time)) - time))) / t.span]; })()");
@@ -287,7 +289,7 @@ fn an_emergency_is_seen_on_every_view_and_text_stays_text() {
     let scope = Scope::open(settings()).unwrap();
     scope.replay(&file[..], Speed::AT_ONCE).unwrap();
     browser.open(&scope.url(), LAPTOP, "light");
-    browser.wait("!document.querySelector('#emergency').hidden && document.querySelector('#emergency').textContent.startsWith('Emergency, said by joystick')");
+    browser.wait("!document.querySelector('#emergency').hidden && document.querySelector('#emergency').textContent.startsWith('Emergency, raised by joystick')");
     browser.click("#tab-messages");
     browser.wait("document.querySelectorAll('#messages tbody tr').length === 4");
     assert_eq!(

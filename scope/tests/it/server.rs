@@ -1,4 +1,5 @@
-//! Who is let in, and what happens to those who do not behave. The requests are written by hand, since no client would send them.
+//! Access checks, and clients that violate the protocol. The requests are written by hand, since no
+//! client would send them.
 
 use crate::support::machine;
 
@@ -48,7 +49,7 @@ fn view(scope: &Scope) -> WebSocket<TcpStream> {
     tungstenite::client(url, stream).unwrap().0
 }
 
-/// The next words of the scope, without its blocks; nothing when it has hung up.
+/// The scope's next message, without its blocks; none after it has closed the connection.
 fn words(socket: &mut WebSocket<TcpStream>) -> Option<Value> {
     loop {
         match socket.read() {
@@ -147,7 +148,7 @@ fn foreign_origins_and_hosts_get_no_data() {
         let headers = upgrade(&format!("Host: {host}\r\nOrigin: {origin}"));
         assert_eq!(get(&scope, "/live", &headers), 403, "{host} {origin}");
     }
-    // A name of an attacker that leads here, with the origin that goes with it.
+    // An attacker's host name that resolves to this address, with its origin.
     let rebound = upgrade("Host: evil.example\r\nOrigin: http://evil.example");
     assert_eq!(get(&scope, "/live", &rebound), 421);
     assert_eq!(scope.viewers(), 0);
@@ -155,7 +156,7 @@ fn foreign_origins_and_hosts_get_no_data() {
 }
 
 #[test]
-fn there_are_only_so_many_viewers() {
+fn the_number_of_viewers_is_limited() {
     let scope = Scope::open(settings().viewers(2)).unwrap();
     let mut first = view(&scope);
     let mut second = view(&scope);
@@ -170,7 +171,7 @@ fn there_are_only_so_many_viewers() {
 }
 
 #[test]
-fn what_a_viewer_says_has_a_limit() {
+fn the_size_of_a_viewers_messages_is_limited() {
     let scope = Scope::open(settings()).unwrap();
     let long = json!({"type": "token", "token": "x".repeat(5000)}).to_string();
     for rude in [
@@ -186,7 +187,7 @@ fn what_a_viewer_says_has_a_limit() {
     until(|| scope.viewers() == 0);
 }
 
-/// A recording of so many cycles, as the recorder gives it.
+/// A recording of this many cycles, as blocks of a recorder.
 struct Recording {
     encoder: Encoder,
     machine: Machine,
@@ -201,7 +202,7 @@ impl Recording {
         }
     }
 
-    /// Gives so many cycles more; says how many blocks were refused.
+    /// Sends this many more cycles. Returns how many blocks were refused.
     fn give(&mut self, cycles: u64, sink: &mut impl Sink) -> u64 {
         let mut refused = 0;
         let Recording { encoder, machine } = self;
@@ -227,7 +228,7 @@ impl Recording {
 }
 
 #[test]
-fn a_stalled_viewer_holds_nobody_up_and_is_dropped() {
+fn a_stalled_viewer_delays_nothing_and_is_disconnected() {
     let scope = Scope::open(settings().patience(Duration::from_millis(300))).unwrap();
     let mut sink = scope.sink().unwrap();
     let mut recording = Recording::begin(&mut sink);
@@ -249,7 +250,8 @@ fn the_sink_never_waits() {
     let scope = Scope::open(settings()).unwrap();
     let mut sink = scope.sink().unwrap();
     let mut recording = Recording::begin(&mut sink);
-    // Many times as much as fits; what is refused is the recorder's to count, and what follows is good.
+    // Many times as much as fits: refused blocks are counted by the recorder, and later ones are
+    // valid.
     recording.give(20_000, &mut sink);
     until(|| recording.give(1, &mut sink) == 0);
     let mut viewer = view(&scope);
@@ -258,7 +260,7 @@ fn the_sink_never_waits() {
 }
 
 #[test]
-fn a_replayed_recording_is_there_for_who_comes_later() {
+fn a_late_viewer_gets_a_replayed_recording() {
     let mut file = luna_logger::format::Writer::new(Vec::new()).unwrap();
     Machine::new()
         .emergency_at(900)
@@ -276,7 +278,7 @@ fn a_replayed_recording_is_there_for_who_comes_later() {
     assert_eq!(status["status"]["emergency"]["degree"], 3);
     assert_eq!(status["status"]["problem"], Value::Null);
 
-    // Another takes its place; one that is cut off says so.
+    // Another recording replaces it; one that is cut off reports that.
     let error = scope.replay(&file[..file.len() - 9], Speed::AT_ONCE);
     assert!(error.is_err());
     words_of(&mut viewer, "begin");
@@ -342,7 +344,7 @@ fn parameters_are_set_with_the_token_alone() {
 }
 
 #[test]
-fn a_token_cannot_be_guessed_often_and_none_is_none() {
+fn wrong_tokens_are_limited_and_no_token_is_invalid() {
     let gain = Arc::new(Gain(Mutex::new(1.0)));
     let guarded = settings().parameters(gain.clone()).allow_setting().unwrap();
     for settings in [guarded, settings().parameters(gain.clone())] {

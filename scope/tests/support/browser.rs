@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use tungstenite::{Message, WebSocket};
 
-/// Only a browser that hangs takes so long: what is waited for is waited for in the page.
+/// Only a browser that hangs takes this long: the tests wait in the page.
 const PATIENCE: Duration = Duration::from_secs(600);
 
 pub struct Browser {
@@ -78,7 +78,7 @@ impl Browser {
                     .map(str::to_owned)
             })
             .expect("the browser listens");
-        // It goes on to write, and is not to wait for a reader.
+        // It continues to write, and must not wait for a reader.
         std::thread::spawn(move || lines.for_each(drop));
         let address = url
             .strip_prefix("ws://")
@@ -151,7 +151,7 @@ impl Browser {
         }
     }
 
-    /// Opens an address, in a window of so many pixels.
+    /// Opens an address, in a window of this size in pixels.
     pub fn open(&mut self, url: &str, size: (u32, u32), theme: &str) {
         self.look(size, theme);
         self.call("Page.navigate", json!({"url": url}));
@@ -170,7 +170,7 @@ impl Browser {
         );
     }
 
-    /// What a script gives; a promise is waited for.
+    /// A script's result; a promise is awaited.
     pub fn run(&mut self, script: &str) -> Value {
         let result = self.call(
             "Runtime.evaluate",
@@ -196,7 +196,7 @@ impl Browser {
         );
     }
 
-    /// Lets so many frames be drawn.
+    /// Waits until this many frames were drawn.
     pub fn frames(&mut self, count: u32) {
         self.run(&format!(
             "new Promise((done) => {{ let n = {count}; const next = () => n-- > 0 ? requestAnimationFrame(next) : done(true); next(); }})"

@@ -1,4 +1,4 @@
-//! A machine that runs by the clock, and whose recorder gives its blocks to a scope, as in a program.
+//! A simulated machine in real time, and a recorder that passes its blocks to a scope.
 
 use super::machine::Machine;
 use luna_logger::Sink;
@@ -41,7 +41,7 @@ impl Feeder {
         }
     }
 
-    /// Ends it; says how many blocks were refused.
+    /// Ends it. Returns how many blocks were refused.
     pub fn end(mut self) -> u64 {
         self.end = None;
         self.thread.take().unwrap().join().unwrap()

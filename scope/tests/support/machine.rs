@@ -1,12 +1,13 @@
-//! A recording as a machine with two axes would make it: 32 curves at 1 kHz, processes with their states, a late cycle now and then.
+//! A simulated recording of a machine with two axes: 32 curves at 1 kHz, processes with their
+//! states, a late cycle now and then.
 //!
-//! It is computed, and the same each time. It stands in for a program where the times of what happens must be known.
+//! It is computed, and the same each time, for tests that need to know the time of each event.
 
 use luna_logger::format::{ClockBase, Event, Level, Record, SignalInfo, Subject, Type, Values};
 
 pub const PERIOD: u64 = 1_000_000;
 const FIRST: u64 = 86_400_000_000_000;
-/// The cycle after which a more urgent process takes too long, again and again.
+/// The first cycle after which a more urgent process takes too long; it does so repeatedly.
 const LATE_FIRST: u64 = 700;
 const LATE_EVERY: u64 = 3000;
 
@@ -141,13 +142,13 @@ impl Machine {
         }
     }
 
-    /// In this cycle the operator says that there is an emergency.
+    /// In this cycle the operator raises an emergency.
     pub fn emergency_at(mut self, cycle: u64) -> Machine {
         self.emergency_at = Some(cycle);
         self
     }
 
-    /// What happens until so many nanoseconds after the start.
+    /// Computes all events up to this many nanoseconds after the start.
     pub fn until(&mut self, nanos: u64, put: &mut Put<'_>) {
         if !self.is_declared {
             self.is_declared = true;
@@ -210,7 +211,7 @@ impl Machine {
         // When the process that held the loops up was done.
         let mut late_from = slot;
         if is_late {
-            // It was under way when the slot came.
+            // It was running when the slot came.
             trace.time = slot - 120_000;
             trace.event(8, CONTROL, 0, 0);
             trace.turn(13, 760_000 + (self.cycle % 7) * 31_000, (3, 3));
@@ -253,7 +254,7 @@ impl Machine {
         }
     }
 
-    /// Read, scale, control, check, write: each hands on to the next and waits for what comes.
+    /// Read, scale, control, check, write: each passes its result on and waits for the next value.
     fn chain(&mut self, trace: &mut Trace<'_>, axis: u32) {
         let first = if axis == 0 { 2 } else { 8 };
         let work = [11_000, 8_000, 34_000, 9_000, 12_000];

@@ -1,4 +1,4 @@
-//! What the browser's tests, the pictures and the measurement have in common.
+//! Shared by the browser's tests, the screenshots and the frame rate measurement.
 
 #![allow(
     dead_code,

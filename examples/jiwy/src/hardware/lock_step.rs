@@ -1,4 +1,5 @@
-//! The machine outside of the system, in lock-step with it: time goes on for the processes only as far as the machine has been computed.
+//! The machine outside of the system, in lock-step with it: the processes' time advances only as
+//! far as the machine has been computed.
 
 use super::{Bench, Registers, registers};
 use crate::AXES;
@@ -8,10 +9,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How many steps the machine goes on after the system has ended: until a motor that was switched off has no current any more.
+/// How many steps the machine continues after the system's end, so that the current of a motor that
+/// was switched off decays.
 const STEPS_AFTER_THE_END: u32 = 50;
 
-/// A simulator of the machine, which drives the system's clock. For a thread of its own, beside the one that runs the system.
+/// A simulator of the machine, which drives the system's clock. Run it on a thread beside the one
+/// that runs the system.
 #[derive(Debug)]
 pub struct Simulator {
     driver: ClockDriver,
@@ -33,7 +36,8 @@ pub struct Axis {
     enabled: bool,
 }
 
-/// Puts `system` on a driven clock. Gives the registers for its processes, and who is behind them. An emergency pulls the bridges' enable line.
+/// Puts `system` on a driven clock. Returns the registers for its processes, and the simulator. An
+/// emergency disables the bridges.
 pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
     let driver = system.driven_clock();
     let line = Arc::new(AtomicBool::new(true));
@@ -63,9 +67,12 @@ pub fn lock_step(system: &mut System) -> ([Registers; 2], Simulator) {
 }
 
 impl Simulator {
-    /// Takes steps of `step` until the system has ended and the motors are off, with `before` called before each of the system's, with its number from 0 on. Gives where the joints are then.
+    /// Takes steps of `step` until the system has ended and the motors are off. Calls `before`
+    /// before each step of the system, with its number from 0 on. Returns the final state of the
+    /// joints.
     ///
-    /// In each step the machine moves under what was written in the steps before, its counters tell where it is, and then the processes do all that they do until then.
+    /// In each step the machine moves under the values written in earlier steps, its counters are
+    /// written to the registers, and then the processes run up to that time.
     pub fn run(
         mut self,
         step: Duration,
@@ -103,7 +110,7 @@ impl Axis {
         let duty = if self.enabled && line { self.duty } else { 0.0 };
         self.motor.drive(duty, step.as_secs_f64());
         if self.counts {
-            // Who reads the counter may have ended: that is no matter of the machine.
+            // The counter's reader may have ended, which does not concern the machine.
             let _ = self
                 .bench
                 .count

@@ -1,4 +1,5 @@
-//! The machine behind a Mesa Anything I/O card: PWM generators 0 and 1 drive pan and tilt, encoders 0 and 1 count.
+//! The machine behind a Mesa Anything I/O card: PWM generators 0 and 1 drive pan and tilt, encoders
+//! 0 and 1 count.
 
 use super::{Bench, Registers, registers};
 use crate::AXES;
@@ -9,14 +10,15 @@ use std::net::ToSocketAddrs;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The card's watchdog: a machine whose program is gone is off after so many periods.
+/// The time of the card's watchdog, in periods: without the program the machine is off after it.
 const WATCHDOG: u32 = 50;
 
-/// The link gives up when it is without an answer for so many cycles in a row (or has lost more than one in 11 for long). Until then the controllers have the last position, which is off by a few degrees at
-/// most.
+/// The link fails after this many cycles in a row without an answer (or after losing more than one
+/// in 11 for long). Until then the controllers use the last position, which is off by a few degrees
+/// at most.
 const TOLERANCE: Bucket = Bucket::new(10, 1, 201);
 
-/// The machine, as who sets up the system sees it.
+/// The machine, for the set-up of the system.
 #[derive(Debug)]
 pub struct Behind {
     /// Of pan and of tilt.
@@ -25,13 +27,16 @@ pub struct Behind {
     pub health: Arc<Health>,
 }
 
-/// Opens the card at `address`, as a device of the system, and adds the link to it, which exchanges packets each `period`. An emergency takes the card's outputs away.
+/// Opens the card at `address` as a device of the system, and adds its link, which exchanges
+/// packets each `period`. An emergency disables the card's outputs.
 ///
-/// Only fresh positions are written to the registers. They count from where the machine stands now; [`Start::Calibrated`](crate::Start::Calibrated) is for one that stands in the middle.
+/// Only fresh positions are written to the registers. They count from the machine's present
+/// position; [`Start::Calibrated`](crate::Start::Calibrated) needs the middle position.
 ///
 /// # Errors
 ///
-/// An [`OpenError`] in [`Error::Other`], the card cannot do it, or those of [`spawn`](luna::ProcessBuilder::spawn).
+/// An [`OpenError`] in [`Error::Other`], the card lacks a unit, or those of
+/// [`spawn`](luna::ProcessBuilder::spawn).
 pub fn mesa(
     system: &System,
     executor: &Executor,
@@ -61,15 +66,15 @@ pub fn mesa(
     Ok(Behind { registers, health })
 }
 
-/// The most counts a second that the motor makes without load, and half as much again.
+/// The motor's greatest speed without load in counts a second, and half as much again.
 fn fastest(index: usize) -> f64 {
     let motor = &AXES[index].plant;
     let turns = motor.supply / motor.torque_constant / std::f64::consts::TAU;
     1.5 * turns * luna_plants::COUNTS_PER_MOTOR_TURN
 }
 
-/// Writes what the encoder says to the register, while it is fresh: a register has no age, so what has waited for longer than a period (since others kept this executor from running) does not go
-/// there.
+/// Writes the encoder's counts to the register while they are fresh. A register has no age, so a
+/// value that has waited for longer than a period (since this executor was delayed) is not written.
 async fn tell_counts(
     at_zero: i32,
     period: Duration,

@@ -1,7 +1,9 @@
-//! What the processes see of the machine: for each axis the registers of a card.
+//! The processes' view of the machine: for each axis the registers of a card.
 //!
-//! A register is a buffer of one that forgets the older value: it is read and written without waiting, like that of a real card. Who is behind it is chosen at
-//! set-up: [`simulated`] processes on the system's own clock, a [`Simulator`] outside of the system that drives its clock in [`lock_step`], or a card over Ethernet ([`mesa`](fn@mesa)).
+//! A register is a buffer of one that overwrites: it is read and written without waiting, like that
+//! of a real card. Set-up selects what is behind it: [`simulated`] processes on the system's own
+//! clock, a [`Simulator`] outside of the system that drives its clock in [`lock_step`], or a card
+//! over Ethernet ([`mesa`](fn@mesa)).
 
 mod lock_step;
 #[cfg(unix)]

@@ -1,4 +1,5 @@
-//! The machine as processes: for each axis the bridge, the joint with its motor, and the encoder's counter.
+//! The machine as processes: for each axis the bridge, the joint with its motor, and the encoder's
+//! counter.
 
 use super::{Bench, Registers, registers};
 use crate::AXES;
@@ -11,7 +12,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// A bridge that is written nothing for this long switches its motor off, as a card's watchdog does.
+/// A bridge without a new value for this time, in seconds, switches its motor off, as a card's
+/// watchdog does.
 const WATCHDOG: f64 = 0.1;
 
 /// What the processes of an axis are called, behind its name.
@@ -32,7 +34,7 @@ struct Applied {
     time: f64,
 }
 
-/// The simulated machine, as who sets up the system sees it.
+/// The simulated machine, for the set-up of the system.
 #[derive(Debug)]
 pub struct Simulated {
     /// Of pan and of tilt.
@@ -41,7 +43,8 @@ pub struct Simulated {
     pub states: [Arc<OnceLock<MotorState>>; 2],
 }
 
-/// Adds the machine's processes, which take a step in each `period`. An emergency pulls the bridges' enable line.
+/// Adds the machine's processes, which take a step in each `period`. An emergency disables the
+/// bridges.
 ///
 /// # Errors
 ///
@@ -87,8 +90,9 @@ pub fn simulated(
     })
 }
 
-/// Gives the motor what was written, in its own time: a period a cycle. The simulated world stands still while its thread is kept from running. It would else leap, which no machine
-/// does, and which safety would take for a broken encoder.
+/// Applies the written duty to the motor, in simulated time of one period a cycle. The simulated
+/// world stands still while its thread is delayed. Otherwise it would jump, which a real machine
+/// does not, and which safety would take for a broken encoder.
 struct Bridge {
     name: String,
     period: Duration,
@@ -156,7 +160,8 @@ async fn count_edges(
     count: Sender<i32>,
 ) -> luna::Result<()> {
     while let Ok(angle) = angles.recv().await {
-        // Who reads the counter may have ended before the motor is off: that is no matter of the hardware.
+        // The counter's reader may have ended before the motor is off, which does not concern the
+        // hardware.
         let _ = count.send(encoder.count(angle)).await;
     }
     Ok(())

@@ -2,7 +2,8 @@
 
 use super::{Deflection, Recording};
 
-/// A recording being played: linear between samples, and from the start again after its last one. A single sample lasts for ever.
+/// A recording being played: linear between samples, and from the start again after its last one. A
+/// single sample lasts for ever.
 #[derive(Debug, Clone)]
 pub struct Playback {
     recording: Recording,
@@ -25,8 +26,9 @@ impl Playback {
         }
     }
 
-    /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while `time` advances by less than
-    /// the recording's length, and O(its samples) otherwise. Time that runs backwards is time 0 of the current repetition.
+    /// The deflection `time` seconds after the start. Allocates nothing; O(1) on average while
+    /// `time` advances by less than the recording's length, and O(samples) otherwise. Time that
+    /// runs backwards counts as time 0 of the current repetition.
     pub fn at(&mut self, time: f64) -> Deflection {
         let samples = &self.recording.samples;
         let first = samples[0];
@@ -41,7 +43,7 @@ impl Playback {
             self.next = 0;
         }
         let now = first.time + within;
-        // What is passed stays passed, unless time went back.
+        // Samples before this one are not searched again, unless time went back.
         if self.next > 0 && samples[self.next - 1].time > now {
             self.next = 0;
         }

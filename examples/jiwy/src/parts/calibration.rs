@@ -1,21 +1,21 @@
-//! Finding out what the encoder counts at angle 0, by driving the axis against both of its end stops.
+//! Finds the encoder's count at angle 0, by driving the axis against both of its end stops.
 //!
-//! An incremental encoder counts from wherever it was switched on. The stops stand at equal distances from angle 0, so that their middle is it.
+//! An incremental encoder counts from its position at power-up. The stops are at equal distances
+//! from angle 0, so that it is their middle.
 
-use std::fmt;
-
-/// The duty that drives the axis towards a stop: well above what friction takes, well below what harms.
+/// The duty that drives the axis towards a stop: well above friction, well below damage.
 const DUTY: f64 = 0.15;
-/// An axis that is driven is at a stop when it has moved by less than [`STILL`] rad for this long, in seconds.
+/// An axis that is driven is at a stop when it has moved by less than [`STILL`] rad for this long,
+/// in seconds.
 const STILL_TIME: f64 = 0.1;
 /// See [`STILL_TIME`], in rad: some tens of counts.
 const STILL: f64 = 2e-3;
 /// A stop that is not found within this time, in seconds, is not there.
 const LONGEST: f64 = 20.0;
-/// The stops may be found this much closer or farther apart than they should be, in rad.
+/// The tolerance for the distance between the stops, in rad.
 const TOLERANCE: f64 = 0.05;
 
-/// Which stop is looked for, and what is known.
+/// The stop that it drives to, and the results so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum State {
     Lower,
@@ -23,7 +23,7 @@ enum State {
     Done { zero: f64 },
 }
 
-/// What is to be done with the axis.
+/// The next action for the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Drive it by this duty, whatever the set-point is.
@@ -33,11 +33,18 @@ pub enum Step {
 }
 
 /// Why an axis cannot be calibrated.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// The axis still moved after the longest time that the way to a stop can take.
+    #[error(
+        "no end stop was reached within {LONGEST} s; check that the motor is coupled to the axis"
+    )]
     NoStop,
-    /// The stops are not where they should be: something is in the way, or the encoder counts wrong.
+    /// The distance between the stops is wrong: something blocks the axis, or the encoder counts
+    /// wrong.
+    #[error(
+        "the end stops are {found:.3} rad apart instead of {expected:.3}; check what blocks the axis, and the encoder"
+    )]
     Travel {
         /// From stop to stop, in rad.
         found: f64,
@@ -45,23 +52,6 @@ pub enum CalibrationError {
         expected: f64,
     },
 }
-
-impl fmt::Display for CalibrationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoStop => write!(
-                f,
-                "no end stop was reached within {LONGEST} s; look whether the motor is coupled to the axis"
-            ),
-            Self::Travel { found, expected } => write!(
-                f,
-                "the end stops are {found:.3} rad apart instead of {expected:.3}; look what blocks the axis, and at the encoder"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for CalibrationError {}
 
 /// The calibration of one axis.
 #[derive(Debug, Clone)]
@@ -75,7 +65,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Of an axis whose stops should be `travel` rad apart.
+    /// For an axis with stops that should be `travel` rad apart.
     pub fn new(travel: f64) -> Self {
         Self {
             state: State::Lower,
@@ -93,11 +83,12 @@ impl Calibration {
         }
     }
 
-    /// Takes in that the axis read `raw` rad, `sample_time` seconds after the call before. O(1); allocates nothing.
+    /// Takes the axis' position `raw` in rad, `sample_time` seconds after the call before. O(1);
+    /// allocates nothing.
     ///
     /// # Errors
     ///
-    /// When there is no stop, or it is not where it should be.
+    /// There is no stop, or it is not where it should be.
     pub fn step(&mut self, raw: f64, sample_time: f64) -> Result<Step, CalibrationError> {
         let side = match self.state {
             State::Done { zero } => return Ok(Step::At(raw - zero)),
@@ -106,7 +97,7 @@ impl Calibration {
         };
         self.time += sample_time;
         let (at, since) = self.still;
-        // A comparison with what is no number yet is false.
+        // A comparison with the initial NaN is false.
         if (raw - at).abs() <= STILL {
             self.still.1 = since + sample_time;
         } else {

@@ -1,10 +1,11 @@
-//! What of an axis cannot be true, or must not go on: seen from what it was told and what it measures.
+//! Faults of an axis: impossible measurements and missing motion, judged by its commands and
+//! measurements.
 
 use luna_safety_blocks::{Blocked, Fault as Found, MaxRate, SettingError};
 use std::fmt;
 use std::time::Duration;
 
-/// What is wrong with an axis.
+/// A fault of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// What a safety block found.
@@ -18,12 +19,12 @@ impl fmt::Display for Fault {
         match self {
             Self::Found(Found::Blocked { time, .. }) => write!(
                 f,
-                "it was driven for {:.2} s and did not move; look what blocks it, at its motor and at its encoder",
+                "it was driven for {:.2} s and did not move; check what blocks it, its motor and its encoder",
                 time.as_secs_f64()
             ),
             Self::Found(Found::TooFast { rate, .. }) => write!(
                 f,
-                "its encoder says {rate:.1} rad/s, which the motor cannot reach; look at the encoder and its cable"
+                "its encoder measures {rate:.1} rad/s, which the motor cannot reach; check the encoder and its cable"
             ),
             Self::Found(fault) => fault.fmt(f),
             Self::Calibration(error) => error.fmt(f),
@@ -40,20 +41,21 @@ const LONGEST: Duration = Duration::from_millis(500);
 /// What counts as moved, in rad: some tens of counts.
 const MOVED: f64 = 2e-3;
 
-/// Notices an actuator that is driven and does not move, half a second after it last moved.
+/// Detects an actuator that is driven and does not move, half a second after it last moved.
 ///
 /// # Errors
 ///
-/// None: its figures are allowed.
+/// None: its parameters are valid.
 pub fn motion() -> Result<Blocked, SettingError> {
     Blocked::new(DRIVEN, MOVED, LONGEST)
 }
 
-/// Notices positions of an axis that it cannot have reached, because it never moves faster than `max_speed` rad/s.
+/// Detects positions of an axis that it cannot have reached, because it never moves faster than
+/// `max_speed` rad/s.
 ///
 /// # Errors
 ///
-/// `max_speed` is no finite number above 0.
+/// `max_speed` is not a finite number above 0.
 pub fn encoder(max_speed: f64) -> Result<MaxRate, SettingError> {
     MaxRate::new(max_speed)
 }

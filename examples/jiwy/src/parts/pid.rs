@@ -17,7 +17,7 @@ pub struct Gains {
     pub limit: f64,
 }
 
-/// What an axis is asked for at high rates.
+/// The requirements for an axis at high rates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tuning {
     /// The natural frequency of the closed loop, in rad/s.
@@ -28,9 +28,11 @@ pub struct Tuning {
 
 /// Damping of the closed loop: no overshoot with some margin for the delay of sampling.
 const DAMPING: f64 = 1.0;
-/// The loop's bandwidth times the sample time stays below this: two samples of delay then cost at most 23 degrees of phase.
+/// The loop's bandwidth times the sample time stays below this: two samples of delay then cost at
+/// most 23 degrees of phase.
 const BANDWIDTH_BY_SAMPLE_TIME: f64 = 0.2;
-/// The integral acts this much slower than the loop, so that it removes friction's offset without a part in the dynamics.
+/// The integral acts this much slower than the loop, so that it removes friction's offset without
+/// affecting the dynamics.
 const INTEGRAL_BY_BANDWIDTH: f64 = 0.1;
 /// The speed's filter is this much faster than the loop.
 const FILTER_BY_BANDWIDTH: f64 = 6.0;
@@ -38,8 +40,9 @@ const FILTER_BY_BANDWIDTH: f64 = 6.0;
 impl Gains {
     /// Gains for an axis sampled each `sample_time` seconds.
     ///
-    /// Pole placement on the axis without its armature's time constant: `T θ'' + θ' = G duty`, with the mechanical time
-    /// constant `T = J R / K²` and the speed at full duty `G = supply / K`. Slow sampling lowers the bandwidth.
+    /// Pole placement on the axis without its armature's time constant: `T θ'' + θ' = G duty`, with
+    /// the mechanical time constant `T = J R / K²` and the speed at full duty `G = supply / K`.
+    /// Slow sampling lowers the bandwidth.
     pub fn place(axis: &MotorParameters, tuning: Tuning, sample_time: f64) -> Self {
         let k = axis.joint_constant();
         let time_constant = axis.inertia() * axis.resistance / (k * k);
@@ -59,8 +62,9 @@ impl Gains {
 
 /// A PID with its state.
 ///
-/// The derivative acts on the measurement, filtered, so a step of the set-point gives no kick. The integral neither grows while the
-/// output is at its limit in the error's direction, nor ever beyond what the output can give.
+/// The derivative acts on the filtered measurement, so a step of the set-point causes no kick. The
+/// integral does not grow while the output is at its limit in the error's direction, nor beyond the
+/// output's range.
 #[derive(Debug, Clone)]
 pub struct Pid {
     gains: Gains,
@@ -80,12 +84,13 @@ impl Pid {
         }
     }
 
-    /// Goes on with other gains. The integral is kept in duty, so another integral gain gives no step.
+    /// Changes the gains. The integral is kept as a duty, so another integral gain causes no step.
     pub fn set_gains(&mut self, gains: Gains) {
         self.gains = gains;
     }
 
-    /// The duty for a measurement taken `sample_time` seconds after the one before. O(1); allocates nothing.
+    /// The duty for a measurement taken `sample_time` seconds after the one before. O(1); allocates
+    /// nothing.
     ///
     /// A sample time that is not positive leaves integral and speed as they are.
     pub fn update(&mut self, set_point: f64, measured: f64, sample_time: f64) -> f64 {
@@ -115,7 +120,8 @@ mod tests {
     use luna_plants::Motor;
     use luna_plants::{Decoder, Encoder};
 
-    /// A loop of plant, encoder and controller, with a sample of delay as between processes of their own.
+    /// A loop of plant, encoder and controller, with a sample of delay as between separate
+    /// processes.
     struct Loop {
         plant: Motor,
         encoder: Encoder,
@@ -171,7 +177,8 @@ mod tests {
                         "{} at {rate} Hz: overshoot to {peak}",
                         axis.name
                     );
-                    // In the second second. The slow loop at 100 Hz still integrates friction away by then.
+                    // During the second second. The slow loop at 100 Hz is still compensating
+                    // friction by then.
                     let allowed = if rate > 100.0 { 0.25 } else { 1.25 };
                     assert!(
                         late.to_degrees() < allowed,
@@ -187,7 +194,8 @@ mod tests {
     fn no_windup_at_an_end_stop() {
         for axis in &AXES {
             let mut control = Loop::new(axis, 1000.0);
-            // Ten seconds against the stop, then back to what a controller without windup reaches at once.
+            // Ten seconds against the stop, then back to a set-point that a controller without
+            // windup reaches at once.
             for _ in 0..10_000 {
                 control.cycle(axis.plant.end_stop + 0.3);
             }

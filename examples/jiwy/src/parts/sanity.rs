@@ -1,5 +1,6 @@
-//! The safety layer between the controllers and the motors (the thesis' *SanityCheck*): whatever a controller asks for, a motor
-//! gets a duty that harms neither it nor the head. Three safety blocks, one after the other, each a process of its own in the network.
+//! The safety layer between the controllers and the motors (the thesis' *SanityCheck*): for any
+//! output of a controller, a motor gets a duty that damages neither it nor the head. Three safety
+//! blocks in a row, each a process of its own in the network.
 
 use luna_safety_blocks::{Block, EndStop, Limit, RateLimit, Sample, SettingError, Verdict};
 use serde::Serialize;
@@ -58,7 +59,7 @@ pub struct Interventions {
     pub guarded: u64,
 }
 
-/// A safety block on the duties of an axis, and how often it had something to do.
+/// A safety block on the duties of an axis, and how often it intervened.
 #[derive(Debug, Clone)]
 pub struct Sanity<B> {
     block: B,
@@ -77,7 +78,8 @@ impl<B: Block> Sanity<B> {
         }
     }
 
-    /// What becomes of `duty`, `elapsed` after the call before: 0 if it, or the measured `angle` (rad), is no finite number. O(1); allocates nothing.
+    /// The checked duty, `elapsed` after the call before: 0 if `duty` or the measured `angle` (rad)
+    /// is not finite. O(1); allocates nothing.
     pub fn check(&mut self, duty: f64, angle: f64, elapsed: Duration) -> f64 {
         match self.block.step(&Sample::new(duty, elapsed).beside(angle)) {
             Verdict::Pass(duty) => duty,

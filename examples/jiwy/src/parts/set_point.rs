@@ -16,14 +16,15 @@ impl SetPoint {
         }
     }
 
-    /// Begins anew at `angle` (rad), where the axis is.
+    /// Starts again at `angle` (rad), where the axis is.
     pub fn begin_at(&mut self, angle: f64) {
         self.angle = angle;
     }
 
-    /// The angle (rad) to be at, `time` seconds after the call before, when `wanted` (rad) is wanted. O(1).
+    /// The target angle (rad), `time` seconds after the call before, when `wanted` (rad) is wanted.
+    /// O(1).
     ///
-    /// What is no number leaves the angle as it is.
+    /// A `wanted` that is not finite leaves the angle unchanged.
     pub fn follow(&mut self, wanted: f64, time: f64) -> f64 {
         // `max` also turns a time that is no number into none.
         let reach = self.max_speed * time.max(0.0);

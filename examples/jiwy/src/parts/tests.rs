@@ -1,4 +1,4 @@
-//! The whole of Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
+//! Jiwy without its processes: joystick, set-points, controllers, safety layer, mechanism.
 
 use super::pid::{Gains, Pid};
 use super::sanity::Interventions;
@@ -72,7 +72,8 @@ fn follows_the_recording() {
                 "{} at {rate} Hz",
                 axis.name
             );
-            // A controller in order gives the safety layer nothing to do, but for its slew limit.
+            // With a working controller the safety layer never intervenes, except for its slew
+            // limit.
             assert_eq!(
                 Interventions {
                     slewed: 0,

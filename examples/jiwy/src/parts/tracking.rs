@@ -1,4 +1,4 @@
-//! How far an axis was from where it was told to be.
+//! The deviation of an axis from its target.
 
 /// The error of an axis, summed up as it runs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,4 +1,4 @@
-//! What each process does between the channels that `network` gives it, in the order of a cycle.
+//! The code of each process between the channels that `network` gives it, in the order of a cycle.
 
 pub(crate) mod control;
 pub(crate) mod operator;

@@ -1,4 +1,4 @@
-//! Who moves the camera.
+//! The source of the camera's targets.
 
 use super::Slots;
 use crate::AXES;
@@ -11,7 +11,8 @@ const PERIOD: Duration = Duration::from_millis(10);
 
 /// Plays the recording to both axes until they have ended.
 ///
-/// A type and not an async function, since those drop what they hold when they return, still on the real-time path: the recording is memory.
+/// A type and not an async function, which would drop what it holds when it returns, still on the
+/// real-time path: the recording is heap memory.
 pub(crate) struct Joystick {
     pub(crate) playback: Playback,
     pub(crate) sticks: [Sender<f64>; 2],

@@ -1,4 +1,5 @@
-//! The readers of an axis, which look at the machine and at the operator, and the scaling of what they read.
+//! The readers of an axis, which read the machine and the operator, and the scaling of their
+//! values.
 
 use super::timer::Tick;
 use crate::Axis;
@@ -21,7 +22,8 @@ pub(crate) struct Position {
     pub(crate) raw: f64,
     /// Since the cycle before.
     pub(crate) elapsed: Duration,
-    /// In how much time it has come here from the position before: more than a cycle if the counter was not told in those before.
+    /// The time since the previous position: more than a cycle if the counter was missing in
+    /// between.
     pub(crate) since_read: Duration,
 }
 
@@ -95,7 +97,7 @@ pub(crate) async fn scale_position(
     Ok(())
 }
 
-/// From a deflection to the angle that it asks for: full deflection is the end of the axis' range.
+/// From a deflection to its angle: full deflection is the end of the axis' range.
 pub(crate) async fn scale_joystick(
     axis: &'static Axis,
     deflections: Receiver<f64>,

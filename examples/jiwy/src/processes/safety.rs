@@ -1,4 +1,4 @@
-//! Who looks whether the machine does what it is told, and what is done when it does not.
+//! Checks whether the machine follows its commands, and acts if it does not.
 
 use super::control::Command;
 use super::readers::Position;
@@ -7,7 +7,7 @@ use crate::parts::faults::Fault;
 use luna::prelude::*;
 use luna_safety_blocks::{Block, Blocked, MaxRate, Sample, Verdict};
 
-/// Notices an encoder that says what cannot be.
+/// Detects an encoder with impossible values.
 pub(crate) async fn watch_encoder(
     mut plausible: MaxRate,
     axis: usize,
@@ -25,7 +25,8 @@ pub(crate) async fn watch_encoder(
     Ok(())
 }
 
-/// Notices an axis that is driven and does not move. While it is being calibrated it is to come to rest at its stops.
+/// Detects an axis that is driven and does not move. During calibration it has to come to rest at
+/// its stops.
 pub(crate) async fn watch_motion(
     mut blocked: Blocked,
     axis: usize,
@@ -43,7 +44,8 @@ pub(crate) async fn watch_motion(
     Ok(())
 }
 
-/// Switches both motors off at the first fault, and raises an emergency with it, which ends the system.
+/// Switches both motors off at the first fault, and raises an emergency with it, which ends the
+/// system.
 pub(crate) async fn keep_safe(
     faults: Receiver<(usize, Fault)>,
     gates: [Sender<()>; 2],
@@ -52,7 +54,7 @@ pub(crate) async fn keep_safe(
         return Ok(());
     };
     for gate in &gates {
-        // Nobody waits for a gate that has ended.
+        // The gate may have ended.
         let _ = gate.send(()).await;
     }
     let cause = luna::Error::other(format!("{}: {fault}", AXES[axis].name));

@@ -1,4 +1,5 @@
-//! The safety layer (the thesis' *SanityCheck*): what reaches a motor passes all of it. And the writers behind it, which write to the machine.
+//! The safety layer (the thesis' *SanityCheck*), which all values for a motor pass, and the writers
+//! behind it, which write to the machine.
 
 use super::control::Command;
 use crate::network::Findings;
@@ -11,7 +12,7 @@ use std::sync::{Arc, OnceLock};
 /// One block of the safety layer.
 pub(crate) struct Checking<B> {
     pub(crate) sanity: Sanity<B>,
-    /// The angle that the block is shown beside a duty; where there is none the duty passes.
+    /// The angle that the block gets with a duty; without one the duty passes.
     pub(crate) angle: fn(&Command) -> Option<f64>,
     pub(crate) commands: Receiver<Command>,
     pub(crate) checked: Sender<Command>,
@@ -36,14 +37,14 @@ impl<B: Block + Clone> Process for Checking<B> {
     }
 }
 
-/// What is written to a bridge.
+/// The values for a bridge.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Drive {
     duty: f64,
     enable: bool,
 }
 
-/// Lets commands pass while the machine is safe; then the motor is off for good.
+/// Lets commands pass while the machine is safe; after that the motor is off for good.
 pub(crate) async fn gate(
     commands: Receiver<Command>,
     unsafe_now: Receiver<()>,
@@ -63,7 +64,7 @@ pub(crate) async fn gate(
     Ok(())
 }
 
-/// Gives each writer its part.
+/// Sends each writer its part.
 pub(crate) async fn write_motor(
     drives: Receiver<Drive>,
     enables: Sender<bool>,

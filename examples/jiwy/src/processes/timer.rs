@@ -1,4 +1,5 @@
-//! What makes the model periodic (the thesis' *TimerWriter*): one loop, which the whole model waits for in each cycle.
+//! Makes the model periodic (the thesis' *TimerWriter*): one loop, which the whole model waits for
+//! in each cycle.
 
 use super::Slots;
 use luna::prelude::*;
@@ -20,7 +21,7 @@ pub(crate) async fn write_timer(
     let mut tick = luna::periodic(crate::network::LOOP, period)?;
     let mut slots = Slots::new(period);
     for _ in 0..cycles {
-        // Slots are what counts, not when the process woke up; a missed one is part of the elapsed time.
+        // By slots, not by wake-up times; a missed slot is part of the elapsed time.
         let elapsed = slots.elapsed(tick.next().await.deadline);
         for axis in &ticks {
             axis.send(Tick { elapsed }).await?;

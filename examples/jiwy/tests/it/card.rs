@@ -1,4 +1,4 @@
-//! The model behind a simulated card: it follows its joystick as with any other machine.
+//! The model with a simulated card: it follows its joystick as with any other machine.
 #![cfg(unix)]
 
 use luna::devices::DeviceState;
@@ -9,17 +9,18 @@ use luna_mesa_sim::{PlantWorld, Server};
 use luna_plants::PanTilt;
 use std::time::Duration;
 
-/// What ends a link rightly when the computer keeps it, or the simulated card, from running: it is the link's own tests that look at these.
+/// Errors that correctly end a link when the computer delays it, or the simulated card; the link's
+/// own tests cover them.
 const HELD_UP: [&str; 4] = [
     "its counter may have wrapped",
     "did not come in time",
-    "watchdog has bitten",
+    "watchdog has expired",
     "no set-point for",
 ];
 
 #[test]
 fn follows_its_joystick_through_a_card() {
-    // On a busy machine it may be held up for longer than an encoder can be left alone; not each time.
+    // On a busy machine it may be delayed longer than an encoder may be unread; not each time.
     for _ in 0..10 {
         let Err(error) = follow() else { return };
         let text = error.to_string();

@@ -1,4 +1,5 @@
-//! The model as it stands, on virtual time and in lock-step with the machine: calibration, following, faults, and the same run twice.
+//! The complete model, on virtual time and in lock-step with the machine: calibration, following,
+//! faults, and the same run twice.
 
 use luna::prelude::*;
 use luna::{End, Report};
@@ -123,7 +124,7 @@ fn in_lock_step_it_is_the_same_each_time_too() {
     assert_eq!(first, run());
 }
 
-/// Runs until the fault that is made at the 2000th step has ended the system; gives what it said.
+/// Runs until the fault injected at the 2000th step has ended the system. Returns its message.
 fn error_of(mut fault: impl FnMut(&mut hardware::Axis) + Send + 'static) -> (String, Outcome) {
     let (outcome, report) = in_lock_step(60_000, Start::Calibrated, move |step, axes| {
         if step == 2_000 {
@@ -171,7 +172,7 @@ fn an_encoder_that_jumps_ends_the_run() {
             ..state
         });
     });
-    assert!(error.contains("pan: its encoder says"), "{error}");
+    assert!(error.contains("pan: its encoder measures"), "{error}");
 }
 
 #[test]
@@ -193,7 +194,8 @@ fn an_axis_that_cannot_reach_its_stop_is_not_taken_for_calibrated() {
     );
 }
 
-/// A camera whose pan axis is given other gains in the middle of its run, by a set in which one gain is wrong, and then by a right one.
+/// A camera with gains of its pan axis changed in the middle of the run, by a set with one wrong
+/// gain, and then by a correct one.
 #[test]
 fn gains_are_parameters_and_change_at_once() {
     let run = |set: &'static str| {

@@ -1,4 +1,4 @@
-//! All that is read from the wire: packets, answers, descriptions, and what is computed of them.
+//! Everything read from the wire: packets, answers, descriptions, and what is computed of them.
 #![no_main]
 
 use hostmot2::encoder::{Stamps, Tracker};
@@ -37,7 +37,7 @@ fn packet(bytes: &[u8]) {
     }
 }
 
-/// A card that says this of itself, and then answers that.
+/// A card with this description and this answer.
 fn card(idrom: Idrom, bytes: &[u8]) {
     let count = |tag| idrom.module(tag).map_or(0, |module| module.instances);
     let selection = Selection {

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 /// The card's counter of time stamps, without its wraps.
 ///
-/// It has 16 bits. How often it has wrapped between two answers is told by the host's clock, which need not be exact.
+/// It has 16 bits. The host's clock, which need not be exact, determines how often it wrapped
+/// between two answers.
 ///
 /// ```
 /// use hostmot2::encoder::Stamps;
@@ -39,7 +40,7 @@ impl Stamps {
         }
     }
 
-    /// What the counter says in an answer, about `elapsed` after the one before. O(1).
+    /// Takes the counter of an answer, about `elapsed` after the one before. O(1).
     pub fn update(&mut self, stamp: u16, elapsed: Duration) {
         let part = u64::from(stamp.wrapping_sub(self.now as u16));
         if !self.has_begun {
@@ -54,7 +55,7 @@ impl Stamps {
         self.now = self.now.saturating_add(part + turns * Self::TURN);
     }
 
-    /// When the last answer was read, in stamps.
+    /// The time of the last answer, in units of the stamps' counter, without wraps.
     pub const fn now(&self) -> u64 {
         self.now
     }

@@ -132,7 +132,8 @@ fn the_index_is_where_it_was_passed() {
 
 #[test]
 fn a_reversal_is_no_spike_of_the_rate() {
-    // At rest on an edge: it goes up and down, a stamp or two apart, at any place between two readings.
+    // At rest on an edge: it goes up and down, a stamp or two apart, at any place between two
+    // readings.
     for second in 2_001..2_100_u16 {
         let (mut tracker, mut stamps) = (Tracker::new(60_000.0), Stamps::new(MHZ));
         let readings = [
@@ -180,7 +181,7 @@ fn the_rate_is_never_beyond_the_greatest_speed() {
 }
 
 #[test]
-fn an_index_that_was_latched_long_before_the_first_reading_is_not_told() {
+fn an_index_latched_long_before_the_first_reading_is_not_reported() {
     let latched = |count| RawEncoder {
         index: Some(0),
         ..raw(count, 0)
@@ -217,7 +218,7 @@ fn an_index_that_was_latched_long_before_the_first_reading_is_not_told() {
 proptest! {
     #![proptest_config(crate::seeded())]
 
-    /// Whatever a card says: a position is what was really counted, or none.
+    /// For any answers of a card: a position is the real one, or lost.
     #[test]
     fn a_position_is_right_or_lost(
         moves in prop::collection::vec((-40_000_i64..40_000, 0_u64..50_000), 1..60),

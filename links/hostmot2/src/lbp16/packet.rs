@@ -1,9 +1,8 @@
-//! Who makes packets.
+//! Creation of packets.
 
 use super::{Command, MAX_COUNT, MAX_PACKET, Space, Width};
-use std::fmt;
 
-/// A packet that is being made. It has its room from the start: nothing allocates later.
+/// A packet under construction. Its buffer is allocated at the start.
 #[derive(Debug, Clone)]
 pub struct Packet {
     bytes: Vec<u8>,
@@ -11,31 +10,17 @@ pub struct Packet {
 }
 
 /// Why a command does not go into a packet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PacketError {
-    /// It transfers nothing, or more than [`MAX_COUNT`] elements, or its data is not a whole number of elements.
+    /// It transfers nothing, or more than [`MAX_COUNT`] elements, or its data is not a whole number
+    /// of elements.
+    #[error("a command transfers 1 to {MAX_COUNT} whole elements, this one does not")]
     Count,
     /// The packet or its answer would be longer than [`MAX_PACKET`].
+    #[error("a packet and its answer have at most {MAX_PACKET} bytes each; make two of it")]
     Full,
 }
-
-impl fmt::Display for PacketError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            PacketError::Count => write!(
-                f,
-                "a command transfers 1 to {MAX_COUNT} whole elements, this one does not"
-            ),
-            PacketError::Full => write!(
-                f,
-                "a packet and its answer have at most {MAX_PACKET} bytes each; make two of it"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for PacketError {}
 
 impl Packet {
     /// An empty packet. Allocates.
@@ -52,12 +37,12 @@ impl Packet {
         self.answer_len = 0;
     }
 
-    /// What is to be sent.
+    /// The bytes to send.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// How many bytes the answer has; there is none if that is 0.
+    /// The length of the answer, in bytes; 0 if there is none.
     pub fn answer_len(&self) -> usize {
         self.answer_len
     }

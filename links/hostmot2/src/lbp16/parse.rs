@@ -1,39 +1,29 @@
-//! Who reads packets: a card.
+//! Parsing of packets, for a card.
 
 use super::{Command, Reader};
-use std::fmt;
 
 /// One command of a packet with its data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Operation<'a> {
-    /// What is to be done.
+    /// The command.
     pub command: Command,
-    /// What is to be written: as long as [`Command::data_len`] says, empty if it reads.
+    /// The data to be written: as long as [`Command::data_len`], empty if it reads.
     pub data: &'a [u8],
 }
 
 /// Why the rest of a packet cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParseError {
     /// It ends within a command, its address or its data.
+    #[error("the packet ends within a command")]
     Truncated,
     /// A command transfers nothing.
+    #[error("a command transfers no elements")]
     NoElements,
 }
 
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            ParseError::Truncated => "the packet ends within a command",
-            ParseError::NoElements => "a command transfers no elements",
-        })
-    }
-}
-
-impl std::error::Error for ParseError {}
-
-/// The commands of a packet, in order. After an error there are none.
+/// The commands of a packet, in order. An error ends them.
 ///
 /// ```
 /// use hostmot2::lbp16::{Operations, ParseError};

@@ -65,7 +65,7 @@ fn refused(path: &str, name: &str, lines: &Lines, error: gpiocdev::Error) -> Dev
     }
 }
 
-/// Who has one of the lines, as the kernel names him.
+/// The process that holds one of the lines, by the kernel's name for it.
 fn holder(path: &str, lines: &Lines) -> Holder {
     let Ok(chip) = gpiocdev::Chip::from_path(path) else {
         return Holder::Unknown;

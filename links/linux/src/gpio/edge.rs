@@ -1,9 +1,9 @@
-//! The edges of inputs, in the format in which the kernel tells them.
+//! The edges of inputs, in the kernel's format.
 
 use luna::external::{Framing, FromBytes, Malformed};
 use std::time::Duration;
 
-/// How edges lie in what is read: records of 48 bytes, `struct gpio_v2_line_event`.
+/// The framing of edges: records of 48 bytes, `struct gpio_v2_line_event`.
 pub const FRAMING: Framing = Framing::fixed(48);
 
 /// An edge of an input.
@@ -14,9 +14,10 @@ pub struct Edge {
     pub offset: u32,
     /// From low to high; else from high to low.
     pub rising: bool,
-    /// When the kernel saw it, by the monotonic clock.
+    /// When the kernel saw it, on the monotonic clock (ns resolution).
     pub time: Duration,
-    /// Its number among the edges of all lines of the request, from 1. A gap says how many the kernel has dropped since nobody read them.
+    /// Its number among the edges of all lines of the request, from 1. A gap is the number of edges
+    /// that the kernel dropped for lack of room.
     pub number: u32,
 }
 
@@ -66,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_kernel_never_says_is_refused() {
+    fn malformed_events_are_refused() {
         let mut bytes = [0; 48];
         assert!(Edge::from_bytes(&bytes).is_err(), "kind 0");
         bytes[8..12].copy_from_slice(&2_u32.to_ne_bytes());

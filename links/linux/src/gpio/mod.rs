@@ -1,11 +1,13 @@
 //! Pins (GPIO), through the kernel's character devices.
 //!
-//! [`open`] requests some lines of a chip, outputs with the level that is safe. [`writer`] sets outputs as a channel says; the edges of inputs come over a channel by
-//! [`reader`](crate::reader), with [`FRAMING`] and [`Edge`]; [`Pin`] is one line by the traits of `embedded-hal`, for other drivers. In an emergency all outputs go to their
-//! safe levels, and stay there.
+//! [`open`] requests some lines of a chip, with a safe level for each output. [`writer`] sets
+//! outputs to values from a channel; the edges of inputs come over a channel by
+//! [`reader`](crate::reader), with [`FRAMING`] and [`Edge`]; [`Pin`] is one line by the traits of
+//! `embedded-hal`, for other drivers. In an emergency all outputs go to their safe levels, and stay
+//! there.
 //!
-//! Setting a pin of the processor's own chip takes a system call that does not wait. Chips behind a bus (an I2C expander) wait for their bus in it: spawn a [`writer`] for one on a
-//! thread of its own.
+//! Setting a pin of the processor's own chip takes a system call that does not block. Chips behind
+//! a bus (an I2C expander) block for their bus: spawn their [`writer`] on a thread of its own.
 //!
 //! ```no_run
 //! use luna::prelude::*;
@@ -52,7 +54,8 @@ pub(crate) const NODE: Node = Node::new("GPIO chip").subsystem("gpio").group("gp
 /// The most lines of one request, as of the kernel's.
 pub const MOST_LINES: usize = 64;
 
-/// The lines that are wanted of a chip, by their offsets on it. Elsewhere they are counted in the order in which they are named here, from 0.
+/// The lines of a chip to request, by their offsets on it. Afterwards they are numbered from 0 in
+/// this order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lines {
     pub(crate) consumer: String,
@@ -86,7 +89,8 @@ impl Lines {
         }
     }
 
-    /// An output, which is `safe` from when it is opened, and in an emergency; true is high.
+    /// Adds an output at the level `safe`, which it has from the opening on and in an emergency;
+    /// true is high.
     #[must_use]
     pub fn output(mut self, offset: u32, safe: bool) -> Self {
         self.lines.push(Line {
@@ -96,7 +100,7 @@ impl Lines {
         self
     }
 
-    /// An input, both of whose edges are told.
+    /// Adds an input; both of its edges are reported.
     #[must_use]
     pub fn input(mut self, offset: u32) -> Self {
         self.lines.push(Line {
@@ -164,25 +168,25 @@ impl Levels {
 
 /// What lines of a chip can do: the kernel's, or a simulated chip's.
 pub trait Chip: Send + Sync + 'static {
-    /// Sets outputs, by their numbers; others are in no `levels`.
+    /// Sets outputs, by their numbers. `levels` contains only outputs.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     fn set(&self, levels: Levels) -> io::Result<()>;
 
     /// The level of the line of this number.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     fn get(&self, number: usize) -> io::Result<bool>;
 
-    /// Where edges are read, in the kernel's format.
+    /// The descriptor for edges, in the kernel's format.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     fn edges(&self) -> io::Result<OwnedFd>;
 }
 
@@ -195,17 +199,18 @@ pub struct Pins {
 
 /// What guards the outputs.
 struct Outputs {
-    /// An emergency has set them: nobody changes them any more.
+    /// An emergency has set them: they do not change any more.
     are_safe: bool,
 }
 
-/// Opens lines of the chip at `path`, as `/dev/gpiochip0`: one device of this chip and these lines. Registers that outputs go to their safe levels in an emergency; if the system
-/// refuses to set them, the report says of that function that it [panicked](luna::FunctionOutcome::Panicked).
+/// Opens lines of the chip at `path`, such as `/dev/gpiochip0`: one device of this chip and these
+/// lines. Registers an emergency function that sets outputs to their safe levels; if the system
+/// refuses to set them, the report marks it as [panicked](luna::FunctionOutcome::Panicked).
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: missing, no permission, no GPIO chip; busy, with the name by which the kernel knows who has a line; lines that make no sense. And those of
-/// [`Device::on_emergency`].
+/// A [`DeviceError`]: missing, no permission, no GPIO chip; busy, with the kernel's name for the
+/// holder of a line; invalid lines. And those of [`Device::on_emergency`].
 ///
 /// ```
 /// use luna::devices::DeviceError;
@@ -225,11 +230,11 @@ pub fn open(devices: &DeviceManager, path: &str, lines: &Lines) -> luna::Result<
     })
 }
 
-/// As [`open`], with a chip of your own: a simulated one, say.
+/// As [`open`], with a chip of your own, such as a simulated one.
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: lines that make no sense, busy, or what `chip` fails with.
+/// A [`DeviceError`]: invalid lines, busy, or the error of `chip`.
 pub fn open_chip<C: Chip>(
     devices: &DeviceManager,
     name: &str,
@@ -243,12 +248,12 @@ pub fn open_chip<C: Chip>(
         }))
     };
     if lines.lines.is_empty() || lines.lines.len() > MOST_LINES {
-        return refused("ask for 1 to 64 lines");
+        return refused("request 1 to 64 lines");
     }
     let mut offsets: Vec<u32> = lines.lines.iter().map(|line| line.offset).collect();
     offsets.sort_unstable();
     if offsets.windows(2).any(|pair| pair[0] == pair[1]) {
-        return refused("a line is asked for twice");
+        return refused("a line is requested twice");
     }
     let pins = devices.open(name, NODE.kind(), Sharing::Exclusive, || {
         let chip = chip()?;
@@ -265,11 +270,11 @@ pub fn open_chip<C: Chip>(
 }
 
 impl Pins {
-    /// Sets outputs, at once. After an emergency it does nothing, and fails.
+    /// Sets outputs, at once. After an emergency it fails without effect.
     ///
     /// # Errors
     ///
-    /// A line that is no output; the emergency; what the system says.
+    /// A line is not an output; there was an emergency; the system's error.
     pub fn set(&self, levels: Levels) -> io::Result<()> {
         if levels.mask & !self.lines.safe().mask != 0 {
             let text = "a level is for a line that is no output";
@@ -287,7 +292,7 @@ impl Pins {
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     pub fn get(&self, number: usize) -> io::Result<bool> {
         self.chip.get(number)
     }
@@ -297,7 +302,8 @@ impl Pins {
         self.lines.lines.len()
     }
 
-    /// Panics if the system fails: the report of the emergency functions is to say so, and a guardian to act.
+    /// Panics if the system fails: the report of the emergency functions then shows it, and a
+    /// guardian acts.
     fn make_safe(&self) {
         let mut outputs = self.outputs.lock();
         outputs.are_safe = true;
@@ -319,7 +325,8 @@ impl Transport for Pins {
 }
 
 impl Drop for Pins {
-    /// Outputs are left at their safe levels; what the kernel makes of a line that nobody has is its driver's choice.
+    /// Outputs stay at their safe levels until the lines are released; then the kernel's driver
+    /// determines the levels.
     fn drop(&mut self) {
         if self.lines.safe() != Levels::NONE {
             let _ = self.chip.set(self.lines.safe());

@@ -3,10 +3,10 @@
 use super::{Levels, Pins};
 use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin, OutputPin, StatefulOutputPin};
 use luna::devices::Device;
-use std::fmt;
 use std::io;
 
-/// One line, by the traits of `embedded-hal`: for a driver that needs a pin beside its bus. Each call is a system call, made at once.
+/// One line, by the traits of `embedded-hal`, for a driver that needs a pin beside its bus. Each
+/// call is a system call, made at once.
 #[derive(Debug, Clone)]
 pub struct Pin {
     pins: Device<Pins>,
@@ -32,21 +32,11 @@ impl Pin {
     }
 }
 
-/// A pin that cannot be set or read: what the system says, that it is no output, or that an emergency has set it.
-#[derive(Debug)]
-pub struct PinError(io::Error);
-
-impl fmt::Display for PinError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "a pin cannot be used: {}", self.0)
-    }
-}
-
-impl std::error::Error for PinError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        Some(&self.0)
-    }
-}
+/// A pin cannot be set or read: the system's error, the pin is not an output, or an emergency has
+/// set it.
+#[derive(Debug, thiserror::Error)]
+#[error("a pin cannot be used: {0}")]
+pub struct PinError(#[source] io::Error);
 
 impl Error for PinError {
     fn kind(&self) -> ErrorKind {

@@ -8,12 +8,14 @@ use luna::{Process, Receiver};
 use luna_platform::path::{self, Call};
 use std::io;
 
-/// Makes a process that sets outputs as values come from `receiver`'s channel, each at once.
+/// Creates a process that sets outputs to the values from `receiver`'s channel, each at once.
 ///
-/// It ends without an error when the last sender is gone; the outputs then keep their levels until the device is closed, which sets them to the safe ones. It is the
-/// [loss](Device::lost) of the device when setting them fails. A level for a line that is no output ends it with an error.
+/// It ends without an error when the last sender is gone; the outputs then keep their levels until
+/// the device is closed, which sets them to the safe ones. If setting them fails the device is
+/// [lost](Device::lost). A level for a line that is not an output ends the process with an error.
 ///
-/// Real-time path: one system call a value, which waits for nothing on a chip of the processor's own; no allocation. Cancel-safe.
+/// Real-time path: one system call a value, which does not block on a chip of the processor's own;
+/// no allocation. Cancel-safe.
 ///
 /// ```
 /// use luna::devices::DeviceError;
@@ -36,11 +38,17 @@ use std::io;
 /// let mut system = System::new("press");
 /// let set = Arc::new(Mutex::new(Vec::new()));
 /// let chip = Simulated(set.clone());
-/// let pins = gpio::open_chip(&system.devices(), "valves", &Lines::new("press").output(17, false), || Ok(chip))?;
+/// let pins = gpio::open_chip(
+///     &system.devices(),
+///     "valves",
+///     &Lines::new("press").output(17, false),
+///     || Ok(chip),
+/// )?;
 /// let (levels, receiver) = luna::channel();
 /// let main = system.executor("main").build()?;
 /// main.process("valves").spawn(gpio::writer(&pins, receiver))?;
-/// main.process("control").spawn(async move { Ok(levels.send(Levels::NONE.with(0, true)).await?) })?;
+/// main.process("control")
+///     .spawn(async move { Ok(levels.send(Levels::NONE.with(0, true)).await?) })?;
 /// drop(pins);
 /// system.run()?;
 /// // And the safe level when it was closed.
@@ -84,7 +92,7 @@ impl Process for Writer {
             };
             match path::expected(Call::File, || pins.set(levels)) {
                 Ok(()) => self.counts.record(),
-                // Of whoever sent it, or an emergency: the chip is all right.
+                // Wrong levels, or an emergency: the chip itself works.
                 Err(error)
                     if matches!(
                         error.kind(),

@@ -13,16 +13,19 @@ use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
 
-/// Makes a process that tells what the controls of a device do: first those that do not stand at 0, then each as it changes.
+/// Creates a process that reports a device's controls: first those that are not at 0, then each as
+/// it changes.
 ///
-/// When the kernel has dropped events because nobody read them, the device is asked where it stands, and what differs is told; so what a reader knows is right in the end. That is
-/// counted as [bad](Counts::bad). It ends without an error when the last receiver is gone, and is the [loss](Device::lost) of the device when that is unplugged.
+/// When the kernel has dropped events for lack of room, the process queries the device's state and
+/// reports the differences; so the reader's state becomes right again. That is counted as
+/// [bad](Counts::bad). It ends without an error when the last receiver is gone. When the device is
+/// unplugged it is [lost](Device::lost).
 ///
 /// Real-time path: from its `run` on; a system call a read, no allocation. Cancel-safe.
 ///
 /// # Errors
 ///
-/// The descriptor cannot be had.
+/// The system has no more descriptors.
 pub fn controls<D: Controller>(
     device: &Device<D>,
     sender: Sender<Control>,
@@ -61,7 +64,7 @@ impl<D: Controller> Controls<D> {
 
 impl<D: Controller> Process for Controls<D> {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        // Now, off the real-time path. If it fails, so does the first wait, which tells.
+        // Here, off the real-time path. If it fails, the first wait fails too, and reports it.
         let _ = luna::prepare_files();
         async {
             let sender = self.sender.take();
@@ -70,7 +73,7 @@ impl<D: Controller> Process for Controls<D> {
                 return Err(LinkError::NotPrepared.into());
             };
             let (state, splitter, counts) = (&mut self.state, &mut self.splitter, &self.counts);
-            let stop = tell(wire, splitter, state, device, &sender, counts).await;
+            let stop = report(wire, splitter, state, device, &sender, counts).await;
             stop.end(device)
         }
     }
@@ -83,7 +86,7 @@ impl<D: Controller> Process for Controls<D> {
 }
 
 /// Until something ends it.
-async fn tell<D: Controller>(
+async fn report<D: Controller>(
     wire: &mut Wire,
     splitter: &mut Splitter,
     state: &mut State,

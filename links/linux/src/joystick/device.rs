@@ -17,7 +17,8 @@ pub struct InputDevice {
     ranges: Box<[Option<Range>; MOST_AXES]>,
 }
 
-/// Opens the input device at `path`, as `/dev/input/event5` or its lasting name in `/dev/input/by-id`. Other programs see its events, too.
+/// Opens the input device at `path`, such as `/dev/input/event5` or its permanent name in
+/// `/dev/input/by-id`. Other programs see its events, too.
 ///
 /// # Errors
 ///
@@ -35,7 +36,8 @@ pub fn open(devices: &DeviceManager, path: &str) -> Result<Device<InputDevice>, 
     opened(devices, path, false)
 }
 
-/// As [`open`], and grabs the device: nobody else gets its events meanwhile, not even the desktop.
+/// As [`open`], and grabs the device: no other program gets its events meanwhile, not even the
+/// desktop.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Events as the kernel tells them.
+//! Events in the kernel's format.
 
 use luna::external::{Framing, FromBytes, Malformed};
 
@@ -6,10 +6,11 @@ use luna::external::{Framing, FromBytes, Malformed};
 const TIME: usize = 2 * size_of::<usize>();
 const SIZE: usize = TIME + 8;
 
-/// How events lie in what is read: records of one `struct input_event`.
+/// The framing of events: records of one `struct input_event`.
 pub const FRAMING: Framing = Framing::fixed(SIZE);
 
-/// An event of an input device: `struct input_event`, without its time. The numbers are those of the kernel's `input-event-codes.h`.
+/// An event of an input device: `struct input_event`, without its time. The numbers are those of
+/// the kernel's `input-event-codes.h`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Event {
     /// Its type: 0 is a synchronization, 1 a button, 3 an axis.

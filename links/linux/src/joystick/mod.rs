@@ -1,7 +1,8 @@
 //! Joysticks and other input devices (evdev).
 //!
-//! [`controls`] makes of a device's events positions from -1 to 1 and buttons, and finds its way again when the kernel has dropped some. The events
-//! themselves come by [`reader`](crate::reader), with [`FRAMING`] and [`Event`].
+//! [`controls`] converts a device's events to positions from -1 to 1 and buttons, and recovers when
+//! the kernel has dropped some. The events themselves come by [`reader`](crate::reader), with
+//! [`FRAMING`] and [`Event`].
 //!
 //! ```no_run
 //! use luna::prelude::*;
@@ -9,7 +10,10 @@
 //! use luna_links::joystick::{self, Control};
 //!
 //! let mut system = System::new("camera");
-//! let joystick = joystick::open(&system.devices(), "/dev/input/by-id/usb-joystick-event-joystick")?;
+//! let joystick = joystick::open(
+//!     &system.devices(),
+//!     "/dev/input/by-id/usb-joystick-event-joystick",
+//! )?;
 //! joystick.on_loss(OnLoss::Fail); // its user stops the camera when the channel closes
 //! let (sender, controls) = luna::channel();
 //! let main = system.executor("main").build()?;
@@ -49,15 +53,16 @@ pub const MOST_AXES: usize = 64;
 /// How many numbers there are for buttons.
 pub const MOST_BUTTONS: usize = 768;
 
-/// What [`controls`] needs to know of an input device: the kernel's, or a simulated one.
+/// What [`controls`] needs of an input device: the kernel's, or a simulated one.
 pub trait Controller: Transport {
     /// The range of an axis, if there is such an axis.
     fn range(&self, axis: u16) -> Option<Range>;
 
-    /// Where everything stands now. It may be called on the real-time path: without waiting, and without allocation.
+    /// The present state of all controls. It may be called on the real-time path, so it must not
+    /// block or allocate.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     fn snapshot(&self) -> io::Result<Snapshot>;
 }

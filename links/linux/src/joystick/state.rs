@@ -11,10 +11,11 @@ pub enum Control {
     Axis {
         /// Its number.
         axis: u16,
-        /// From -1 (the least that it can tell) to 1 (the most). Within what the device calls flat it is 0. A trigger that rests at its least rests at -1.
+        /// From -1 (the least value) to 1 (the greatest). Within the device's flat range it is 0. A
+        /// trigger that rests at its least value rests at -1.
         position: f64,
     },
-    /// A button was pressed or released. Repetitions are not told.
+    /// A button was pressed or released. Repetitions are not reported.
     Button {
         /// Its number.
         button: u16,
@@ -23,7 +24,7 @@ pub enum Control {
     },
 }
 
-/// What an axis can tell, in its device's units.
+/// The range of an axis, in its device's units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Range {
     /// The least.
@@ -35,13 +36,13 @@ pub struct Range {
 }
 
 impl Range {
-    /// Where `value` lies, from -1 to 1. An axis of one value is at rest.
+    /// The position of `value`, from -1 to 1. An axis with a range of one value is at rest.
     ///
     /// ```
     /// use luna_links::joystick::Range;
     /// let range = Range { least: 0, most: 255, flat: 15 };
     /// assert_eq!((range.position(0), range.position(255), range.position(300)), (-1.0, 1.0, 1.0));
-    /// assert_eq!((range.position(130), range.position(128)), (0.0, 0.0)); // near enough to the middle
+    /// assert_eq!((range.position(130), range.position(128)), (0.0, 0.0)); // near the middle
     /// ```
     pub fn position(self, value: i32) -> f64 {
         let (least, most) = (f64::from(self.least), f64::from(self.most));
@@ -54,12 +55,12 @@ impl Range {
     }
 }
 
-/// Where all controls of a device stand.
+/// The state of all controls of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Snapshot {
     /// The axes' values, by their numbers.
     pub axes: [i32; MOST_AXES],
-    /// A bit for each button that is pressed, from the lowest of the first word.
+    /// A bit for each pressed button, from the lowest of the first word.
     pub buttons: [u64; MOST_BUTTONS / 64],
 }
 
@@ -76,7 +77,7 @@ impl Snapshot {
         word.is_some_and(|word| word >> (button % 64) & 1 == 1)
     }
 
-    /// Says of a button whether it is pressed. One of a number that there is not stays as it is.
+    /// Sets whether a button is pressed. A number without a button is ignored.
     pub fn press(&mut self, button: u16, is_pressed: bool) {
         if let Some(word) = self.buttons.get_mut(usize::from(button) / 64) {
             let bit = 1 << (button % 64);
@@ -89,14 +90,14 @@ impl Snapshot {
     }
 }
 
-/// What was told of a device so far.
+/// The state that was reported so far.
 #[derive(Debug)]
 pub(super) struct State {
     ranges: [Option<Range>; MOST_AXES],
     positions: [f64; MOST_AXES],
     /// Its buttons alone.
-    told: Snapshot,
-    /// Events were lost: those up to the next report are of no use, and then the device is asked.
+    reported: Snapshot,
+    /// Events were lost: those up to the next report are useless, and then the device is queried.
     is_lost: bool,
 }
 
@@ -105,7 +106,7 @@ pub(super) struct State {
 pub(super) enum Meaning {
     Nothing,
     Control(Control),
-    /// Ask the device where everything stands, and [`compare`](State::compare).
+    /// Query the device's state, and [`compare`](State::compare).
     Ask,
 }
 
@@ -115,7 +116,7 @@ impl State {
         Self {
             ranges,
             positions: [0.0; MOST_AXES],
-            told: Snapshot::ZERO,
+            reported: Snapshot::ZERO,
             is_lost: false,
         }
     }
@@ -143,23 +144,24 @@ impl State {
             return Meaning::Nothing;
         };
         let position = range.position(value);
-        let told = &mut self.positions[usize::from(axis)];
-        if *told == position {
+        let reported = &mut self.positions[usize::from(axis)];
+        if *reported == position {
             return Meaning::Nothing;
         }
-        *told = position;
+        *reported = position;
         Meaning::Control(Control::Axis { axis, position })
     }
 
     fn press(&mut self, button: u16, pressed: bool) -> Meaning {
-        if usize::from(button) >= MOST_BUTTONS || self.told.is_pressed(button) == pressed {
+        if usize::from(button) >= MOST_BUTTONS || self.reported.is_pressed(button) == pressed {
             return Meaning::Nothing;
         }
-        self.told.press(button, pressed);
+        self.reported.press(button, pressed);
         Meaning::Control(Control::Button { button, pressed })
     }
 
-    /// The next control from `*place` on that stands elsewhere than was told; `place` is 0 at first. O(axes and buttons) in all.
+    /// The next control from `*place` on with a state that was not reported; `place` is 0 at first.
+    /// O(axes and buttons) in all.
     pub(super) fn compare(&mut self, now: &Snapshot, place: &mut usize) -> Option<Control> {
         while *place < MOST_AXES + MOST_BUTTONS {
             let number = *place;
@@ -199,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_and_buttons_are_told_when_they_change() {
+    fn axes_and_buttons_are_reported_when_they_change() {
         let mut state = state();
         assert_eq!(state.take(event(3, 0, 50)), axis(0, 0.5));
         assert_eq!(state.take(event(3, 0, 50)), Meaning::Nothing);
@@ -233,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn after_lost_events_the_device_is_asked_and_only_differences_told() {
+    fn after_lost_events_only_differences_are_reported() {
         let mut state = state();
         state.take(event(3, 0, 50));
         state.take(event(1, 700, 1));
@@ -245,12 +247,12 @@ mod tests {
         now.axes[1] = -100;
         now.press(3, true);
         let mut place = 0;
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         while let Some(control) = state.compare(&now, &mut place) {
-            told.push(control);
+            reported.push(control);
         }
         assert_eq!(
-            told,
+            reported,
             [
                 Control::Axis {
                     axis: 1,

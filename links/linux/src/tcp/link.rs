@@ -12,20 +12,26 @@ use std::fmt;
 use std::future::Future;
 use std::time::Duration;
 
-/// Makes a process that sends what comes from `outgoing` over the connection, and what the connection brings to `incoming`.
+/// Creates a process that sends values from `outgoing` over the connection, and received values to
+/// `incoming`.
 ///
-/// Records go out whole and in order. One that was under way when a connection broke is sent again over the next, from its beginning; those that only the kernel had may be lost. What came
-/// in whole before a connection broke is still delivered; what was cut off is counted as [bad](Counts::bad).
+/// Records are sent completely and in order. A record in progress when a connection broke is sent
+/// again over the next, from its beginning; records that only the kernel had may be lost. Records
+/// received completely before a connection broke are still delivered; a record that was cut off is
+/// counted as [bad](Counts::bad).
 ///
-/// When the last sender to `outgoing` is gone and all is written, the connection is closed in that direction, and the link ends when the other side closes it too. When the last receiver
-/// of `incoming` is gone nothing is read any more, and the link ends when there is nothing more to send. A side that does not read holds up the senders, and nothing grows; with a
-/// [patience](Link::patience) the connection is given up for it.
+/// When the last sender to `outgoing` is gone and all is written, the connection is closed in that
+/// direction, and the link ends when the other side closes it too. When the last receiver of
+/// `incoming` is gone nothing is read any more, and the link ends when there is nothing more to
+/// send. A peer that does not read blocks the senders, and memory does not grow; with a
+/// [patience](Link::patience) such a connection is closed.
 ///
-/// Real-time path: while connected, as [`reader`](crate::reader); to connect is off it, and takes a buddy thread. Cancel-safe, as [`reader`](crate::reader) is.
+/// Real-time path: while connected, as [`reader`](crate::reader); connecting is off it, on a buddy
+/// thread. Cancel-safe, as [`reader`](crate::reader) is.
 ///
 /// # Errors
 ///
-/// The framing makes no sense.
+/// The framing is invalid.
 pub fn link<O: ToBytes + Send, I: FromBytes + Send>(
     port: &Device<TcpPort>,
     outgoing: Receiver<O>,
@@ -64,7 +70,7 @@ pub struct Link<O, I> {
 }
 
 impl<O, I> Link<O, I> {
-    /// When it connects again; without this as [`Reconnect::default`] says.
+    /// Sets when it connects again; default [`Reconnect::default`].
     pub fn reconnect(mut self, policy: Reconnect) -> Self {
         self.reconnect = policy;
         self
@@ -76,7 +82,7 @@ impl<O, I> Link<O, I> {
         self
     }
 
-    /// What becomes of broken records that come; without this they end the link.
+    /// Sets what is done with broken records; by default they end the link.
     pub fn on_bad(mut self, policy: OnBad) -> Self {
         self.on_bad = policy;
         self

@@ -1,7 +1,8 @@
-//! TCP: one connection, kept up, as two channels.
+//! TCP: one connection, kept open, as two channels.
 //!
-//! A [`link`] connects to a server, or waits for a client, and carries records in both directions. When the connection breaks it makes another, as
-//! [`Reconnect`] says; when that fails for good the device is lost.
+//! A [`link`] connects to a server, or waits for a client, and carries records in both directions.
+//! When the connection breaks it makes another, according to [`Reconnect`]; when that fails for
+//! good the device is lost.
 //!
 //! ```
 //! use luna::external::{Frame, Framing};
@@ -64,7 +65,8 @@ enum Origin {
     Listen(Arc<TcpListener>),
 }
 
-/// A server to connect to. Nothing is connected before the link runs: a server that is not there yet is awaited as [`Reconnect`] says.
+/// A server to connect to. Nothing is connected before the link runs: an unreachable server is
+/// tried again according to [`Reconnect`].
 ///
 /// # Errors
 ///
@@ -81,11 +83,12 @@ pub fn connect(
     })
 }
 
-/// A port at which clients are awaited: it listens from now on. One is served at a time; others wait in the kernel until it has gone. The port may be 0 for any that is free.
+/// A port for clients: it listens from now on. One client is served at a time; others wait in the
+/// kernel. Port 0 selects a free one.
 ///
 /// # Errors
 ///
-/// A [`DeviceError`]: busy, or what the system says.
+/// A [`DeviceError`]: busy, or the system's error.
 pub fn listen(devices: &DeviceManager, local: SocketAddr) -> Result<Device<TcpPort>, DeviceError> {
     let name = format!("tcp-listen:{local}");
     devices.open(&name, "TCP port", Sharing::Exclusive, || {
@@ -100,11 +103,11 @@ pub fn listen(devices: &DeviceManager, local: SocketAddr) -> Result<Device<TcpPo
 }
 
 impl TcpPort {
-    /// The server's address, or that at which it listens.
+    /// The server's address, or the address that it listens on.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// The system's error.
     pub fn address(&self) -> io::Result<SocketAddr> {
         match &self.origin {
             Origin::Connect(server) => Ok(*server),
@@ -113,16 +116,18 @@ impl TcpPort {
     }
 }
 
-/// When a link connects again. It does not matter to one that listens, which takes the next client.
+/// When a link connects again. It does not apply to a listening link, which takes the next client.
 ///
-/// After a connection that was of use the next attempt is made at once. One over which no record came, and none went before it broke within the pause, is an attempt that failed: a
-/// server that accepts and hangs up at once is not asked without a pause.
+/// After a useful connection the next attempt is made at once. A connection counts as a failed
+/// attempt if no record was received over it, and none was sent before it broke within the pause:
+/// so a server that accepts and closes at once is not asked without a pause.
 ///
 /// ```
 /// use luna_links::tcp::Reconnect;
 /// use std::time::Duration;
 ///
-/// let patient = Reconnect::backing_off(Duration::from_millis(10), Duration::from_secs(1)).attempts(100);
+/// let patient =
+///     Reconnect::backing_off(Duration::from_millis(10), Duration::from_secs(1)).attempts(100);
 /// # let _ = patient;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,7 +139,7 @@ pub struct Reconnect {
 }
 
 impl Reconnect {
-    /// Once and never again: when the connection fails or breaks, the device is lost.
+    /// Never again: when the connection fails or breaks, the device is lost.
     pub const NEVER: Reconnect = Reconnect {
         first: Duration::ZERO,
         longest: Duration::ZERO,
@@ -142,7 +147,8 @@ impl Reconnect {
         timeout: Duration::from_secs(5),
     };
 
-    /// Waits for `first` before the second attempt, twice as long before the third, and so on up to `longest`; for ever, unless [`attempts`](Self::attempts) says otherwise.
+    /// Waits for `first` before the second attempt, twice as long before the third, and so on up to
+    /// `longest`; for ever, unless [`attempts`](Self::attempts) sets a limit.
     pub const fn backing_off(first: Duration, longest: Duration) -> Self {
         Self {
             first,
@@ -152,7 +158,8 @@ impl Reconnect {
         }
     }
 
-    /// The device is lost when so many attempts in a row have failed, those included whose connection was of no use; at least one is made.
+    /// The device is lost when this many attempts in a row have failed, including useless
+    /// connections; at least one is made.
     #[must_use]
     pub const fn attempts(mut self, attempts: u32) -> Self {
         self.attempts = attempts;

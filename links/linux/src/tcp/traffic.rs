@@ -1,4 +1,4 @@
-//! Connection after connection, and what is carried over each.
+//! One connection after the other, and the traffic over each.
 
 use super::{Origin, Reconnect};
 use crate::Counts;
@@ -30,7 +30,8 @@ pub(super) struct Traffic<'a, O, I> {
 }
 
 impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
-    /// Connection after connection, until both channels have ended, or no connection can be had.
+    /// Makes one connection after the other, until both channels have ended, or no connection can
+    /// be made.
     pub(super) async fn keep_up(&mut self, origin: &Origin, policy: Reconnect) -> Stop {
         let mut retry = Retry::new(policy);
         loop {
@@ -56,7 +57,8 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                 self.sent.records() > before[0],
                 self.received.records() > before[1],
             ];
-            // What was sent may have come no further than the kernel, where the other side closes at once.
+            // Sent data may have come no further than the kernel, where the other side closes at
+            // once.
             if has_received || has_sent && luna::now() - begun > retry.pause {
                 retry = Retry::new(policy);
             } else if retry.is_last() && matches!(origin, Origin::Connect(_)) {
@@ -153,7 +155,8 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
                 if out_stop.is_none()
                     && let Poll::Ready(stop) = out.as_mut().poll(cx)
                 {
-                    // With a connection that breaks, what came before is still read; then reading ends by itself.
+                    // After a connection breaks, data that came before is still read; then reading
+                    // ends by itself.
                     let how = match &stop {
                         Stop::Closed => Shutdown::Write,
                         _ => Shutdown::Both,
@@ -187,7 +190,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
         if matches!(in_stop, Some(Stop::Closed)) {
             self.incoming = None;
         }
-        // What went wrong first in time is the cause: what is written after a reset only finds it out again.
+        // The error that came first is the cause: a write after a reset only finds it again.
         match (out_stop, in_stop) {
             (Some(stop @ (Stop::Poisoned | Stop::Record(_))), _)
             | (_, Some(stop @ (Stop::Poisoned | Stop::Record(_)))) => Err(stop),
@@ -197,7 +200,7 @@ impl<O: ToBytes + Send, I: FromBytes + Send> Traffic<'_, O, I> {
     }
 }
 
-/// How often it was tried to connect since the last connection that was of use, and when it is next.
+/// The number of attempts since the last useful connection, and the time of the next.
 struct Retry {
     policy: Reconnect,
     attempts: u32,

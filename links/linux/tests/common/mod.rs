@@ -10,10 +10,10 @@ use std::sync::mpsc;
 use std::sync::{Arc, Once};
 use std::time::Duration;
 
-/// Whether the complete platform layer is below: the portable one cannot wait for files.
+/// Whether the complete platform layer is in use: the portable one cannot wait for files.
 pub(crate) const COMPLETE: bool = cfg!(not(luna_portable));
 
-/// Ends the whole program if the calling test is not done after two minutes: a test that hangs has failed, and says its name.
+/// Ends the whole program if the calling test is not done after two minutes, with the test's name.
 pub(crate) fn watchdog() -> impl Drop {
     struct Watchdog(Option<mpsc::Sender<()>>);
     impl Drop for Watchdog {
@@ -25,7 +25,7 @@ pub(crate) fn watchdog() -> impl Drop {
     QUIET.call_once(|| {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            // The functions that fail here are to; a backtrace takes longer than they may.
+            // Some functions fail here on purpose, and a backtrace takes longer than their limit.
             if std::thread::current().name() != Some("luna-emergency") {
                 before(panic);
             }
@@ -45,7 +45,7 @@ pub(crate) fn watchdog() -> impl Drop {
 /// Says that the calling test, or a part of it, cannot run here.
 pub(crate) fn skip(why: &str) {
     let current = std::thread::current();
-    // Not by a macro, whose output the harness keeps to itself.
+    // Not by a macro: the harness captures its output.
     let _ = writeln!(
         std::io::stderr(),
         "skipped: {}: {why}",
@@ -62,7 +62,8 @@ pub(crate) fn counter() -> (Arc<AtomicU32>, impl FnMut() + Send + 'static) {
     })
 }
 
-/// Runs the system to the loss of its only device: an emergency, after which the device is closed. Gives the error.
+/// Runs the system to the loss of its only device: an emergency, after which the device is closed.
+/// Returns the error.
 #[track_caller]
 pub(crate) fn run_to_loss(system: &System, devices: &DeviceManager) -> String {
     let error = system.run().unwrap_err().to_string();

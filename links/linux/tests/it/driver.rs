@@ -1,4 +1,5 @@
-//! Drivers that block, on threads of their own: an `embedded-hal` driver over a simulated bus, one that is late, one that hangs, and one that fails.
+//! Drivers that block, on threads of their own: an `embedded-hal` driver over a simulated bus, a
+//! slow one, one that hangs, and one that fails.
 
 use crate::common;
 use common::{counter, run_to_loss, watchdog};
@@ -25,7 +26,8 @@ fn calls_are_answered_in_turn_while_the_executor_goes_on() {
     let devices = system.devices();
     let bus = bus(&system);
     let (client, calls) = luna::call_channel::<u32, u32>();
-    // The driver waits for what another process of the same executor does: if it held that up, nothing would ever go on.
+    // The driver waits for another process of the same executor: if it blocked the executor, the
+    // test would hang.
     let (go, gone) = mpsc::channel::<u32>();
     let link = driver(&bus, gone, calls, |gone, request| {
         Ok(request + gone.recv().map_err(Error::other)?)
@@ -162,7 +164,7 @@ fn what_takes_too_long_is_counted() {
 }
 
 #[test]
-fn in_an_emergency_the_driver_makes_it_safe_and_serves_nobody_after() {
+fn in_an_emergency_the_driver_makes_it_safe_and_serves_no_calls_after() {
     let _watch = watchdog();
     let mut system = System::new("safe");
     let bus = bus(&system);
@@ -201,7 +203,7 @@ fn a_panic_in_a_driver_is_a_loss() {
     let devices = system.devices();
     let bus = bus(&system);
     let (client, calls) = luna::call_channel::<(), ()>();
-    // It takes the panic hook its time to tell, before the thread ends.
+    // The panic hook takes some time to report, before the thread ends.
     let link = driver(&bus, (), calls, |(), ()| panic!("a bug in a driver"))
         .lost_after(Duration::from_secs(60));
     let main = system.executor("main").build().unwrap();
@@ -218,7 +220,7 @@ fn a_panic_in_a_driver_is_a_loss() {
     assert!(error.contains("panicked"), "{error}");
 }
 
-/// What the report says of the only emergency function.
+/// The report's outcome of the only emergency function.
 fn outcome(system: &System) -> FunctionOutcome {
     let safety = system.report().unwrap().safety;
     let [function] = &safety.functions[..] else {
@@ -229,7 +231,7 @@ fn outcome(system: &System) -> FunctionOutcome {
     function.outcome
 }
 
-/// Runs a system whose only process beside the link calls the driver, and waits for its end.
+/// Runs a system with one process, which calls the driver, and waits for its end.
 fn run_caller(
     system: &mut System,
     link: luna_links::driver::Driver<impl Send + 'static, (), ()>,
@@ -353,7 +355,7 @@ fn the_thread_ends_with_the_link() {
     drop(bus);
 }
 
-/// A driver as they are written for `embedded-hal`: it knows the trait alone.
+/// A typical driver for `embedded-hal`: it uses only the trait.
 #[cfg(feature = "i2c")]
 mod i2c {
     use super::common::skip;
@@ -425,8 +427,9 @@ mod i2c {
         drop(bus);
     }
 
-    /// A chip of the module `i2c-stub` at 0x48, on the bus that the environment's LUNA_I2C_STUB names. It knows transfers of SMBus alone, so what is tested is the
-    /// opening, the settings, and how its refusal comes out.
+    /// A chip of the module `i2c-stub` at 0x48, on the bus that LUNA_I2C_STUB names. It only
+    /// supports SMBus transfers, so the test covers opening, settings, and how its refusal is
+    /// reported.
     #[test]
     fn a_bus_of_the_kernel() {
         let _watch = watchdog();

@@ -1,4 +1,4 @@
-//! Pins: a simulated chip behind the trait, and the kernel's where it has one to simulate.
+//! Pins: a simulated chip behind the trait, and the kernel's simulated chip where available.
 
 #![cfg(feature = "gpio")]
 
@@ -65,7 +65,7 @@ fn simulated(system: &System, is_broken: bool) -> (Device<Pins>, Record, PipeWri
 const SAFE: Levels = Levels::NONE.with(0, false).with(1, true);
 
 #[test]
-fn an_emergency_sets_the_outputs_and_nobody_changes_them_any_more() {
+fn after_an_emergency_the_outputs_do_not_change_any_more() {
     let _watch = watchdog();
     let mut system = System::new("press");
     let devices = system.devices();
@@ -85,7 +85,7 @@ fn an_emergency_sets_the_outputs_and_nobody_changes_them_any_more() {
                 luna::yield_now().await;
             }
             let cause = luna::emergency(Error::other("a test"));
-            // The emergency thread is above all others; on whichever core it runs, what is set after it fails.
+            // The emergency thread has the highest priority; on any core, later sets fail.
             while seen.lock().unwrap().last() != Some(&SAFE) {
                 luna::yield_now().await;
             }
@@ -122,7 +122,7 @@ fn a_chip_that_has_gone_is_lost() {
     drop(pins);
     let error = run_to_loss(&system, &devices);
     assert!(error.contains("the GPIO chip `chip` is lost"), "{error}");
-    // Its outputs are where they were, and the report does not say otherwise.
+    // Its outputs are unchanged, and the report agrees.
     let safety = system.report().unwrap().safety;
     assert_eq!(safety.functions[0].outcome, FunctionOutcome::Panicked);
     assert_eq!(safety.failed().count(), 1);
@@ -195,7 +195,7 @@ fn lines_that_make_no_sense_are_refused_and_open_nothing() {
     let many = (0..65).fold(Lines::new("many"), |lines, offset| lines.input(offset));
     for lines in [none, twice, many] {
         let opened = gpio::open_chip(&devices, "chip", &lines, || -> Result<Simulated, _> {
-            panic!("{lines:?} must not be asked for")
+            panic!("{lines:?} must not be requested")
         });
         assert!(matches!(
             opened,
@@ -205,7 +205,8 @@ fn lines_that_make_no_sense_are_refused_and_open_nothing() {
     assert_eq!(devices.list(), []);
 }
 
-/// The chip of the module `gpio-sim`, whose folder the environment's LUNA_GPIO_SIM names, with the lines 0 and 1.
+/// The chip of the module `gpio-sim`, in the folder that LUNA_GPIO_SIM names, with the lines 0 and
+/// 1.
 #[test]
 fn a_chip_of_the_kernel() {
     let _watch = watchdog();

@@ -1,4 +1,4 @@
-//! Joysticks: a simulated one, whose events come through a pipe; and the kernel's, where one can be made.
+//! Joysticks: a simulated one with events from a pipe, and the kernel's where one can be created.
 
 #![cfg(feature = "evdev")]
 
@@ -12,7 +12,7 @@ use std::io::{self, PipeReader, PipeWriter, Write};
 use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex};
 
-/// Two axes, and where it stands.
+/// Two axes, and their positions.
 struct Simulated {
     events: PipeReader,
     stands: Arc<Mutex<Snapshot>>,
@@ -79,7 +79,7 @@ fn controls_come_in_order_and_are_right_after_lost_events() {
     let axis = |axis, position| Control::Axis { axis, position };
     main.process("user")
         .spawn(async move {
-            // Where it stands at first, if that is not in the middle.
+            // The initial position, if it is not the middle.
             assert_eq!(controls.recv().await?, axis(1, 1.0));
             let mut events = event(3, 0, 150);
             events.extend(event(1, 300, 1));

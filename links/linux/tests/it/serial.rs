@@ -1,4 +1,5 @@
-//! Serial ports, by pseudo-terminals: both directions, garbled records, hanging up, and who else has the port.
+//! Serial ports, by pseudo-terminals: both directions, garbled records, hanging up, and exclusive
+//! access.
 
 #![cfg(feature = "serial")]
 
@@ -16,7 +17,8 @@ use std::os::fd::AsRawFd;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// The device's side of a terminal, and the path of ours. The second descriptor keeps the terminal alive while nobody has opened it.
+/// The device's side of a terminal, and the path of ours. The second descriptor keeps the terminal
+/// alive before it is opened.
 fn terminal() -> (File, File, String) {
     let pair = nix::pty::openpty(None, None).unwrap();
     let path = nix::unistd::ttyname(&pair.slave).unwrap();
@@ -145,11 +147,11 @@ fn a_port_that_hangs_up_is_an_emergency_and_is_closed() {
     let main = system.executor("main").build().unwrap();
     let input = reader(&port, sender, Framing::lines(8)).unwrap();
     main.process("in").spawn(input).unwrap();
-    // Would go on for ever.
+    // It would run for ever.
     main.process("control")
         .spawn(std::future::pending::<luna::Result<()>>())
         .unwrap();
-    // What it says before it goes is still delivered, and what it cuts off is not the cause.
+    // Its last records are still delivered, and the record that it cuts off is not the cause.
     far.write_all(b"last\nhal").unwrap();
     main.process("user")
         .spawn(async move {
@@ -261,7 +263,7 @@ fn an_emergency_command_gets_out_before_what_was_queued() {
 }
 
 nix::ioctl_read_bad!(
-    /// Whether a terminal lets nobody else open it.
+    /// Whether a terminal refuses further opens.
     get_exclusive,
     nix::libc::TIOCGEXCL,
     i32
@@ -292,7 +294,7 @@ fn a_port_is_one_device_by_whatever_name() {
             ..
         })
     ));
-    // Another system of this program: the kernel's lock tells.
+    // Another system of this program: refused by the kernel's lock.
     let other = System::new("other");
     let elsewhere = serial::open(&other.devices(), &path, &settings());
     assert!(
@@ -305,7 +307,7 @@ fn a_port_is_one_device_by_whatever_name() {
         ),
         "{elsewhere:?}"
     );
-    // And to programs that look at no lock the terminal itself says so (but to root, as who this may run).
+    // The terminal refuses programs that check no lock (except root, which this may run as).
     assert!(is_claimed(&near));
     drop(port);
     assert!(!is_claimed(&near));
@@ -349,10 +351,10 @@ fn another_process_that_has_the_port_is_named() {
     child.wait().unwrap();
     match opened {
         Err(DeviceError::Busy {
-            by: Holder::Process { pid: told, name },
+            by: Holder::Process { pid: holder, name },
             ..
         }) => {
-            assert_eq!(told, pid);
+            assert_eq!(holder, pid);
             assert!(!name.is_empty());
         }
         other => panic!("{other:?}"),

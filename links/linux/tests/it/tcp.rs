@@ -85,13 +85,14 @@ fn after_a_reset_it_connects_again_and_what_was_cut_off_is_counted() {
     let listener = TcpListener::bind(any()).unwrap();
     let address = listener.local_addr().unwrap();
     let server = std::thread::spawn(move || {
-        // Three connections: one that is cut off in a record, one that is reset, and one that is good.
+        // Three connections: one that is cut off in a record, one that is reset, and one that
+        // works.
         let (mut first, _) = listener.accept().unwrap();
         first.write_all(b"whole\nhal").unwrap();
         drop(first);
         let (mut second, _) = listener.accept().unwrap();
         second.write_all(b"reset me\n").unwrap();
-        // What is closed with something unread is reset.
+        // Closing a socket with unread data resets the connection.
         second.peek(&mut [0]).unwrap();
         drop(second);
         let (mut third, _) = listener.accept().unwrap();
@@ -138,7 +139,7 @@ fn a_record_under_way_at_a_break_is_sent_again_whole() {
     let port = tcp::connect(&system.devices(), address).unwrap();
     let (requests, outgoing) = luna::channel::<[u8; 4096]>();
     let (incoming, replies) = luna::channel::<[u8; 4096]>();
-    // Nobody reads the first connection, so a record gets stuck in it.
+    // The first connection is not read, so a record gets stuck in it.
     let link = tcp::link(&port, outgoing, incoming, Framing::fixed(4096))
         .unwrap()
         .reconnect(AT_ONCE)
@@ -178,7 +179,7 @@ fn a_record_under_way_at_a_break_is_sent_again_whole() {
     });
     system.run().unwrap();
     let all = server.join().unwrap();
-    // Records from its first byte on, in order, and none is missing from the one that got stuck.
+    // Records from its first byte on, in order, including the one that got stuck.
     assert_eq!(all.len() % 4096, 0);
     let numbers: Vec<u32> = all
         .chunks(4096)
@@ -276,7 +277,7 @@ fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
     main.process("link").spawn(link).unwrap();
     main.process("client")
         .spawn(async move {
-            // The second connection brings a record: they are counted anew from there on.
+            // The second connection brings a record: attempts are counted from there on.
             assert_eq!(replies.recv().await?.text(), Ok("hello"));
             assert!(replies.recv().await.is_err());
             std::future::pending::<()>().await;
@@ -299,7 +300,8 @@ fn a_server_that_hangs_up_at_once_is_an_attempt_that_failed() {
     let last = server.join().unwrap();
     assert!(error.contains("the other side has hung up"), "{error}");
     assert_eq!(received.connections(), 5);
-    // A pause before each but the first, and the one after the connection that was of use. The server may see one late, but none early.
+    // A pause before each but the first, and after the useful connection. The server may see one
+    // late, but none early.
     assert!(last - begun >= pause * 3, "{:?}", last - begun);
 }
 

@@ -17,7 +17,7 @@ fn any() -> SocketAddr {
 }
 
 #[test]
-fn packets_are_values_and_broken_ones_are_told_in_their_order() {
+fn packets_are_values_and_broken_ones_are_reported_in_order() {
     let _watch = watchdog();
     if !COMPLETE {
         return skip("the portable layer cannot wait for files");
@@ -59,24 +59,24 @@ fn packets_are_values_and_broken_ones_are_told_in_their_order() {
 }
 
 #[test]
-fn nobody_there_is_counted_and_no_loss() {
+fn a_missing_peer_is_counted_and_no_loss() {
     let _watch = watchdog();
     if !COMPLETE {
         return skip("the portable layer cannot wait for files");
     }
     // A port that was just free.
     let gone = UdpSocket::bind(any()).unwrap().local_addr().unwrap();
-    let mut system = System::new("nobody");
+    let mut system = System::new("no peer");
     let port = udp::open(&system.devices(), any(), Some(gone)).unwrap();
     let (values, receiver) = luna::channel::<[u8; 2]>();
     let output = writer(&port, receiver, Framing::packets(2)).unwrap();
     let counts = output.counts();
     let main = system.executor("main").build().unwrap();
     main.process("out").spawn(output).unwrap();
-    let told = counts.clone();
+    let link = counts.clone();
     main.process("source")
         .spawn(async move {
-            // A refusal is told at the next packet.
+            // A refusal is reported at the next packet.
             for _ in 0..100 {
                 values.send([1, 2]).await?;
             }
@@ -85,8 +85,8 @@ fn nobody_there_is_counted_and_no_loss() {
         .unwrap();
     drop(port);
     system.run().unwrap();
-    assert!(told.refused() > 0, "{told:?}");
-    assert_eq!(told.refused() + told.records(), 100);
+    assert!(link.refused() > 0, "{link:?}");
+    assert_eq!(link.refused() + link.records(), 100);
 }
 
 #[test]

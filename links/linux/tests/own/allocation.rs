@@ -1,4 +1,5 @@
-//! Links allocate and free nothing on the real-time path. One test alone, since the allocator counts what the whole program does.
+//! Links neither allocate nor free on the real-time path. One test alone, since the allocator
+//! counts the whole program.
 
 use crate::common;
 use crate::counting;
@@ -31,7 +32,8 @@ fn socket(system: &System, name: &str, stream: UnixStream) -> Device<Socket> {
         .unwrap()
 }
 
-/// Thousands of records both ways, broken ones, calls to a driver, pins, and the end of all of them.
+/// Thousands of records both ways, broken ones, calls to a driver, pins, and the end of all of
+/// them.
 #[test]
 fn links_allocate_nothing() {
     let _watch = watchdog();
@@ -86,7 +88,7 @@ fn links_allocate_nothing() {
             Ok(())
         })
         .unwrap();
-    // `near` stays open, or its end would be the loss of `far` before all has been taken.
+    // `near` stays open, or its end would be the loss of `far` before all was received.
     drop(far);
     system.run().unwrap();
     drop(near);

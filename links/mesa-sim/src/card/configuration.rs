@@ -1,4 +1,4 @@
-//! What the card is: its modules and pins, as its IDROM tells them.
+//! The card's modules and pins, as its IDROM describes them.
 
 use hostmot2::registers;
 
@@ -27,7 +27,7 @@ const ENCODER_PINS: [[usize; 3]; ENCODERS] = [[0, 1, 2], [6, 7, 8], [17, 18, 19]
 const LOW: u32 = 1;
 const HIGH: u32 = 2;
 
-/// Tag, version, clock, units, place, registers, which of them each unit has.
+/// Tag, version, clock, units, address, registers, and which of them each unit has.
 const MODULES: [[u32; 7]; 5] = [
     [0x80, 0, LOW, 1, 0x0200, 1, 0],
     [0x02, 0, LOW, 1, 0x0C00, 3, 0],
@@ -36,7 +36,7 @@ const MODULES: [[u32; 7]; 5] = [
     [0x06, 0, HIGH, PWMS as u32, 0x4000, 5, 0x03],
 ];
 
-/// The registers at 0x0100: who it is.
+/// The registers at 0x0100: the card's identity.
 pub(super) fn identity(at: u16) -> u32 {
     match at {
         registers::CONFIG_COOKIE => registers::COOKIE,

@@ -175,9 +175,9 @@ impl Memory {
         &mut self.flash
     }
 
-    /// What a space says of itself: a cookie, its sizes and ranges, its pointer, its name.
+    /// A space's description of itself: a cookie, its sizes and ranges, its pointer, its name.
     fn info(&self, space: Space) -> [u8; 16] {
-        // Whether it can be written, how wide it is (8, 16, 32 bits), how long as a power of two.
+        // Whether it can be written, its width (8, 16, 32 bits), its length as a power of two.
         let (is_writable, width, length, name): (u16, u16, u16, &[u8; 8]) = match space {
             Space::HostMot2 => (1, 4, 16, b"HostMot2"),
             Space::Chip => (1, 2, 8, b"KSZ8851M"),
@@ -205,7 +205,7 @@ impl Memory {
     }
 }
 
-/// What lies at `at`; zeroes where nothing does.
+/// The bytes at `at`; zeroes where nothing is.
 fn copy(from: &[u8], at: u16, to: &mut [u8]) {
     to.fill(0);
     let from = from.get(usize::from(at)..).unwrap_or_default();

@@ -5,11 +5,11 @@ use hostmot2::registers::port;
 
 const REGISTERS: usize = 5;
 
-/// The ports' registers, and what is on the other side of the pins.
+/// The ports' registers, and the levels from the machine.
 #[derive(Debug, Clone)]
 pub(super) struct Ports {
     registers: [[u32; PORTS]; REGISTERS],
-    /// The levels that the machine gives.
+    /// The levels from the machine.
     external: [u32; PORTS],
 }
 
@@ -34,7 +34,8 @@ impl Ports {
         }
     }
 
-    /// The levels of a port's pins. Those that a module drives read low: their wave form is not simulated.
+    /// The levels of a port's pins. Pins driven by a module read low: their wave form is not
+    /// simulated.
     pub(super) fn levels(&self, at: usize) -> u32 {
         let Some(external) = self.external.get(at) else {
             return 0;

@@ -3,7 +3,7 @@
 use super::configuration::CLOCK_LOW;
 use hostmot2::registers::encoder;
 
-/// The bits of the control register that are written; the three lowest are the lines.
+/// The writable bits of the control register; the three lowest are the lines.
 const WRITABLE: u16 = !0b111;
 
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,4 +1,4 @@
-//! The card alone: what its registers do, and that no packet makes it panic.
+//! The card alone: its registers, and that no packet makes it panic.
 
 use hostmot2::lbp16::{Command, MAX_PACKET, Packet, Space, Width};
 use hostmot2::{Description, Layout, OutputPin, Selection, SequenceWindow};
@@ -39,7 +39,7 @@ fn selection() -> Selection {
     }
 }
 
-/// A card that is driven, and its layout; the last write packet came at 0 and has number 1.
+/// A driven card, and its layout; the last write packet came at 0 and has number 1.
 fn driven() -> (Card, Layout, Packet) {
     let layout = Layout::new(&description(), &selection()).unwrap();
     let (mut card, mut packet, mut answer) = (Card::new(), Packet::new(), Vec::new());
@@ -167,7 +167,7 @@ fn its_watchdog_bites_after_its_time_and_lets_go_of_all_pins() {
     assert!(!card.is_neutral());
     card.advance(10 * MS);
     assert!(card.is_neutral() && card.watchdog().has_bitten());
-    // Food does not bring the pins back.
+    // Restarting the watchdog does not bring the pins back.
     let mut outputs = layout.outputs_at_rest();
     outputs.set_duty(1, 0.5);
     outputs.set_enabled(1, true);
@@ -256,9 +256,9 @@ proptest! {
         }
     }
 
-    /// What a card says that is asked by any layout's packet is an answer of that layout.
+    /// A card's answer to a packet of any layout is an answer of that layout.
     #[test]
-    fn answers_are_as_long_as_is_said(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn answers_have_the_announced_length(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let (mut card, layout, mut packet) = driven();
         let mut answer = Vec::new();
         let _ = card.handle(&bytes, MS, &mut answer);

@@ -1,4 +1,5 @@
-//! Mesa's own tool, which nobody here wrote, reads the simulated card. Left out, and said so, where it is not installed (Debian: mesaflash).
+//! Mesa's own tool, an independent implementation, reads the simulated card. Skipped, with a
+//! message, where it is not installed (Debian: mesaflash).
 
 use hostmot2::PORT;
 use luna_mesa_sim::{Server, Settings};
@@ -12,7 +13,7 @@ fn mesaflash_reads_the_card_and_its_modules() {
         println!("skipped: mesaflash is not installed");
         return;
     }
-    // The tool asks this port alone. If another process has it, there is nobody here to be asked.
+    // The tool only uses this port. If another process has it, the test is skipped.
     let settings = Settings {
         address: ([127, 0, 0, 1], PORT).into(),
         // Where it is granted.
@@ -27,7 +28,7 @@ fn mesaflash_reads_the_card_and_its_modules() {
         }
     };
     let ask = |arguments: &[&str]| {
-        // It waits for an answer for its own short time, which may be too short on a machine that is busy with others.
+        // Its own timeout for an answer may be too short on a busy machine.
         let mut last = None;
         for _ in 0..ATTEMPTS {
             let output = Command::new("mesaflash")

@@ -1,4 +1,4 @@
-//! What has come from a channel last, and how long ago.
+//! The last value from a channel, and its age.
 
 use luna::{Receiver, TryRecvError};
 
@@ -28,7 +28,8 @@ impl<T: Copy> Input<T> {
         }
     }
 
-    /// The newest value, while there is somebody who writes it. It grows older only while it `is_driving`: before, who writes may wait for the first reading.
+    /// The newest value, while it has a writer. It ages only while the link `is_driving`: before,
+    /// the writer may wait for the first reading.
     pub(super) fn take(&mut self, is_driving: bool) -> Option<T> {
         self.age = match is_driving {
             true => self.age.saturating_add(1),
@@ -53,7 +54,8 @@ impl<T: Copy> Input<T> {
         self.newest
     }
 
-    /// For how many cycles nothing new has come, if these are too many. Nothing is driven by what has not come yet, nor by what has ended.
+    /// For how many cycles nothing new has come, if these are too many. None before the first
+    /// value, and after the writers' end.
     pub(super) fn overdue(&self) -> Option<u32> {
         self.newest?;
         let most = self.greatest_age?;
@@ -75,12 +77,12 @@ mod tests {
             let value = input.take(is_driving);
             (value, input.overdue())
         };
-        // Nothing has come: nothing is driven.
+        // Without a value nothing is driven.
         for _ in 0..10 {
             assert_eq!(cycle(true), (None, None));
         }
         sender.try_send(1).unwrap();
-        // Before the start nobody need go on.
+        // Before the start, a writer may pause.
         for _ in 0..10 {
             assert_eq!(cycle(false), (Some(1), None));
         }
@@ -95,7 +97,7 @@ mod tests {
         // Late, but there.
         sender.try_send(3).unwrap();
         assert_eq!(cycle(true), (Some(3), None));
-        // Who has gone is not late.
+        // A writer that has gone is not late.
         drop(sender);
         for _ in 0..10 {
             assert_eq!(cycle(true), (None, None));

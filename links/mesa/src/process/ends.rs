@@ -43,7 +43,7 @@ impl Sensors {
         self.inputs.push(InputEnd { pin, channel });
     }
 
-    /// What makes no sense, in words.
+    /// Returns an error's text for an invalid setting.
     pub(crate) fn wrong(&self) -> Option<&'static str> {
         let is_positive = |end: &EncoderEnd| end.fastest > 0.0 && end.fastest.is_finite();
         if !self.encoders.iter().all(is_positive) {
@@ -120,7 +120,7 @@ impl Actuators {
         });
     }
 
-    /// What makes no sense, in words.
+    /// The text of an error for an invalid setting.
     pub(crate) fn wrong(&self) -> Option<&'static str> {
         is_doubled(self.pwms.iter().map(|end| end.number))
             .then_some("a PWM generator is connected twice")
@@ -130,7 +130,7 @@ impl Actuators {
         self.pwms.is_empty() && self.outputs.is_empty()
     }
 
-    /// Lets the set-points of `actuator` be so many cycles old at most. False if there is no such one.
+    /// Sets the limit of cycles for set-points of `actuator`. False if it does not exist.
     pub(crate) fn set_greatest_age(&mut self, actuator: Actuator, cycles: Option<u32>) -> bool {
         let pwm = |number: u8| move |end: &&mut PwmEnd| end.number == usize::from(number);
         let pwms = &mut self.pwms;
@@ -162,14 +162,14 @@ impl Actuators {
         }
     }
 
-    /// One of which nothing new has come for longer than may be, and for how many cycles.
+    /// An overdue actuator, and its number of cycles without a new value.
     pub(super) fn overdue(&self) -> Option<(Actuator, u32)> {
         let of_pwms = self.pwms.iter().find_map(|end| {
             let number = end.number as u8;
             let duty = end.duty.overdue();
             let duty = duty.map(|cycles| (Actuator::Pwm(number), cycles));
             let enable = || end.enable.as_ref().and_then(Input::overdue);
-            // Without a duty it is off, whatever its enable says.
+            // Without a duty it is off, whatever its enable is.
             let is_late = || enable().filter(|_| !end.duty.has_ended);
             duty.or_else(|| is_late().map(|cycles| (Actuator::Enable(number), cycles)))
         });
@@ -180,11 +180,11 @@ impl Actuators {
         of_pwms.or_else(|| self.outputs.iter().find_map(of_output))
     }
 
-    /// Takes the newest values; says whether all who write have gone.
+    /// Takes the newest values. Returns whether all writers have gone.
     ///
     /// # Errors
     ///
-    /// Somebody who writes does not any more, without having gone: while it `is_driving`, that is.
+    /// A writer exists but sends nothing any more while the link `is_driving`.
     pub(super) fn take(
         &mut self,
         layout: &Layout,

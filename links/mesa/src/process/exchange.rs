@@ -6,15 +6,15 @@ use hostmot2::lbp16::Packet;
 use luna::{FileError, Instant};
 use std::sync::Arc;
 
-/// How many datagrams are looked at in one cycle: who floods the socket does not keep the executor.
+/// The limit of datagrams read in one cycle, so that a flood does not block the executor.
 const MOST_AT_ONCE: u32 = 64;
 
-/// The socket, with the number of the last request and the room for an answer.
+/// The socket, with the number of the last request and a buffer for an answer.
 #[derive(Debug)]
 pub(super) struct Exchange {
     socket: Socket,
     number: u32,
-    /// One more than an answer has: a longer datagram is cut, and would else look like one.
+    /// One byte more than an answer has, to recognize longer datagrams, which are cut.
     answer: Box<[u8]>,
     health: Arc<Health>,
 }
@@ -24,7 +24,7 @@ pub(super) struct Exchange {
 pub(super) enum Outcome {
     /// No answer came in time.
     Missed,
-    /// It lies in [`Exchange::answer`].
+    /// The answer is in [`Exchange::answer`].
     Answered { asked: Instant, answered: Instant },
 }
 
@@ -49,12 +49,13 @@ impl Exchange {
         }
     }
 
-    /// The answer that has come.
+    /// The received answer.
     pub(super) fn answer(&self) -> &[u8] {
         &self.answer[..self.answer.len() - 1]
     }
 
-    /// Sends the request of the last number, and waits until `deadline` for the answer that has this number.
+    /// Sends the request of the last number, and waits until `deadline` for the answer with this
+    /// number.
     pub(super) async fn ask(
         &mut self,
         request: &Packet,
@@ -85,7 +86,7 @@ impl Exchange {
                         return Ok(Outcome::Missed);
                     }
                 }
-                // Such as that nobody listens there: perhaps at the next time.
+                // For example no program listens there: it may the next time.
                 Err(_) => {
                     looked_at += 1;
                     self.health.refused.add();

@@ -23,10 +23,12 @@ use std::net::UdpSocket;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A link as a process, to be spawned: see [`Link::process`](crate::Link::process).
+/// A link as a process: see [`Link::process`](crate::Link::process).
 ///
-/// It ends, with the card's outputs off, when all who write to its actuators are gone; if it has none, when all who read its sensors are. Real-time path: yes, all of a cycle; O(what is connected), no
-/// allocation; two system calls to send, one to receive each datagram that has come, and those of [`readable`](luna::readable) to wait.
+/// It ends, with the card's outputs off, when all writers of its actuators are gone; without
+/// actuators, when all readers of its sensors are. Real-time path: yes, all of a cycle; O(connected
+/// units), no allocation; two system calls to send, one to receive each datagram that has come, and
+/// those of [`readable`](luna::readable) to wait.
 #[must_use = "a link is a process: spawn it"]
 pub struct CardProcess {
     parts: Parts,
@@ -58,7 +60,7 @@ struct State {
     outputs: Outputs,
     packet: Packet,
     writes: SequenceWindow,
-    /// When it was first told to start.
+    /// The time of the first start packet.
     begun: Option<Instant>,
     /// Whether the card has confirmed its start.
     has_started: bool,
@@ -93,7 +95,7 @@ impl CardProcess {
         }
         let health = Arc::new(Health::default());
         let socket = Socket::new(socket).map_err(LinkError::Socket)?;
-        // Not a number that the card has from somebody before, nor that of one that was restarted.
+        // Neither a number that the card has from an earlier link, nor that of a restarted card.
         let first = sequence.rotate_left(16).max(1);
         let state = State {
             exchange: Exchange::new(socket, layout.answer_len(), sequence, health.clone()),
@@ -115,7 +117,8 @@ impl CardProcess {
         })
     }
 
-    /// How the outputs are taken away: for [`on_emergency`](luna::System::on_emergency), unless the card was opened by [`open`](crate::open), which has it done.
+    /// A handle that disables the outputs: for [`on_emergency`](luna::System::on_emergency), unless
+    /// the card was opened by [`open`](crate::open), which registers it.
     pub fn neutral(&self) -> Neutral {
         self.neutral.clone()
     }
@@ -128,7 +131,7 @@ impl CardProcess {
 
 impl Process for CardProcess {
     fn run(&mut self) -> impl Future<Output = luna::Result<()>> {
-        // What fails here fails again at the first wait, where it can be told.
+        // A failure here occurs again at the first wait, which reports it.
         let _ = luna::prepare_files();
         async move {
             let ended = self.go_on().await;
@@ -141,7 +144,7 @@ impl Process for CardProcess {
         }
     }
 
-    /// The outputs are off whatever has ended it; then others may have the card.
+    /// The outputs are off, whatever has ended the link; then the card can be opened again.
     fn post_run(&mut self) {
         self.disarm();
         self.parts.device = None;
@@ -169,7 +172,7 @@ impl From<Fault> for Stop {
 }
 
 impl CardProcess {
-    /// Takes the outputs away. What the system refuses cannot be helped from here: the watchdog is left.
+    /// Disables the outputs. If the system refuses, the watchdog remains.
     fn disarm(&self) {
         let _ = self.neutral.try_engage();
     }
@@ -196,7 +199,7 @@ impl CardProcess {
                 return Ok(());
             }
             self.write();
-            // An emergency that came meanwhile has perhaps sent its packet before this one.
+            // An emergency meanwhile may have sent its packet before this one.
             if self.neutral.is_engaged() {
                 return Ok(());
             }
@@ -236,7 +239,7 @@ impl CardProcess {
         }
     }
 
-    /// What the cycle has come to, for those who read; says whether anybody may.
+    /// Reports the cycle's outcome to the readers. Returns whether there are any.
     fn judge(&mut self, outcome: Outcome) -> Result<bool, Stop> {
         let health = &self.health;
         let Outcome::Answered { asked, answered } = outcome else {
@@ -244,7 +247,7 @@ impl CardProcess {
             health.missed.add();
             health.longest_silence.raise_to(self.state.in_a_row.into());
             self.error()?;
-            return Ok(self.state.readings.tell_stale(&self.parts.sensors));
+            return Ok(self.state.readings.send_stale(&self.parts.sensors));
         };
         self.state.in_a_row = 0;
         let State {
@@ -278,7 +281,7 @@ impl CardProcess {
         }
         let begun = begun.unwrap_or(asked);
         readings.update(&answer, &self.parts.sensors, [begun, asked, answered])?;
-        let is_read = readings.tell(&self.parts.sensors);
+        let is_read = readings.send_all(&self.parts.sensors);
         if echo == EchoState::Behind {
             health.writes_behind.add();
             self.error()?;
@@ -298,7 +301,8 @@ impl CardProcess {
         }
     }
 
-    /// The end of a link that cannot go on. First its channels are poisoned: nobody whom the emergency brings to run then finds a value that is left over.
+    /// Ends a link that cannot go on. First its channels are poisoned: no process that runs for the
+    /// emergency receives an old value.
     fn fail(&self, fault: Fault) -> Error {
         self.parts.sensors.poison();
         self.parts.actuators.poison();

@@ -1,4 +1,4 @@
-//! What the card has said last, for those who read.
+//! The card's last values, for the readers.
 
 use super::{Parts, Sensors};
 use crate::{Fault, Reading, Sample};
@@ -37,14 +37,15 @@ impl Readings {
         }
     }
 
-    /// Takes over what an answer says: all of it before anybody is told. The moments are when the card was first told to start, when it was asked, and when it had answered.
+    /// Takes all values of an answer, before any is sent. The times are of the first start packet,
+    /// of the request, and of the answer.
     pub(super) fn update(
         &mut self,
         answer: &Answer<'_>,
         sensors: &Sensors,
         [begun, asked, answered]: [Instant; 3],
     ) -> Result<(), Fault> {
-        // The most that can lie between this reading and the one before, or the start.
+        // The longest possible time between this reading and the one before, or the start.
         let elapsed = self
             .measured
             .map_or(answered - begun, |[last, _]| answered - last);
@@ -66,8 +67,8 @@ impl Readings {
         Ok(())
     }
 
-    /// Sends all that is known; nothing before something is. Says whether anybody may read it.
-    pub(super) fn tell(&self, sensors: &Sensors) -> bool {
+    /// Sends all values; nothing before the first answer. Returns whether there are readers.
+    pub(super) fn send_all(&self, sensors: &Sensors) -> bool {
         let Some(measured) = self.measured else {
             return true;
         };
@@ -96,13 +97,13 @@ impl Readings {
             asked,
             answered,
         });
-        // That there is no room, or that some readers have ended, is no matter of the card.
+        // A full channel, or the end of some readers, does not concern the card.
         !sent.is_err_and(|error| error.is_closed() || error.is_poisoned())
     }
 
-    /// Sends what was said last, a cycle older.
-    pub(super) fn tell_stale(&mut self, sensors: &Sensors) -> bool {
+    /// Sends the last values again, a cycle older.
+    pub(super) fn send_stale(&mut self, sensors: &Sensors) -> bool {
         self.stale = self.stale.saturating_add(1);
-        self.tell(sensors)
+        self.send_all(sensors)
     }
 }

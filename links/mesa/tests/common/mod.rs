@@ -1,4 +1,4 @@
-//! A card whose encoder turns at a known speed, and a system around its link.
+//! A card with an encoder that turns at a known speed, and a system around its link.
 
 #![allow(dead_code, reason = "each test program uses some of it")]
 
@@ -11,7 +11,7 @@ pub(crate) const PERIOD: Duration = Duration::from_millis(2);
 
 /// Counts a second of encoder 0: 20 a period.
 pub(crate) const SPEED: f64 = 10_000.0;
-/// What the link is told: then a silence of two seconds is not too long.
+/// The link's greatest speed: a silence of two seconds is then not too long.
 pub(crate) const FASTEST: f64 = 12_000.0;
 
 /// Where encoder 0 is at a time (ns).
@@ -19,7 +19,7 @@ pub(crate) fn count_at(now: u64) -> i64 {
     (now / 100_000) as i64
 }
 
-/// A card whose encoder 0 turns at [`SPEED`] for ever.
+/// A card with encoder 0 turning at [`SPEED`] for ever.
 pub(crate) fn turning() -> Server {
     let settings = Settings {
         world: Box::new(|now: u64, card: &mut SimCard| card.turn_encoder(0, count_at(now), now)),
@@ -36,7 +36,7 @@ pub(crate) fn seed() -> u64 {
     seed.unwrap_or(20_261_121)
 }
 
-/// A link that takes much, so that a machine that is busy with other things changes no outcome.
+/// A tolerant link, so that a busy machine does not change the outcome.
 pub(crate) fn patient(server: &Server) -> Link {
     patient_link(Card::open(server.address()).unwrap())
 }
@@ -57,7 +57,8 @@ pub(crate) fn register<T: Copy + Send>() -> (Sender<T>, Receiver<T>) {
     luna::buffered(Buffer::overwrite_oldest(1))
 }
 
-/// What must hold of all that a controller gets: fresh values are those of their time, others the last fresh one.
+/// Invariants of a controller's samples: fresh values are those of their time, others the last
+/// fresh one.
 #[derive(Debug, Default)]
 pub(crate) struct Truth {
     /// Where the counter may have been at position 0.
@@ -84,9 +85,7 @@ impl Truth {
                 self.fresh += 1;
             }
             None => {
-                let last = self
-                    .last
-                    .expect("nothing is told before something is known");
+                let last = self.last.expect("nothing is sent before the first answer");
                 assert_eq!(sample.held(), last.held());
                 assert_eq!(sample.measured_between(), last.measured_between());
                 assert_eq!(sample.stale_cycles(), last.stale_cycles() + 1);

@@ -10,7 +10,7 @@ use luna_mesa_sim::{Card as SimCard, Server};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A link to the card, as a device of the system; `control` has its readings and its generator 0.
+/// A link to the card, as a device of the system; `control` gets its readings and its generator 0.
 fn connect<F: Future<Output = luna::Result<()>> + Send + 'static>(
     system: &System,
     server: &Server,
@@ -51,7 +51,7 @@ fn a_card_is_open_once_until_its_link_has_ended() {
     assert_eq!((about.state, about.users), (DeviceState::Closed, 0));
     assert_eq!(about.loss, None);
     wait_until(&server, SimCard::is_neutral);
-    // Nobody has it any more.
+    // It is not open any more.
     luna_mesa::open(&System::new("next").devices(), server.address()).unwrap();
 }
 

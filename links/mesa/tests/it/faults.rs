@@ -1,4 +1,5 @@
-//! What the network and the card can do to a link: no wrong value ever reaches a controller, and it ends as documented.
+//! Faults of the network and the card: no wrong value ever reaches a controller, and the link ends
+//! as documented.
 
 use crate::common;
 use common::{FASTEST, PERIOD, Truth, fault, patient, register, samples, turning, wait_until};
@@ -11,17 +12,18 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Runs `link` with a controller that checks what it gets, and drives PWM generator 0 at a quarter. It calls `at_cycle` before each cycle, with its number, and ends after `cycles` of them.
+/// Runs `link` with a controller that checks its samples, and drives PWM generator 0 at a quarter.
+/// It calls `at_cycle` before each cycle, with its number, and ends after `cycles` of them.
 fn run(
     link: Link,
     cycles: u32,
     at_cycle: impl FnMut(u32) + Send + 'static,
 ) -> (luna::Result<Report>, Truth, Arc<Health>, u32) {
-    run_told(FASTEST, link, cycles, at_cycle)
+    run_with(FASTEST, link, cycles, at_cycle)
 }
 
-/// As [`run`], told another greatest speed.
-fn run_told(
+/// As [`run`], with another greatest speed.
+fn run_with(
     fastest: f64,
     mut link: Link,
     cycles: u32,
@@ -61,7 +63,8 @@ fn run_told(
     (outcome, truth, health, calls.load(Ordering::Relaxed))
 }
 
-/// As a bad network is: 1 % is lost, 5 % overtaken, 2 % comes twice, all takes a while, some until the next cycle.
+/// A bad network: 1 % is lost, 5 % overtaken, 2 % doubled, all is delayed, some until the next
+/// cycle.
 fn bad() -> Faults {
     Faults {
         loss: 0.01,
@@ -126,7 +129,7 @@ fn answers_that_are_always_late_are_never_used() {
     let breaker = server.clone();
     let (outcome, truth, health, calls) = run(link, 1_000, move |cycle| {
         if cycle == 10 {
-            // By so much that a link that is held up for a while does not find one that has come meanwhile.
+            // Late enough that a delayed link does not find an answer that has come meanwhile.
             let late = [PERIOD * 20, PERIOD * 40];
             breaker.set_faults(Faults {
                 delay: late,
@@ -212,7 +215,7 @@ fn a_card_that_was_restarted_ends_a_link_without_outputs_too() {
                     breaker.power_cycle();
                 }
                 let sample = counts.recv().await?;
-                // Its control register is 0 now, which looks like a latch that has latched.
+                // Its control register is 0 now, which looks like a completed latch.
                 assert_eq!(sample.held().index, None);
                 truth.check(sample);
             }
@@ -223,7 +226,7 @@ fn a_card_that_was_restarted_ends_a_link_without_outputs_too() {
     assert_eq!(fault(system.run()), Fault::Foreign);
 }
 
-/// A controller that sends one set-point to each actuator, and then only looks on, for `cycles`.
+/// A controller that sends one set-point to each actuator, and then only reads, for `cycles`.
 fn hung(mut link: Link, cycles: u32) -> luna::Result<Report> {
     let (count, counts) = samples();
     let (duty, duties) = register::<f64>();
@@ -300,7 +303,7 @@ fn another_master_ends_it() {
             let (_duty, duties) = register();
             let mut other = Card::open(address).unwrap().link("other", PERIOD);
             other.pwm(1, duties);
-            // Kept: its end would make the watchdog bite.
+            // Kept alive: its end would make the watchdog expire.
             others = Some(other.process().unwrap());
         }
         assert_eq!(others.is_some(), cycle >= 20);
@@ -331,7 +334,7 @@ fn a_silence_in_which_the_counter_may_wrap_ends_it() {
     let link = patient(&server);
     let breaker = server.clone();
     // It may wrap within 0.55 s.
-    let (outcome, ..) = run_told(60_000.0, link, 2_000, move |cycle| {
+    let (outcome, ..) = run_with(60_000.0, link, 2_000, move |cycle| {
         if cycle == 20 {
             breaker.silence(Duration::from_millis(700));
         }
@@ -344,7 +347,7 @@ fn a_silence_in_which_the_counter_may_wrap_ends_it() {
 }
 
 #[test]
-fn a_card_that_is_gone_is_told_as_the_network_says_it() {
+fn an_absent_card_is_reported_with_the_networks_error() {
     let mut server = Some(turning());
     let mut link = patient(server.as_ref().unwrap());
     link.tolerance(Bucket::new(1, 1, 250));
@@ -359,7 +362,7 @@ fn a_card_that_is_gone_is_told_as_the_network_says_it() {
 }
 
 #[test]
-fn who_asks_too_early_is_told_that_nobody_is_there() {
+fn opening_an_absent_card_fails() {
     let address = turning().address();
     // The server has ended with the statement above.
     let error = Card::open(address).unwrap_err();

@@ -1,4 +1,4 @@
-//! What is connected to what, and how it begins and ends.
+//! The connections of a link, its begin and its end.
 
 use crate::common;
 use common::{PERIOD, patient, register, samples, turning, wait_until};
@@ -80,10 +80,11 @@ async fn until(
     panic!("it never came to be so");
 }
 
-/// So slow that the link's counter may be left alone for half a minute: a busy machine is no faster than it likes.
+/// So slow that the link's counter may be unread for half a minute, as on a busy machine.
 const SLOW: f64 = 1_000.0;
 
-/// Turns encoder 3, which is at position 0 at count `zero`, to a count; gives what is read there.
+/// Turns encoder 3, which is at position 0 at count `zero`, to a count. Returns the position read
+/// there.
 async fn turn(
     server: &Server,
     counts: &Receiver<Sample<Reading>>,
@@ -136,7 +137,7 @@ fn the_index_is_latched_once() {
 }
 
 #[test]
-fn an_index_that_was_passed_before_the_start_is_none() {
+fn an_index_passed_before_the_start_is_ignored() {
     let server = Arc::new(Server::start(Settings::default()).unwrap());
     server.with_card(|card, now| {
         card.turn_encoder(3, 990, now);
@@ -209,7 +210,7 @@ fn an_emergency_takes_the_outputs_away_for_good() {
 }
 
 #[test]
-fn what_cannot_be_is_told_at_set_up() {
+fn impossible_selections_are_reported_at_set_up() {
     let server = turning();
     let open = || Card::open(server.address()).unwrap().link("card", PERIOD);
     let refused = |link: luna_mesa::Link| link.process().unwrap_err();
@@ -226,7 +227,7 @@ fn what_cannot_be_is_told_at_set_up() {
         })
     ));
     assert!(
-        error.to_string().contains("4 encoders, 5 are asked for"),
+        error.to_string().contains("4 encoders, 5 are requested"),
         "{error}"
     );
 

@@ -1,6 +1,8 @@
-//! A program that drives a card is killed (`kill -9`) at random instants: the card's outputs are neutral within its watchdog's time, each time.
+//! A program that drives a card is killed (`kill -9`) at random instants: the card's outputs are
+//! neutral within its watchdog's time, each time.
 //!
-//! The card is simulated in this program, the link runs in a child. 20 times; `LUNA_LONG=1` makes it 1 000 times, with a seed of the clock.
+//! The card is simulated in this program, the link runs in a child. 20 times; `LUNA_LONG=1` makes
+//! it 1 000 times, with a seed from the clock.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -22,7 +24,7 @@ fn main() {
     }
 }
 
-/// The child: drives as fast as it can be told, until it is killed.
+/// The child: drives as fast as possible, until it is killed.
 fn drive(address: &str) -> luna::Result<()> {
     let card = Card::open(address).map_err(luna::Error::other)?;
     let (count, counts) = samples();
@@ -31,7 +33,7 @@ fn drive(address: &str) -> luna::Result<()> {
     let mut link = card.link("card", PERIOD);
     link.watchdog(WATCHDOG).encoder(0, FASTEST, count);
     link.pwm(0, duties).output(12, false, levels);
-    // Set once, for the duty says that somebody is there.
+    // Set once, for the duty shows that the writer is alive.
     link.greatest_age(Actuator::Output(12), None);
     let process = link.process().map_err(luna::Error::other)?;
     let mut system = System::new("child");
@@ -62,7 +64,8 @@ fn kill_again_and_again() {
         random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(1);
         let delay = Duration::from_micros((random >> 40) % 30_000);
         let mut child = spawn(&server);
-        // A machine that is busy with others may keep a child from feeding the watchdog: it has ended as it should, and another one is killed.
+        // On a busy machine a child may miss the watchdog's time: it has ended as it should, and
+        // another one is killed.
         while round % 8 != 0 && !comes_to_drive(&server, &mut child) {
             ended += 1;
             assert!(ended <= 2 * rounds, "the children end by themselves");
@@ -79,7 +82,8 @@ fn kill_again_and_again() {
             continue;
         }
         driven += 1;
-        // What was under way when it died lies in the card's socket, and is food when the simulation comes to take it.
+        // Packets in transit when it died are in the card's socket, and restart the watchdog when
+        // the simulation reads them.
         let since = watchdog.fed_at().unwrap().max(dead);
         let bitten = watchdog.bitten_at().unwrap();
         assert!(watchdog.has_bitten());
@@ -111,7 +115,7 @@ fn spawn(server: &Server) -> Child {
         .unwrap()
 }
 
-/// Waits until the outputs are driven; not if the child has ended by itself before.
+/// Waits until the outputs are driven; false if the child has ended before.
 fn comes_to_drive(server: &Server, child: &mut Child) -> bool {
     let deadline = luna::now() + Duration::from_secs(20);
     while !server.with_card(|card, _| card.duty(0) == 0.5 && card.driven_level(12) == Some(true)) {

@@ -1,14 +1,14 @@
 use super::*;
 
-/// Nobody is let in again, or everybody.
+/// Never admits again, or always.
 const LONG: Duration = Duration::MAX;
 const OVER: Duration = Duration::ZERO;
 
-/// What was said of senders, in order.
+/// The handler's reports, in order.
 #[derive(Default)]
 struct Said {
     lines: Mutex<Vec<String>>,
-    /// Whether sinks are made, and take blocks.
+    /// Whether sinks can be created, and take blocks.
     opens: AtomicBool,
     takes: Arc<AtomicBool>,
 }
@@ -90,7 +90,7 @@ fn block() -> Vec<u8> {
     encoder.block().to_vec()
 }
 
-/// Comes, gives a block, and goes if that is not taken.
+/// Enters, sends a block, and leaves if the block is not taken.
 fn visit(office: &Office) -> Result<bool, Refusal> {
     let (visit, known) = office.enter(&hello(), address())?;
     let outcome = lock(&known).block(&mut block());
@@ -101,7 +101,7 @@ fn visit(office: &Office) -> Result<bool, Refusal> {
 }
 
 #[test]
-fn of_a_sender_whose_file_is_full_it_is_said_once() {
+fn a_sender_without_room_is_reported_once() {
     let said = Arc::new(Said::default());
     let mut office = office(&said);
     said.opens.store(true, Ordering::Relaxed);
@@ -109,9 +109,9 @@ fn of_a_sender_whose_file_is_full_it_is_said_once() {
     let gone = "has gone: Some(\"the file is full\")";
     assert_eq!(said.take(), ["open", gone]);
     for _ in 0..3 {
-        // It is not let in at first, and then to try.
+        // It is refused at first, and later admitted for a trial.
         let refusal = visit(&office).expect_err("there is no room");
-        assert!(refusal.error == PeerError::NoRoom && refusal.is_told);
+        assert!(refusal.error == PeerError::NoRoom && refusal.is_reported);
         office.keeps_out = OVER;
         assert!(matches!(visit(&office), Ok(false)));
         office.keeps_out = LONG;
@@ -127,15 +127,15 @@ fn of_a_sender_whose_file_is_full_it_is_said_once() {
 }
 
 #[test]
-fn who_gets_no_sink_does_not_ask_for_another_at_once() {
+fn a_sender_without_a_sink_waits_before_it_gets_another() {
     let said = Arc::new(Said::default());
     let mut office = office(&said);
     said.takes.store(true, Ordering::Relaxed);
     let refusal = visit(&office).expect_err("it gets no sink");
-    assert!(refusal.error == PeerError::NoRoom && !refusal.is_told);
+    assert!(refusal.error == PeerError::NoRoom && !refusal.is_reported);
     assert_eq!(said.take(), ["open"]);
     let refusal = visit(&office).expect_err("it gets none yet");
-    assert!(refusal.error == PeerError::NoRoom && refusal.is_told);
+    assert!(refusal.error == PeerError::NoRoom && refusal.is_reported);
     assert_eq!(said.take(), [""; 0]);
     said.opens.store(true, Ordering::Relaxed);
     office.keeps_out = OVER;

@@ -5,7 +5,7 @@ use std::net::TcpListener;
 
 const SYSTEM: &str = "test";
 
-/// A sender of two blocks, the sink it belongs to, and how many bytes they are.
+/// A sender of two blocks, its sink, and the number of bytes of the blocks.
 fn link(address: String) -> (TcpSink, Link, usize) {
     let mut sink = TcpSink::new(address.clone());
     let mut encoder = Encoder::new();
@@ -32,7 +32,7 @@ fn link(address: String) -> (TcpSink, Link, usize) {
 fn only_a_receiver_that_gets_on_is_soon_asked_again() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let (_sink, mut link, bytes) = link(listener.local_addr().unwrap().to_string());
-    // Lets it in each time, reads both blocks, and acknowledges so many.
+    // Accepts each connection, reads both blocks, and acknowledges this many.
     let receiver = std::thread::spawn(move || {
         for acknowledged in [0, 1] {
             let (mut stream, _) = listener.accept().unwrap();

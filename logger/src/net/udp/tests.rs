@@ -3,7 +3,7 @@ use crate::format::Record;
 use std::sync::mpsc::channel;
 
 #[test]
-fn nobody_waits_for_who_knows_the_names_of_hosts() {
+fn a_slow_resolver_delays_nothing() {
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let there = receiver.local_addr().unwrap();
     let (answer, gate) = channel();
@@ -14,7 +14,7 @@ fn nobody_waits_for_who_knows_the_names_of_hosts() {
     let mut encoder = Encoder::new();
     encoder.put(&Record::Epoch { time: 1, unix: 1 });
     let block = encoder.block().to_vec();
-    // While there is no answer it says so, instead of waiting for one.
+    // Without an answer it returns an error instead of waiting.
     assert!(sink.block(&block).is_err());
     assert!(sink.socket.is_none() && sink.search.is_some());
     answer.send(there).unwrap();

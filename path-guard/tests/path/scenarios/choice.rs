@@ -142,13 +142,11 @@ pub(crate) fn prioritized_alternative_object(places: &mut Places) {
     serve(places, |inputs| Alternative::prioritized(inputs));
 }
 
-/// A server over five channels. The object is made at the beginning, off the path, since it allocates.
-fn serve(
-    places: &mut Places,
-    make: for<'a> fn(&'a [Receiver<u64>]) -> Alternative<'a, u64>,
-) {
+/// A server over five channels. The object is created at the beginning, off the path, since it
+/// allocates.
+fn serve(places: &mut Places, make: for<'a> fn(&'a [Receiver<u64>]) -> Alternative<'a, u64>) {
     let (outputs, inputs): (Vec<_>, Vec<_>) = (0..5).map(|_| luna::channel::<u64>()).unzip();
-    // An input whose clients have gone is always ready, so they go together.
+    // An input without clients is always ready, so all clients end together.
     let end = Barrier::new(5);
     for (number, output) in outputs.into_iter().enumerate() {
         let end = end.clone();

@@ -71,7 +71,7 @@ pub(crate) fn offers_that_do_not_wait(places: &mut Places) {
         while sent < ROUNDS {
             match output.try_send(sent) {
                 Ok(()) => sent += 1,
-                // Not by a yield, which would keep a process of lower priority on the same core from ever coming.
+                // Not by a yield, which would starve a process of lower priority on the same core.
                 Err(error) => {
                     assert!(error.is_full());
                     luna::after(SHORT / 5).await;
@@ -85,7 +85,7 @@ pub(crate) fn offers_that_do_not_wait(places: &mut Places) {
         for n in 0..ROUNDS {
             assert_eq!(input.recv().await?, n);
         }
-        // Nobody is there any more, in the end.
+        // All senders are gone in the end.
         while input.try_recv().is_err_and(|error| error.is_empty()) {
             luna::after(SHORT).await;
         }
@@ -167,7 +167,10 @@ pub(crate) fn timeouts(places: &mut Places) {
         for _ in 0..20 {
             let error = silence.recv_timeout(SHORT).await.unwrap_err();
             assert!(error.is_timeout());
-            let error = silent.send_deadline(1, luna::now() + SHORT).await.unwrap_err();
+            let error = silent
+                .send_deadline(1, luna::now() + SHORT)
+                .await
+                .unwrap_err();
             assert!(error.is_timeout());
         }
         Ok(())
@@ -187,7 +190,7 @@ pub(crate) fn timeouts(places: &mut Places) {
     });
 }
 
-/// Operations that a combinator drops where they wait, and when they were served.
+/// Operations that a combinator drops while they wait, and after they were served.
 pub(crate) fn dropped_operations(places: &mut Places) {
     let (output, input) = luna::channel::<u64>();
     let (done, ended) = luna::channel::<()>();

@@ -15,7 +15,7 @@ pub(crate) fn files_that_become_ready(places: &mut Places) {
         let mut byte = [0];
         for n in 0..ROUNDS {
             luna::readable(&near).await.map_err(luna::Error::other)?;
-            // The standard library's call is the process' own: it stands for itself.
+            // The standard library's call is the process' own.
             luna::off_path(|| near.read_exact(&mut byte)).unwrap();
             assert_eq!(u64::from(byte[0]), n % 200);
         }
@@ -43,19 +43,27 @@ pub(crate) fn links(places: &mut Places) {
         let (source, outgoing) = luna::channel::<Frame<32>>();
         let (incoming, drain) = luna::channel::<Result<Frame<24>, BadRecord>>();
         let output = luna::external::output(outgoing, near, framing);
-        places.next(&format!("output of {name}")).spawn(output).unwrap();
+        places
+            .next(&format!("output of {name}"))
+            .spawn(output)
+            .unwrap();
         let input = luna::external::input(far, incoming, framing);
-        places.next(&format!("input of {name}")).spawn(input).unwrap();
+        places
+            .next(&format!("input of {name}"))
+            .spawn(input)
+            .unwrap();
         places.process(&format!("source of {name}"), async move {
             for length in 0..ROUNDS as usize {
                 let record = [b'x'; 31];
-                source.send(Frame::new(&record[..length % 32]).unwrap_or_default()).await?;
+                source
+                    .send(Frame::new(&record[..length % 32]).unwrap_or_default())
+                    .await?;
             }
             Ok(())
         });
         places.process(&format!("drain of {name}"), async move {
             let mut records = 0;
-            // Those that do not fit are broken records, and told as such.
+            // Records of a wrong size are reported as broken.
             while drain.recv().await.is_ok() {
                 records += 1;
             }

@@ -4,7 +4,7 @@ use super::{Places, ROUNDS};
 use luna::sync::{Condition, Mutex, Semaphore};
 use std::time::Duration;
 
-/// Three who want one lock, at levels of their own, and keep it across awaits.
+/// Three processes contend for one lock, at levels of their own, and hold it across awaits.
 pub(crate) fn mutexes(places: &mut Places) {
     let total = Mutex::new(0_u64);
     for level in [8, 16, 24] {

@@ -52,9 +52,7 @@ fn nowhere() -> Logging {
 }
 
 pub(crate) fn signals_and_messages(places: &mut Places) {
-    places
-        .system
-        .log(nowhere().every(Duration::from_millis(1)));
+    places.system.log(nowhere().every(Duration::from_millis(1)));
     record(places);
 }
 
@@ -67,6 +65,6 @@ pub(crate) fn signals_without_room(places: &mut Places) {
     record(places);
 }
 
-pub(crate) fn signals_that_nobody_records(places: &mut Places) {
+pub(crate) fn signals_without_a_recording(places: &mut Places) {
     record(places);
 }

@@ -150,7 +150,8 @@ pub(crate) fn calls(places: &mut Places) {
     });
 }
 
-/// A server that is a client while it serves: priorities are inherited through both, and where executors have priorities, threads are boosted.
+/// A server that is a client while it serves: priorities are inherited through both calls, and
+/// where executors have priorities, threads are boosted.
 pub(crate) fn nested_calls(places: &mut Places) {
     let (client, server) = call_channel::<u64, u64>();
     let (inner, inner_server) = call_channel::<u64, u64>();
@@ -176,7 +177,8 @@ pub(crate) fn nested_calls(places: &mut Places) {
     });
 }
 
-/// Calls that are dropped where they wait, while they are served, and by servers; and the end by poison.
+/// Calls that are dropped while they wait, while they are served, and by servers; and an end by
+/// poison.
 pub(crate) fn calls_that_are_given_up(places: &mut Places) {
     let (client, server) = call_channel::<u64, u64>();
     let poisoner = client.clone();

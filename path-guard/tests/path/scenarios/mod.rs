@@ -1,10 +1,12 @@
-//! What is held to the rules. To join: write a function in one of these rooms, and name it in the list below; each is run in all placements.
+//! The scenarios. To add one, write a function in one of these modules, and name it in the list
+//! below; each is run in all placements.
 //!
-//! Bodies make what they need before they are spawned, or by `luna::off_path`; what they hold at their end must free nothing by its drop.
+//! Bodies create what they need before they are spawned, or by `luna::off_path`; dropping what they
+//! hold at their end must free nothing.
 
 use super::places::{Places, hold_to_the_rules};
 
-/// How often most of what is shown is done.
+/// The number of repetitions of most operations.
 const ROUNDS: u64 = 200;
 
 /// Makes a test of each function.
@@ -34,6 +36,6 @@ scenarios! {
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,
         a_favour_that_ends;
     files: files_that_become_ready, links;
-    logging: signals_and_messages, signals_without_room, signals_that_nobody_records;
+    logging: signals_and_messages, signals_without_room, signals_without_a_recording;
     parameters: parameters_that_are_replaced, parameters_that_are_recorded;
 }

@@ -66,7 +66,8 @@ pub(crate) fn prioritized_branches(places: &mut Places) {
     }
 }
 
-/// They are made and dropped off the path, since that allocates and frees; in between nothing does.
+/// They are created and dropped off the path, since that allocates and frees; in between nothing
+/// does.
 pub(crate) fn collections_of_branches(places: &mut Places) {
     let (output, input) = luna::channel::<u64>();
     places.process("many branches", async move {
@@ -111,7 +112,7 @@ pub(crate) fn named_branches(places: &mut Places) {
     });
 }
 
-/// Marks of the observer come and go between theirs, on a thread that may do what it likes.
+/// The observer adds and removes marks meanwhile, on a thread off the path.
 pub(crate) fn named_branches_that_are_looked_at(places: &mut Places) {
     let observer = places.system.observer();
     let (alive, ended) = std::sync::mpsc::channel::<()>();
@@ -136,7 +137,10 @@ pub(crate) fn named_branches_that_are_looked_at(places: &mut Places) {
     });
     std::thread::spawn(move || {
         while ended.try_recv() != Err(std::sync::mpsc::TryRecvError::Disconnected) {
-            assert_eq!(observer.composition().system, "named_branches_that_are_looked_at");
+            assert_eq!(
+                observer.composition().system,
+                "named_branches_that_are_looked_at"
+            );
         }
     });
 }

@@ -1,4 +1,4 @@
-//! Parameters: read and taken, in loops and by hand, while a process off the path replaces them.
+//! Parameters: read and taken, in loops and directly, while a process off the path replaces them.
 
 use super::Places;
 use luna::prelude::*;
@@ -54,7 +54,8 @@ pub(crate) fn parameters_that_are_replaced(places: &mut Places) {
     }
     let parameters = places.system.parameters();
     let set = move |value: u64| {
-        let of = |name| format!("{name}/number={value},{name}/list=[{value},{value},{value},{value}]");
+        let of =
+            |name| format!("{name}/number={value},{name}/list=[{value},{value},{value},{value}]");
         parameters.set_text(&format!("{},{}", of("loop"), of("by hand")))
     };
     places
@@ -72,7 +73,11 @@ pub(crate) fn parameters_that_are_replaced(places: &mut Places) {
 }
 
 pub(crate) fn parameters_that_are_recorded(places: &mut Places) {
-    let name = format!("luna-guard-parameters-{}-{:?}", std::process::id(), places.placement);
+    let name = format!(
+        "luna-guard-parameters-{}-{:?}",
+        std::process::id(),
+        places.placement
+    );
     places.system.record(std::env::temp_dir().join(name));
     parameters_that_are_replaced(places);
 }

@@ -18,7 +18,7 @@ pub(crate) fn yields(places: &mut Places) {
     }
 }
 
-/// Partners that are no processes: theirs is no path, and they may do what they like.
+/// Partners that are plain threads, which are not on the path.
 pub(crate) fn wakes_from_plain_threads(places: &mut Places) {
     let (output, input) = luna::channel::<u64>();
     let (back, again) = luna::channel::<u64>();
@@ -48,7 +48,12 @@ pub(crate) fn blocking_operations_of_os_threads(places: &mut Places) {
         }
         Ok(())
     };
-    places.system.thread("blocking").process("blocks").spawn(blocking).unwrap();
+    places
+        .system
+        .thread("blocking")
+        .process("blocks")
+        .spawn(blocking)
+        .unwrap();
     let (back, again) = luna::channel::<u64>();
     places.process("partner", async move {
         for _ in 0..ROUNDS {
@@ -64,7 +69,12 @@ pub(crate) fn blocking_operations_of_os_threads(places: &mut Places) {
         assert!(again.blocking_recv_timeout(short).is_err());
         Ok(())
     };
-    places.system.thread("patient").process("blocks too").spawn(patient).unwrap();
+    places
+        .system
+        .thread("patient")
+        .process("blocks too")
+        .spawn(patient)
+        .unwrap();
 }
 
 /// Bodies that end while the others run.
@@ -105,7 +115,8 @@ pub(crate) fn cancelled_processes(places: &mut Places) {
     });
 }
 
-/// To spawn is off the path, and so is to take in who was spawned; what runs beside it and what was spawned are on it.
+/// Spawning is off the path, and so is receiving the spawned process' handle; processes beside it
+/// and spawned ones are on it.
 pub(crate) fn processes_spawned_while_running(places: &mut Places) {
     let executor = places.system.executor("late").build().unwrap();
     let (output, input) = luna::channel::<u64>();
@@ -114,7 +125,10 @@ pub(crate) fn processes_spawned_while_running(places: &mut Places) {
             luna::off_path(|| {
                 let output = output.clone();
                 let late = async move { Ok(output.send(child).await?) };
-                executor.process(&format!("child {child}")).spawn(late).unwrap();
+                executor
+                    .process(&format!("child {child}"))
+                    .spawn(late)
+                    .unwrap();
             });
             luna::after(Duration::from_micros(50)).await;
         }
@@ -167,7 +181,8 @@ pub(crate) fn processes_of_types(places: &mut Places) {
 
 /// The platform's own lock, contended by threads of different places.
 pub(crate) fn a_contended_lock(places: &mut Places) {
-    // One channel for all is one lock for all; nobody waits for its partner, so that they meet in the lock.
+    // One channel for all is one lock for all; no partner waits for another, so that they contend
+    // for the lock.
     let (output, input) = luna::buffered::<u64>(Buffer::overwrite_oldest(4));
     for process in 0..4 {
         let (output, input) = (output.clone(), input.clone());
@@ -181,7 +196,7 @@ pub(crate) fn a_contended_lock(places: &mut Places) {
     }
 }
 
-/// A channel's lock favours who uses it alone for long, until another one comes.
+/// A channel's lock is biased to a long-time single user, until another one comes.
 pub(crate) fn a_favour_that_ends(places: &mut Places) {
     let (output, input) = luna::buffered::<u64>(Buffer::fifo(4));
     let (go, gone) = luna::channel::<()>();
@@ -238,11 +253,15 @@ pub(crate) fn a_limit_that_is_reached(places: &mut Places) {
     });
 }
 
-/// Foreign combinators keep wakers: the last one of a process that is long gone may be dropped on the path of another.
+/// Foreign combinators keep wakers: the last waker of a process that has ended may be dropped on
+/// the path of another.
 pub(crate) fn wakers_that_outlive_their_process(places: &mut Places) {
     let (output, input) = luna::channel::<Waker>();
     for process in 0..3 {
-        places.process(&format!("leaves its waker {process}"), leaves(output.clone()));
+        places.process(
+            &format!("leaves its waker {process}"),
+            leaves(output.clone()),
+        );
     }
     keep(places, input);
 }
@@ -253,7 +272,12 @@ pub(crate) fn wakers_that_outlive_their_thread(places: &mut Places) {
     for process in 0..3 {
         let name = format!("leaves its waker {process}");
         let leaves = leaves(output.clone());
-        places.system.thread(&name).process(&name).spawn(leaves).unwrap();
+        places
+            .system
+            .thread(&name)
+            .process(&name)
+            .spawn(leaves)
+            .unwrap();
     }
     keep(places, input);
 }
@@ -265,8 +289,12 @@ async fn leaves(output: Sender<Waker>) -> luna::Result<()> {
 
 fn keep(places: &mut Places, input: Receiver<Waker>) {
     places.process("keeps them", async move {
-        let wakers = [input.recv().await?, input.recv().await?, input.recv().await?];
-        // Until they are buried.
+        let wakers = [
+            input.recv().await?,
+            input.recv().await?,
+            input.recv().await?,
+        ];
+        // Until they are reaped.
         luna::after(Duration::from_millis(20)).await;
         wakers[0].wake_by_ref();
         drop(wakers);

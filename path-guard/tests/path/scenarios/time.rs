@@ -29,7 +29,9 @@ const POLICIES: [(&str, Overrun); 3] = [
 pub(crate) fn loops(places: &mut Places) {
     for (name, policy) in POLICIES {
         let body = async move {
-            let mut tick = luna::periodic(name, PERIOD)?.overrun(policy).limit(1_000_000);
+            let mut tick = luna::periodic(name, PERIOD)?
+                .overrun(policy)
+                .limit(1_000_000);
             for _ in 0..30 {
                 tick.next().await;
             }
@@ -71,7 +73,8 @@ pub(crate) fn loops_in_phase(places: &mut Places) {
     }
 }
 
-/// Loops that the timer manager wakes, which join its ticks and leave them, and callbacks on its thread, which is on the path too.
+/// Loops that the timer manager wakes, which join its ticks and leave them, and callbacks on its
+/// thread, which is on the path too.
 pub(crate) fn loops_by_the_manager(places: &mut Places) {
     places.system.timers(Timers::Manager);
     let manager = places.system.timer_manager().unwrap();
@@ -94,7 +97,7 @@ pub(crate) fn loops_by_the_manager(places: &mut Places) {
     }
 }
 
-/// Loops all of whose cycles are late, and ask the kernel why.
+/// Loops with only late cycles, which query the kernel for the cause.
 pub(crate) fn loops_that_account(places: &mut Places) {
     for (name, accounts) in [("asks when late", false), ("asks each time", true)] {
         places.process(name, async move {
@@ -193,7 +196,7 @@ pub(crate) fn watchdogs(places: &mut Places) {
         alone.expired().await;
         Ok(())
     });
-    places.process("waits for a bite", async move {
+    places.process("waits for the watchdog", async move {
         bitten.expired().await;
         assert!(bitten.has_expired());
         bitten.reset();

@@ -9,14 +9,14 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// What is different from a model that is in order.
+/// Deviations from a valid model.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Odd {
     /// For the compiler: "-DNO_STEP".
     pub(crate) flag: Option<&'static str>,
     /// In the description: this by that.
     pub(crate) replaced: Option<(&'static str, &'static str)>,
-    /// For which platform its code is said to be.
+    /// The platform that its code is declared for.
     pub(crate) platform: Option<&'static str>,
     /// Without a description.
     pub(crate) is_mute: bool,

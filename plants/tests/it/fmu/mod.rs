@@ -1,4 +1,5 @@
-//! FMUs of both versions, built here from C: they do what the model does, and whatever is wrong with one is said by name.
+//! FMUs of both versions, built here from C: they behave as their model, and each fault is reported
+//! by name.
 
 mod build;
 
@@ -121,7 +122,7 @@ fn one_that_takes_steps_of_one_length_is_given_such() {
 }
 
 #[test]
-fn what_does_not_go_on_says_which_call_and_why() {
+fn a_failure_names_its_call_and_status() {
     let call = |call, status| PlantError::Fmu(FmuFault::Call { call, status });
     let out_of_range = PlantError::OutOfRange {
         side: Side::Output,
@@ -139,7 +140,7 @@ fn what_does_not_go_on_says_which_call_and_why() {
         (9.0, Some(call("set", FmuStatus::Error))),
         (11.0, None),
         (12.0, Some(out_of_range)),
-        // It logs texts that are null, with a status that there is not, though it was asked not to.
+        // It logs null texts with an invalid status, although logging is off.
         (13.0, None),
         (15.0, Some(call("doStep", FmuStatus::Unknown))),
     ];
@@ -162,7 +163,7 @@ fn what_does_not_go_on_says_which_call_and_why() {
                     .err()
                     .map(|error| (n, error))
             });
-            // The fourth step is number 3; what is set before it is set before the fifth.
+            // The fourth step is number 3; values set before it are applied before the fifth.
             let at = if *fault == 9.0 { 4 } else { 3 };
             let expected = expected.clone().map(|error| (at, error));
             assert_eq!(failed, expected, "{version}, fault {fault}");
@@ -396,7 +397,7 @@ fn variables_that_are_not_there_or_not_such() {
             "parameter `fault` of the FMU cannot be 1.5: it is integer"
         );
         assert!(parameter("gain", f64::NAN).contains("cannot be NaN"));
-        // A boolean is none in between.
+        // A boolean has no value in between.
         let plant = open(version)
             .instantiate("lag", &["invert"], &["y"])
             .unwrap();

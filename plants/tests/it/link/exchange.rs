@@ -1,4 +1,4 @@
-//! By the clock, and in lock-step: what is exchanged, when it begins and when it ends.
+//! By the clock and in lock-step: the exchanges, their begin and their end.
 
 use super::{MS, inputs_first, process, register, system};
 use luna::prelude::*;
@@ -6,7 +6,7 @@ use luna_plants::{Checked, ConnectError, Motor, PAN, PanTilt, Plant, PlantError,
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Its outputs are how long it was stepped, in seconds, and the sum of its two inputs.
+/// Its outputs are the time that it was stepped, in seconds, and the sum of its two inputs.
 struct Stopwatch {
     ports: [Port; 4],
     inputs: [f64; 2],
@@ -99,7 +99,7 @@ fn slots_that_are_missed_before_the_first_one_are_part_of_the_time() {
             assert_eq!(times.recv().await?, 0.0);
             let end = luna::now() + 10 * MS;
             while luna::now() < end {}
-            // The slot that lasts is served, so that at most one period is not simulated yet.
+            // The current slot is served, so at most one period is not simulated yet.
             let simulated = times.recv().await?;
             assert!(simulated > 0.009 - 1e-9, "{simulated}");
             assert!((simulated * 1e3 - (simulated * 1e3).round()).abs() < 1e-9);
@@ -165,7 +165,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
         }
         alone.step(MS).unwrap();
     }
-    // Two controllers that know nothing of each other: on one executor, on two, beside the plant or not.
+    // Two independent controllers: on one executor, on two, beside the plant or not.
     for places in [[0, 0, 0], [0, 1, 2], [0, 0, 1], [1, 0, 1]] {
         let mut system = System::new("lock-step");
         let executors: Vec<_> = (0..3)
@@ -203,7 +203,7 @@ fn in_lock_step_the_outcome_is_that_of_the_plant_alone() {
 }
 
 #[test]
-fn one_who_writes_first_or_reads_two_in_any_order_is_served_too() {
+fn the_order_of_reads_and_writes_does_not_matter() {
     let (system, main) = system("orders");
     let [(a, on_a), (b, on_b), (time, times), (sum, sums)] =
         std::array::from_fn(|_| luna::channel::<f64>());
@@ -291,7 +291,7 @@ fn the_enable_line_leaves_actuators_without_effect() {
 }
 
 #[test]
-fn what_cannot_be_connected_is_said() {
+fn wrong_connections_are_reported() {
     let (_, receiver) = luna::channel::<f64>();
     let (sender, _) = luna::channel::<f64>();
     let mut link = PlantLink::new("stopwatch", Stopwatch::new());

@@ -1,4 +1,5 @@
-//! A plant that fails, in each way that it can: the emergency functions run, the cause is told, and no value of it gets out any more.
+//! A plant that fails, in each way: the emergency functions run, the cause is reported, and no
+//! value of it gets out any more.
 
 use super::{MS, inputs_first, process, register, system};
 use luna::{End, Error, TryRecvError};
@@ -82,7 +83,7 @@ impl Plant for Counter {
         outputs[1] = 0.5;
         if self.steps == 4 {
             match self.fault {
-                // The other output is fine, and is not told either.
+                // The other output is valid, and is not sent either.
                 Fault::NotANumber => outputs[1] = f64::NAN,
                 Fault::Infinite => outputs[1] = f64::INFINITY,
                 Fault::OutOfRange => outputs[0] = 300.5,
@@ -150,7 +151,8 @@ fn each_ends_in_the_emergency_and_no_value_gets_out() {
                 .priority(10)
                 .spawn(async move {
                     loop {
-                        // What comes is right, up to the last; then there is nothing, not even what a register held.
+                        // All values are right, up to the last; then there is none, not even one
+                        // that a register held.
                         let steps = match steps.recv().await {
                             Ok(steps) => steps,
                             Err(error) => {
@@ -159,7 +161,8 @@ fn each_ends_in_the_emergency_and_no_value_gets_out() {
                                 return Ok(());
                             }
                         };
-                        // Those of inputs come one exchange later, and by the clock perhaps some slots.
+                        // Faults of inputs come one exchange later, and by the clock perhaps some
+                        // slots.
                         let of_input = matches!(
                             fault,
                             Fault::Apply | Fault::BadInput | Fault::InputOutOfRange
@@ -204,7 +207,7 @@ fn each_ends_in_the_emergency_and_no_value_gets_out() {
     }
 }
 
-/// Half of something. When one is dropped, the functions of an emergency that has been raised get the time to run.
+/// A value with a slow drop: it gives the functions of a raised emergency time to run.
 struct Half;
 
 /// Whether those of the test below have run.
@@ -245,13 +248,13 @@ fn what_is_left_over_is_gone_before_the_emergency() {
             Ok(())
         })
         .unwrap();
-    let (tell, told) = std::sync::mpsc::channel();
+    let (result, results) = std::sync::mpsc::channel();
     system.on_emergency("look", move || {
-        tell.send(steps.try_recv()).unwrap();
+        result.send(steps.try_recv()).unwrap();
         HAVE_RUN.store(true, Ordering::Release);
     });
     system.run().unwrap_err();
-    assert_eq!(told.recv().unwrap(), Err(TryRecvError::Poisoned));
+    assert_eq!(results.recv().unwrap(), Err(TryRecvError::Poisoned));
 }
 
 #[test]

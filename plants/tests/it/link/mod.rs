@@ -1,4 +1,5 @@
-//! Plants connected to processes: with clocks and without, how they begin and end, and how they fail.
+//! Plants connected to processes: by the clock and in lock-step, their begin, their end, and their
+//! failures.
 
 mod devices;
 mod exchange;
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// The two methods of a plant that has all its ports in one array, so many inputs first.
+/// The two port methods of a plant with all ports in one array, this many inputs first.
 macro_rules! inputs_first {
     ($inputs:literal) => {
         fn inputs(&self) -> &[Port] {

@@ -2,14 +2,15 @@
 
 use super::*;
 
-/// A motor that two controllers drive through a vote, of which B fails after 300 ms: what came of it, and when.
+/// A motor driven by two controllers through a vote; B fails after 300 ms. Returns the outputs and
+/// when they came.
 fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Finding)>, Instant, f64) {
     let (system, main) = system();
     let ((a, from_a), (b, from_b)) = (luna::channel::<f64>(), luna::channel());
     let (safe, duties) = luna::buffered(Buffer::overwrite_oldest(1));
     let (angle, angles) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
     let (again, angles_again) = luna::buffered::<f64>(Buffer::overwrite_oldest(1));
-    let (told, causes) = luna::buffered(Buffer::overwrite_oldest(16));
+    let (reports, causes) = luna::buffered(Buffer::overwrite_oldest(16));
     let agreement = Agreement::new(vote, 0.0, 0.05, 10 * MS).unwrap();
     let process = AgreementProcess::new(
         "vote",
@@ -22,7 +23,7 @@ fn voted(vote: Vote, b_after: fn(f64) -> Option<f64>) -> (Vec<(u128, Finding)>, 
     );
     main.process("vote")
         .priority(15)
-        .spawn(process.unwrap().tell(told))
+        .spawn(process.unwrap().report_to(reports))
         .unwrap();
     let controllers = [("a", a, angles, true), ("b", b, angles_again, false)];
     for (name, output, angles, is_a) in controllers {
@@ -84,7 +85,7 @@ fn one_out_of_two_stops_for_a_channel_that_is_silent_or_wrong() {
 #[test]
 fn two_out_of_two_goes_on_with_one_channel_for_as_long_as_it_may() {
     let (alarms, ..) = voted(Vote::TwoOutOfTwo, |_| None);
-    // Its response gives it 100 ms from the first round on, that it lacked.
+    // Its response allows a missing channel for 100 ms, from the first such round on.
     assert_eq!((alarms.len(), alarms[0].0), (1, 400));
     let (alarms, ..) = voted(Vote::TwoOutOfTwo, |duty| Some(-duty + 1.0));
     assert!((310..320).contains(&alarms[0].0), "{alarms:?}");

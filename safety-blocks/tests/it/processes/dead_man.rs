@@ -13,29 +13,29 @@ fn a_dead_man_lets_go_at_its_instant_without_a_value_that_comes() {
         .held_at_most(100 * MS)
         .unwrap();
     let response = Response::new(Reaction::Neutral).recovery(Recovery::After(Duration::ZERO));
-    let (told, causes) = luna::buffered(Buffer::overwrite_oldest(16));
+    let (reports, causes) = luna::buffered(Buffer::overwrite_oldest(16));
     let process = DeadManProcess::new("grip", grip, 0.0, response, input, keys, output)
         .unwrap()
-        .tell(told);
+        .report_to(reports);
     let monitor = process.monitor();
     main.process("dead-man").spawn(process).unwrap();
     let (seen, alarms) = (note(&main, values), note(&main, causes));
     main.process("operator")
         .spawn(async move {
-            put.send(0.1).await?; // nobody holds it
+            put.send(0.1).await?; // not held
             key.send(1).await?;
             put.send(0.2).await?;
             luna::after(10 * MS).await;
-            key.send(0).await?; // lets go
+            key.send(0).await?; // released
             luna::after(10 * MS).await;
             key.send(2).await?;
             put.send(0.3).await?;
-            luna::after(30 * MS).await; // is away since 40
+            luna::after(30 * MS).await; // silent since 40
             key.send(3).await?;
             put.send(0.4).await?;
             key.send(0).await?;
             for _ in 0..20 {
-                key.send(4).await?; // ties it down at 50: until 150
+                key.send(4).await?; // tied down at 50: until 150
                 put.send(0.5).await?;
                 luna::after(10 * MS).await;
             }

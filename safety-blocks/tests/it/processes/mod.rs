@@ -163,7 +163,7 @@ fn a_fall_back_is_come_to_in_steps_and_left_when_set_points_come_again() {
         .map(|(at, value)| (at, (value * 10.0).round() as i32))
         .collect();
     let expected = [
-        // From the beginning on nothing has come: the fall-back at 5, and each millisecond.
+        // From the beginning nothing has come: the fall-back at 5, and each millisecond.
         (5, 0),
         (6, 0),
         (7, 0),
@@ -231,11 +231,11 @@ fn without_a_fresh_position_an_end_stop_lets_nothing_pass() {
 }
 
 #[test]
-fn who_is_told_hears_of_each_fault_once_and_resets_it() {
+fn each_fault_is_reported_once_and_can_be_reset() {
     let (system, main) = system();
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();
-    let (told, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(4));
+    let (reports, causes) = luna::buffered::<Finding>(Buffer::overwrite_oldest(4));
     let limit = Limit::new(-1.0, 1.0).unwrap();
     let chain = Chain::new(0.0)
         .unwrap()
@@ -243,7 +243,7 @@ fn who_is_told_hears_of_each_fault_once_and_resets_it() {
         .unwrap();
     let monitor = chain.monitor("limit").unwrap();
     main.process("chain")
-        .spawn(chain.process(input, output).tell(told))
+        .spawn(chain.process(input, output).report_to(reports))
         .unwrap();
     let (seen, alarms) = (note(&main, values), note(&main, causes));
     main.process("writer")

@@ -59,7 +59,7 @@ fn in_a_safe_state_all_outputs_are_neutral_until_it_is_reset_and_a_fault_that_st
     assert_eq!(report.safety.state.degree, luna::Degree::SafeState);
 }
 
-/// Somebody else enters the safe state at 5 ms and 15 ms, and leaves it at 10 ms.
+/// Another process enters the safe state at 5 ms and 15 ms, and leaves it at 10 ms.
 fn enters_from_elsewhere(main: &luna::Executor, safety: luna::Safety) {
     main.process("elsewhere")
         .spawn(async move {
@@ -86,7 +86,7 @@ async fn write(put: Sender<f64>) -> luna::Result<()> {
     Ok(())
 }
 
-/// At 5 and 15 it is neutral at once, at 7 and 20 for what comes, and at 30 since it is the end.
+/// At 5 and 15 neutral comes at once, at 7 and 20 for a value, and at 30 for the end.
 const AT_ONCE: [(u128, f64); 7] = [
     (0, 0.1),
     (5, 0.0),
@@ -175,9 +175,10 @@ fn a_safe_state_reaches_the_output_of_two_channels_at_once() {
     assert_eq!(seen.last(), AT_ONCE.last());
 }
 
-/// An offer that nobody takes is withdrawn for the next value: who sends and reads in turn gets one for each.
+/// An offer that was not taken is withdrawn for the next value: a process that sends and reads in
+/// turn gets one for each.
 #[test]
-fn a_safe_state_keeps_the_step_of_who_sends_and_reads_in_turn() {
+fn a_safe_state_keeps_the_step_of_a_process_that_sends_and_reads_in_turn() {
     let (system, main) = system();
     let (put, input) = luna::channel::<f64>();
     let (output, values) = luna::channel();
@@ -198,7 +199,8 @@ fn a_safe_state_keeps_the_step_of_who_sends_and_reads_in_turn() {
     system.run().unwrap();
 }
 
-/// What puts nothing out in a safe state: a sensor's chain, and one that has put out nothing yet.
+/// These put nothing out in a safe state: a sensor's chain, and a chain that has put out nothing
+/// yet.
 #[test]
 fn a_safe_state_makes_up_nothing() {
     let (system, main) = system();

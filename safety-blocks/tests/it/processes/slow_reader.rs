@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A slow reader's: at 10 it is to find what belongs there, and one for each value that came.
+/// A slow reader: at 10 it must find the right value, and one for each value that came.
 fn of_a_slow_reader(
     add: impl FnOnce(&luna::Executor, Sender<f64>),
     enters_at: u32,
@@ -103,19 +103,20 @@ fn a_safe_state_withdraws_what_a_slow_reader_has_not_taken() {
     assert_eq!(of_a_slow_reader(chain, 5, false), neutral);
     assert_eq!(of_a_slow_reader(spawn_dead_man, 5, false), neutral);
     assert_eq!(of_a_slow_reader(spawn_vote, 5, false), neutral);
-    // Left before anybody reads: what was withdrawn does not come again.
+    // Left before the reader reads: the withdrawn value does not come again.
     let afterwards = [(10, 0.0), (20, 0.6), (45, 0.0)];
     assert_eq!(of_a_slow_reader(chain, 5, true), afterwards);
     assert_eq!(of_a_slow_reader(spawn_dead_man, 5, true), afterwards);
     assert_eq!(of_a_slow_reader(spawn_vote, 5, true), afterwards);
-    // What is measured stays, and is not made up.
+    // A measurement stays, and is not replaced.
     let sensor = |main: &luna::Executor, output| spawn_chain(main, output, true);
     assert_eq!(of_a_slow_reader(sensor, 5, false), [(10, 0.5), (20, 0.6)]);
 }
 
 #[test]
 fn a_safe_state_that_comes_behind_the_reader_withdraws_nothing_twice() {
-    // The first one was taken at 10, so the second one is on offer from 12 on, and neutral from 15 on.
+    // The first value was taken at 10, so the second one is on offer from 12 on, and neutral from
+    // 15 on.
     let chain = |main: &luna::Executor, output| spawn_chain(main, output, false);
     let expected = [(10, 0.5), (20, 0.0), (45, 0.0)];
     assert_eq!(of_a_slow_reader(chain, 15, false), expected);
