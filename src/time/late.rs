@@ -77,7 +77,7 @@ pub struct LateCycle {
 pub struct RanInstead {
     /// The process.
     pub process: String,
-    /// How long its turn was, from begin to end.
+    /// How long its turn was, from begin to end; from the slot on, if the executor was busy and did not look at the clock before that turn.
     pub took: Duration,
 }
 

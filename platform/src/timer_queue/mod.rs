@@ -1,7 +1,8 @@
 //! The deadlines that the processes of one thread wait for.
 //!
 //! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The nodes lie in the waiting
-//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps.
+//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps. A thread that does not look at its queue by itself
+//! is called by it when a deadline is armed that comes before all that the thread provides for ([`Attention`]).
 
 mod heap;
 
@@ -24,23 +25,77 @@ use std::task::{Context, Poll};
 ///
 /// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from there, hence the lock;
 /// it is free in all other cases.
-#[derive(Debug)]
 pub struct TimerQueue {
     heap: PiLock<Heap>,
     /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the lock.
     next: AtomicU64,
+    /// The owner looks in time for deadlines from this one on, as nanoseconds: the owner's thread alone reads and writes it.
+    provided: AtomicU64,
+    attention: Option<std::sync::Arc<dyn Attention>>,
+}
+
+/// The owner of a [`TimerQueue`], as the queue calls it.
+pub trait Attention: Send + Sync {
+    /// The owner is to look at its queue before it polls the next process. Called on its own thread, in the middle of a poll.
+    fn ask_look(&self);
 }
 
 impl TimerQueue {
-    /// An empty queue.
+    /// An empty queue, whose owner looks at it before each poll.
     #[expect(
         clippy::new_without_default,
         reason = "a queue belongs to a thread: made on purpose, not by default"
     )]
     pub fn new() -> Self {
+        Self::provided_from(Instant::from_nanos(0), None)
+    }
+
+    /// An empty queue, whose owner looks at it when it is called: until the owner has [provided](Self::provide) for something, by each deadline.
+    pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(attention))
+    }
+
+    fn provided_from(deadline: Instant, attention: Option<std::sync::Arc<dyn Attention>>) -> Self {
         Self {
             heap: PiLock::new(Heap::new()),
             next: AtomicU64::new(u64::MAX),
+            provided: AtomicU64::new(deadline.as_nanos()),
+            attention,
+        }
+    }
+
+    /// Says that the owner looks in time for deadlines at `deadline` and later, so that it is called for earlier ones alone. On the owner's thread.
+    pub fn provide(&self, deadline: Instant) {
+        self.provided.store(deadline.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// What the owner provides for; or the deadline that it was called for since, which is earlier. On the owner's thread. O(1), one load.
+    pub fn provided(&self) -> Instant {
+        Instant::from_nanos(self.provided.load(Ordering::Relaxed))
+    }
+
+    /// Has the owner look before its next poll, if it does not before each one. On the owner's thread.
+    pub fn ask_look(&self) {
+        if self.provided().as_nanos() > 0
+            && let Some(attention) = &self.attention
+        {
+            attention.ask_look();
+        }
+    }
+
+    /// A deadline was armed: if it comes before all that the owner provides for, the owner is called.
+    #[inline]
+    fn announce(&self, deadline: Instant) {
+        if deadline < self.provided() {
+            self.provide(deadline);
+            self.ask_look_for_new();
+        }
+    }
+
+    #[cold]
+    fn ask_look_for_new(&self) {
+        if let Some(attention) = &self.attention {
+            attention.ask_look();
         }
     }
 
@@ -236,6 +291,8 @@ impl Future for Sleep {
             }
             this.armed = true;
             queue.publish_next(&heap);
+            drop(heap);
+            queue.announce(this.deadline);
         }
         events::waits_for_other();
         Poll::Pending
@@ -246,6 +303,14 @@ impl Drop for Sleep {
     fn drop(&mut self) {
         // SAFETY: a value that is being dropped does not move any more.
         unsafe { Pin::new_unchecked(self) }.disarm();
+    }
+}
+
+impl fmt::Debug for TimerQueue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TimerQueue")
+            .field("next_deadline", &self.next_deadline())
+            .finish_non_exhaustive()
     }
 }
 
@@ -317,6 +382,48 @@ mod tests {
             );
         }
         assert_eq!(queue.next_deadline(), Instant::NEVER);
+    }
+
+    #[test]
+    fn an_owner_is_called_for_what_it_does_not_provide_for() {
+        #[derive(Default)]
+        struct Calls(AtomicUsize);
+        impl Attention for Calls {
+            fn ask_look(&self) {
+                self.0.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        let calls = std::sync::Arc::new(Calls::default());
+        let queue = Arc::new(TimerQueue::attended(calls.clone()));
+        let _home = current::enter_home(Home::new(), queue.clone(), false);
+        let at = |seconds| Instant::now() + std::time::Duration::from_secs(seconds);
+        let sleep = |deadline| {
+            let mut sleep = Box::pin(Sleep::until(deadline));
+            let polled = sleep.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+            assert!(polled.is_pending());
+            sleep
+        };
+        let count = || calls.0.swap(0, Ordering::Relaxed);
+        let (near, far) = (at(1000), at(2000));
+        let first = sleep(far);
+        assert_eq!((count(), queue.provided()), (1, far));
+        let later = sleep(at(3000));
+        assert_eq!(count(), 0);
+        let earlier = sleep(near);
+        assert_eq!((count(), queue.provided()), (1, near));
+        // One that is gone was provided for all the same.
+        drop((first, later, earlier));
+        let again = sleep(near);
+        assert_eq!(count(), 0);
+        queue.ask_look();
+        assert_eq!(count(), 1);
+        queue.provide(Instant::from_nanos(0));
+        drop((again, sleep(at(500))));
+        queue.ask_look();
+        assert_eq!(count(), 0, "it looks anyway");
+        queue.provide(Instant::NEVER);
+        drop(sleep(at(9000)));
+        assert_eq!(count(), 1);
     }
 
     #[test]
