@@ -120,7 +120,8 @@ impl Inbound {
     /// What waits outside. One load; owner only.
     #[inline]
     pub(crate) fn signals(&self) -> Signals {
-        Signals(self.signals.load(Ordering::Relaxed) & !ASLEEP)
+        // An owner that looks is awake, so nothing of its sleep is there.
+        Signals(self.signals.load(Ordering::Relaxed))
     }
 
     /// Answers a request for attention: one that comes after this is a new one. Owner only.
