@@ -130,20 +130,26 @@ pub struct LunaWithDeadlines {
 }
 
 /// A process that is running as long as this lives.
-struct Running<F>(F, Arc<()>);
+struct Running<F> {
+    process: F,
+    _one: Arc<()>,
+}
 
 impl<F: Future> Future for Running<F> {
     type Output = F::Output;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
         // SAFETY: it is pinned with the whole, and never moved.
-        unsafe { self.map_unchecked_mut(|this| &mut this.0) }.poll(cx)
+        unsafe { self.map_unchecked_mut(|this| &mut this.process) }.poll(cx)
     }
 }
 
 impl LunaWithDeadlines {
     fn running<F>(&self, process: F) -> Running<F> {
-        Running(process, self.running.clone())
+        Running {
+            process,
+            _one: self.running.clone(),
+        }
     }
 }
 

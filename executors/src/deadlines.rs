@@ -88,12 +88,12 @@ impl Deadlines {
         // First: what comes from here on sets the bit again.
         inbound.take_look();
         let rung = self.take_rung();
-        if self.is_busy.get()
-            && rung.is_none()
-            && !interference::is_looking()
-            && self.arm(self.timers.provided())
-        {
-            return false;
+        if self.is_busy.get() && rung.is_none() && !interference::is_looking() {
+            // Asked for a new deadline, which may have come in the turn that has just ended.
+            let deadline = self.timers.provided();
+            if deadline > Instant::now() && self.arm(deadline) {
+                return false;
+            }
         }
         inbound.ask_look();
         self.timers.provide(Instant::from_nanos(0));
@@ -255,6 +255,26 @@ mod tests {
         });
     }
 
+    /// It is announced at the end of the turn that sets it, and is due by then.
+    #[test]
+    fn a_deadline_that_comes_in_the_turn_that_sets_it_is_noticed_after_that_turn() {
+        const SHORT: Duration = Duration::from_micros(200);
+        on_busy_executor(|| async {
+            for _ in 0..20 {
+                for _ in 0..2 * LOOKS {
+                    yield_now().await;
+                }
+                let deadline = Instant::now() + SHORT;
+                let mut sleep = pin!(Sleep::until(deadline));
+                poll(sleep.as_mut());
+                while Instant::now() < deadline + SHORT {}
+                yield_now().await;
+                let again = sleep.poll(&mut Context::from_waker(Waker::noop()));
+                assert!(again.is_ready());
+            }
+        });
+    }
+
     /// The first poll boundary after a deadline notices it, also if one was armed for nothing before.
     #[test]
     fn a_busy_executor_notices_a_deadline_after_the_turn_in_which_it_comes() {
@@ -282,17 +302,17 @@ mod tests {
                 let mut late = 0;
                 std::future::poll_fn(|cx| {
                     let begin = Instant::now();
-                    if sleep.as_mut().poll(cx).is_ready() || late > 0 {
+                    if sleep.as_mut().poll(cx).is_ready() || late > 1 {
                         return std::task::Poll::Ready(());
                     }
-                    // This turn began when the deadline had come long before: it was not noticed in time.
+                    // This turn began when the deadline had come long before. That may be once: another thread may take the core away just before the turn begins.
                     late += u32::from(begin > deadline + TURN);
                     while Instant::now() < begin + TURN {}
                     cx.waker().wake_by_ref();
                     std::task::Poll::Pending
                 })
                 .await;
-                assert!(has_come.get() && late == 0, "{late} turns too late");
+                assert!(has_come.get() && late <= 1, "{late} turns too late");
             }
         });
     }
