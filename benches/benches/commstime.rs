@@ -23,7 +23,7 @@ use luna_benches::{
     executors::{Executor, Smol, Threads, Tokio, TokioLocal},
     external,
     harness::{Case, Goal, run},
-    ours::{self, Luna, LunaChannel, LunaThreads},
+    ours::{self, Luna, LunaChannel, LunaThreads, LunaWithDeadlines},
     primitives,
     processes::{consumer, delta, parallel_delta, pong, prefix, successor},
 };
@@ -120,6 +120,9 @@ const CROSSBEAM: &str = "crossbeam bounded(0), threads";
 fn main() {
     let mut cases = vec![
         sequential::<Luna, LunaChannel>("LUNA").goal(Goal::AtMost(34.0)),
+        sequential::<LunaWithDeadlines, LunaChannel>(
+            "LUNA, a 1 kHz loop and 100 timeouts beside it",
+        ),
         sequential::<LunaThreads, LunaChannel>("LUNA, OS threads"),
         sequential::<Tokio, TokioMpsc>(TOKIO),
         sequential::<TokioLocal, Flume>(FLUME),

@@ -6,7 +6,7 @@ use crate::executors::Executor;
 use core_affinity::CoreId;
 use luna::{ProcessBuilder, System};
 use std::cell::{Cell, RefCell, RefMut};
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
@@ -120,6 +120,88 @@ impl<const LOOPS: bool, const SPINS: bool> Executor for LunaSystem<LOOPS, SPINS>
 
     fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
         run_to_end(&self.system, future)
+    }
+}
+
+/// As [`Luna`], with a loop at 1 kHz and a hundred timeouts that do not come on the same executor.
+#[derive(Debug)]
+pub struct LunaWithDeadlines {
+    luna: Luna,
+    /// The processes that have not ended, one reference each: the loop ends with them.
+    running: Arc<()>,
+}
+
+/// A process that is running as long as this lives.
+struct Running<F> {
+    process: F,
+    _one: Arc<()>,
+}
+
+impl<F: Future> Future for Running<F> {
+    type Output = F::Output;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        // SAFETY: it is pinned with the whole, and never moved.
+        unsafe { self.map_unchecked_mut(|this| &mut this.process) }.poll(cx)
+    }
+}
+
+impl LunaWithDeadlines {
+    fn running<F>(&self, process: F) -> Running<F> {
+        Running {
+            process,
+            _one: self.running.clone(),
+        }
+    }
+}
+
+impl Executor for LunaWithDeadlines {
+    fn new(core: CoreId) -> Self {
+        const PERIOD: Duration = Duration::from_millis(1);
+        const TIMEOUTS: u64 = 100;
+        const FAR: Duration = Duration::from_secs(1000);
+        let luna = Luna::new(core);
+        let running = Arc::new(());
+        let others = running.clone();
+        let beside = luna.process().priority(31);
+        let beside = beside.spawn(move || async move {
+            let timeouts = (0..TIMEOUTS).map(|n| luna::after(FAR + Duration::from_secs(n)));
+            let mut timeouts: Vec<_> = timeouts.map(Box::pin).collect();
+            poll_fn(|cx| {
+                for timeout in &mut timeouts {
+                    assert!(timeout.as_mut().poll(cx).is_pending());
+                }
+                Poll::Ready(())
+            })
+            .await;
+            let mut tick = luna::periodic("beside", PERIOD)?;
+            // The bench's executor has a reference itself.
+            while Arc::strong_count(&others) > 2 {
+                tick.next().await;
+            }
+            Ok(())
+        });
+        beside.expect("the names differ");
+        Self { luna, running }
+    }
+
+    fn spawn<T: Send + 'static>(
+        &self,
+        process: impl Future<Output = T> + Send + 'static,
+    ) -> impl Future<Output = T> {
+        self.luna.spawn(self.running(process))
+    }
+
+    fn start(&self, process: impl Future<Output = ()> + Send + 'static) {
+        self.luna.start(self.running(process));
+    }
+
+    fn yield_now() -> impl Future<Output = ()> + Send + 'static {
+        luna::yield_now()
+    }
+
+    fn block_on<T>(&self, future: impl Future<Output = T>) -> T {
+        self.luna.block_on(future)
     }
 }
 

@@ -1,11 +1,12 @@
 //! The priority executor: one OS thread that runs many processes.
 //!
-//! Each round it looks, in this order, at what others ask of it (one load), at its timers (a clock read, if any is armed), at its files
+//! Each round it looks, in this order, at one word that says what others ask of it and whether a deadline may be due ([`deadlines`](crate::deadlines)), at its files
 //! (if any was ever waited for, every so many rounds), and at the highest level of its run queue, whose first process it polls. With
 //! nothing to do it sleeps until the next deadline.
 
 use crate::calls;
 use crate::counted::Counted;
+use crate::deadlines::Deadlines;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::presence::{Presence, Sleeper};
@@ -25,7 +26,7 @@ use luna_platform::reclaim;
 use luna_platform::spare::Spare;
 use luna_platform::spin::{self, Outside};
 use luna_platform::thread::{self, Attributes, Obtained, SpawnError, Thread};
-use luna_platform::timer_queue::TimerQueue;
+use luna_platform::timer_queue::{Attention, TimerQueue};
 use std::any::Any;
 use std::cell::Cell;
 use std::collections::LinkedList;
@@ -634,15 +635,22 @@ impl Outside for Shared {
     }
 }
 
+impl Attention for Shared {
+    fn ask_look(&self) {
+        self.inbound.ask_look();
+    }
+}
+
 /// The thread of an executor.
 fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
-    let timers = Arc::new(TimerQueue::new());
-    let _home = current::enter_home(shared.home, timers.clone(), false);
+    let timers = Arc::new(TimerQueue::attended(shared.clone()));
+    let deadlines = Deadlines::new(shared.clone(), timers.clone());
+    let _home = current::enter_home(shared.home, timers, false);
     let _files = watch::enter(shared.inbound.bell());
     let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
-    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &timers)));
+    let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
     // Bodies' panics are caught where they are polled. What comes here is another's: a foreign waker's, say.
     if let Err(payload) = lived {
         current::set_on_path(false);
@@ -651,7 +659,7 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
 }
 
 /// From the set-up to the end of all processes.
-fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
+fn live(shared: &Arc<Shared>, deadlines: &Deadlines) {
     loop {
         shared.inbound.take_attention();
         shared.take_in();
@@ -669,7 +677,7 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
         SPARE_SHARED.with(|spare| spare.keep(shared));
         current::set_on_path(true);
         while let Phase::RELEASED = shared.phase() {
-            turns(|| while round(shared, timers, true) {});
+            turns(|| while round(shared, deadlines, true) {});
         }
         current::set_on_path(false);
         drop(keeps);
@@ -679,7 +687,7 @@ fn live(shared: &Arc<Shared>, timers: &TimerQueue) {
         record.cancel();
     }
     while task::count() > 0 {
-        turns(|| while round(shared, timers, false) && task::count() > 0 {});
+        turns(|| while round(shared, deadlines, false) && task::count() > 0 {});
     }
 }
 
@@ -694,28 +702,29 @@ pub(crate) fn turns(rounds: impl FnOnce()) {
 
 /// Polls one process, or sleeps if none is ready. `false` if the phase may be another.
 #[inline(always)]
-fn round(shared: &Arc<Shared>, timers: &TimerQueue, take_in: bool) -> bool {
+fn round(shared: &Arc<Shared>, deadlines: &Deadlines, take_in: bool) -> bool {
     let signals = shared.inbound.signals();
-    if !signals.is_empty() && !look_outside(shared, take_in, signals) {
+    if !signals.is_empty() && !look_outside(shared, deadlines, take_in, signals) {
         return false;
-    }
-    let deadline = timers.next_deadline();
-    if deadline != Instant::NEVER {
-        look_at_timers(timers, deadline);
     }
     watch::glance(shared.inbound.bell());
     // SAFETY: who comes is given a turn at once, or retired.
     match unsafe { current::next_ready() } {
         // SAFETY: it was just popped from this thread's queue, where only live tasks are.
         Some(owner) => unsafe { task::run(owner) },
-        None => rest(shared, timers),
+        None => rest(shared, deadlines),
     }
     true
 }
 
-/// Takes in what others ask of the executor. `false` if the phase is another by that.
+/// Takes in what others ask of the executor, and looks at its deadlines. `false` if the phase is another by that.
 #[cold]
-fn look_outside(shared: &Arc<Shared>, take_in: bool, signals: Signals) -> bool {
+fn look_outside(
+    shared: &Arc<Shared>,
+    deadlines: &Deadlines,
+    take_in: bool,
+    signals: Signals,
+) -> bool {
     if signals.attention() {
         shared.inbound.take_attention();
         if take_in {
@@ -734,25 +743,19 @@ fn look_outside(shared: &Arc<Shared>, take_in: bool, signals: Signals) -> bool {
     {
         task::take_in(shared, level);
     }
-    true
-}
-
-#[inline(never)]
-fn look_at_timers(timers: &TimerQueue, deadline: Instant) {
-    let now = Instant::now();
-    interference::look(now);
-    if deadline <= now {
-        timers.expire(now);
+    if signals.deadline() {
+        deadlines.look();
     }
+    true
 }
 
 #[cold]
 #[inline(never)]
-fn rest(shared: &Shared, timers: &TimerQueue) {
+fn rest(shared: &Shared, deadlines: &Deadlines) {
     // Others may wait for what this thread has kept to itself while there was something to do.
     shared.living.tell_kept();
     reclaim::hand_over();
-    sleep(shared, timers.next_deadline());
+    sleep(shared, deadlines.rest());
     interference::rest();
 }
 

@@ -28,6 +28,8 @@ use std::time::Duration;
 const ASLEEP: u64 = 1 << 32;
 /// Set to make the owner look beyond its queues: at processes to start, or at the request to stop.
 const ATTENTION: u64 = 1 << 33;
+/// Set to make the owner look at its deadlines: by itself, or by a handler of signals on its thread. It keeps nobody from its sleep, which ends at the next deadline.
+pub(crate) const DEADLINE: u64 = 1 << 34;
 
 /// What waits outside, as read at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +47,12 @@ impl Signals {
     #[inline]
     pub(crate) fn attention(self) -> bool {
         self.0 & ATTENTION != 0
+    }
+
+    /// Whether the owner is to look at its deadlines.
+    #[inline]
+    pub(crate) fn deadline(self) -> bool {
+        self.0 & DEADLINE != 0
     }
 
     /// Whether nothing waits.
@@ -112,7 +120,8 @@ impl Inbound {
     /// What waits outside. One load; owner only.
     #[inline]
     pub(crate) fn signals(&self) -> Signals {
-        Signals(self.signals.load(Ordering::Relaxed) & !ASLEEP)
+        // An owner that looks is awake, so nothing of its sleep is there.
+        Signals(self.signals.load(Ordering::Relaxed))
     }
 
     /// Answers a request for attention: one that comes after this is a new one. Owner only.
@@ -127,10 +136,27 @@ impl Inbound {
         seats.take(&self.near, level, woken);
     }
 
-    /// Whether somebody was woken or something asked for that the owner has not taken. From any thread.
+    /// The word that the signals are in: for who sets [`DEADLINE`] on the owner's thread.
+    pub(crate) fn word(&self) -> &AtomicU64 {
+        &self.signals
+    }
+
+    /// Makes the owner look at its deadlines before it polls. Owner only.
+    pub(crate) fn ask_look(&self) {
+        if self.signals.load(Ordering::Relaxed) & DEADLINE == 0 {
+            self.signals.fetch_or(DEADLINE, Ordering::AcqRel);
+        }
+    }
+
+    /// The owner looks at its deadlines no more, until it is asked to again. Owner only.
+    pub(crate) fn take_look(&self) {
+        self.signals.fetch_and(!DEADLINE, Ordering::AcqRel);
+    }
+
+    /// Whether another thread has woken somebody or asked for something that the owner has not taken. From any thread.
     pub(crate) fn is_signalled(&self) -> bool {
         // Acquire: who sees that the owner has taken it sees what the owner did before.
-        self.signals.load(Ordering::Acquire) & !ASLEEP != 0
+        self.signals.load(Ordering::Acquire) & !(ASLEEP | DEADLINE) != 0
     }
 
     /// Looks for `time` whether somebody signals, `deadline` comes, or `also` has something; says whether one of them did. Owner only, who sleeps
@@ -142,7 +168,7 @@ impl Inbound {
         deadline: Instant,
         mut also: impl FnMut() -> bool,
     ) -> bool {
-        spin::until(|| !self.signals().is_empty() || also(), time, deadline)
+        spin::until(|| self.is_signalled() || also(), time, deadline)
     }
 
     /// Sleeps until somebody signals or `deadline` comes; returns at once if somebody has. Owner only. May return without a cause.
@@ -180,9 +206,10 @@ impl Inbound {
     #[inline]
     fn sleep_between(&self, deadline: Instant, before: impl FnOnce(), after: impl FnOnce()) {
         self.bell.quiet();
+        let looks = self.signals.load(Ordering::Relaxed) & DEADLINE;
         if self
             .signals
-            .compare_exchange(0, ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
+            .compare_exchange(looks, looks | ASLEEP, Ordering::AcqRel, Ordering::Relaxed)
             .is_ok()
         {
             before();

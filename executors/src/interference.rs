@@ -1,7 +1,8 @@
 //! Who held this executor, and when: so that a process that comes late can say who ran instead.
 //!
-//! It costs next to nothing. Each poll ends with one store of the process' number. While any deadline is armed the executor looks at the
-//! clock before each poll anyway: what has passed since its last look was the poll in between. With no deadline armed nobody can be late.
+//! It costs next to nothing. Each poll ends with one store of the process' number. When a deadline has come the executor looks at the clock before each poll for a
+//! while ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between. Of the poll in which a busy executor's alarm went off
+//! the part from then on is known. Of what no look came before, nothing is said.
 
 use luna_platform::clock::Instant;
 use luna_platform::current::{self, ProcessId};
@@ -20,7 +21,7 @@ const REMEMBERED: usize = 16;
 pub struct Turn {
     /// The process that was polled; of several between two looks at the clock the last one.
     pub process: ProcessId,
-    /// When the executor had looked at the clock before.
+    /// When the executor had looked at the clock before; or, of a turn in which a deadline came while the executor did not look, that deadline or a little later.
     pub began: Instant,
     /// When it looked again.
     pub ended: Instant,
@@ -45,7 +46,7 @@ pub struct Interference {
 
 /// What an executor's thread remembers.
 struct Memory {
-    /// When the clock was last looked at; 0 if something else than a poll came in between.
+    /// When the clock was looked at since the poll before the last; 0 if it was not, or something else than a poll came in between.
     looked: Cell<u64>,
     /// The process that was polled last since then, as a number; 0 if none was.
     polled: Cell<u32>,
@@ -82,6 +83,25 @@ pub(crate) fn look(now: Instant) {
         // From here on nobody has been polled yet.
         memory.polled.set(0);
     });
+}
+
+/// Says that the clock was looked at in the middle of the poll that has just ended, if it was not between it and the one before.
+pub(crate) fn looked(at: Instant) {
+    MEMORY.with(|memory| {
+        if memory.looked.get() == 0 {
+            memory.looked.set(at.as_nanos());
+        }
+    });
+}
+
+/// Says that the executor does not look between the next polls: which of them took how long will not be known.
+pub(crate) fn look_no_more() {
+    MEMORY.with(|memory| memory.looked.set(0));
+}
+
+/// Whether the clock was looked at since the poll before the last.
+pub(crate) fn is_looking() -> bool {
+    MEMORY.with(|memory| memory.looked.get() != 0)
 }
 
 /// Who was polled last on this thread, since it looked at the clock.
@@ -121,8 +141,8 @@ impl Memory {
 /// The process that held this executor longest between the two instants, by all its turns that
 /// took 10 µs or more of that time and that `counts`. Called in a poll.
 ///
-/// The last 16 such turns are known. A turn is what passed between two looks of the executor at the clock: one poll, as long as any deadline
-/// is armed here; when none is, several polls may count as one turn, of the last of them. `None` on a thread that is no executor's. Real-time path:
+/// The last 16 such turns are known. The executor reads the clock between polls for 32 polls after it has slept, after a deadline and
+/// after a loop's cycle has begun; a turn in which a deadline comes later than that counts from the deadline on. `None` on a thread that is no executor's. Real-time path:
 /// yes; O(1), no system call.
 ///
 /// ```
@@ -178,13 +198,14 @@ pub fn interference(
 /// To be called before anything else of the poll has taken
 /// time. Real-time path: yes; O(1), no system call. Does nothing where a process is alone on its thread.
 ///
-/// The executor looks only while a deadline is armed; loops that wake together, and are the only ones who wait for the clock, tell each other
-/// apart by this.
+/// The executor looks too between the polls that follow, so that the end of this one is known: loops that wake together, and are the only ones
+/// who wait for the clock, tell each other apart by this.
 #[inline]
 pub fn look_at_clock(now: Instant) {
     // A process alone on its thread is in nobody's way but its own.
     if !current::may_block() {
         look(now);
+        current::ask_look();
     }
 }
 

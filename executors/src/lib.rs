@@ -35,6 +35,8 @@ mod calls;
 #[cfg(not(loom))]
 mod counted;
 #[cfg(not(loom))]
+mod deadlines;
+#[cfg(not(loom))]
 mod executor;
 #[cfg(all(unix, not(loom)))]
 mod file_error;

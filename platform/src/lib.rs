@@ -12,7 +12,7 @@
 //! What it offers of the system:
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files.
+//! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files. [`alarm`]: deadlines of a busy thread.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
@@ -29,6 +29,8 @@
 #[cfg(shuttle)]
 extern crate shuttle as loom;
 
+#[cfg(not(loom))]
+pub mod alarm;
 pub mod bell;
 pub mod byte_ring;
 pub mod clock;

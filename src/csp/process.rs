@@ -453,6 +453,7 @@ impl From<Failure> for Error {
 }
 
 thread_local! {
+    /// That of the process which is being polled: taken after the poll, or by the [`Alarm`] if that panics.
     static FAILURE: Cell<Option<Failure>> = const { Cell::new(None) };
 }
 
@@ -525,6 +526,8 @@ impl Drop for Alarm {
     #[cold]
     #[inline(never)]
     fn drop(&mut self) {
+        // What the panic leaves behind is no later process'.
+        FAILURE.set(None);
         Common::with(|common| common.emergency.trigger_by_panic());
     }
 }
@@ -534,13 +537,12 @@ fn poll_until_failure<F: Future>(
     body: Pin<&mut F>,
     cx: &mut Context<'_>,
 ) -> Poll<Result<F::Output, Failure>> {
-    // One that a panic has left behind is nobody's.
-    FAILURE.set(None);
     let polled = body.poll(cx);
     // Also of a body that has ended, one of whose branches it was: the next process' poll must not find it.
-    match FAILURE.take() {
+    match FAILURE.get() {
         Some(failure) => {
             cold_path();
+            FAILURE.set(None);
             Poll::Ready(Err(failure))
         }
         None => polled.map(Ok),
@@ -566,6 +568,8 @@ fn poll_until_failure<F: Future>(
 /// ```
 pub fn run<T>(body: impl Future<Output = Result<T>>) -> Result<T> {
     let _scope = Scope::free_standing().enter_until_dropped();
+    // A panic of another run may have left one behind.
+    FAILURE.set(None);
     let mut body = std::pin::pin!(body);
     let body = std::future::poll_fn(|cx| poll_until_failure(body.as_mut(), cx));
     luna_executors::block_on_patiently(body, alone::PATIENCE, alone::tell_if_stuck)?

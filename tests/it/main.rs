@@ -1,6 +1,11 @@
 //! Whole systems under test, as users build them. One program; a module a subject.
 //! Tests that need a process or the machine to themselves are in `tests/own`.
 
+#![expect(
+    clippy::duplicate_mod,
+    reason = "the tests of loops are built once for each source of wake-ups"
+)]
+
 #[path = "../common/mod.rs"]
 mod common;
 

@@ -366,10 +366,10 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
         }
         this.process.count_poll();
         let poll = this.process.methods().poll;
-        let (has_ended, is_queued) = current::give_turn(&this.process, || poll(owner, &mut cx));
+        let has_ended = current::give_turn(&this.process, || poll(owner, &mut cx));
         interference::polled(this.process.id());
         if has_ended {
-            end(task, is_queued);
+            end(task);
         }
     }
 }
@@ -397,7 +397,7 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
             true => this.process.methods().poll,
             false => this.methods().poll_attentively,
         };
-        let (has_ended, is_queued) = current::give_turn(&this.process, || {
+        let has_ended = current::give_turn(&this.process, || {
             if this.process.notices() & Notice::RECORDED != 0 {
                 this.process.keep_recorded();
             }
@@ -405,9 +405,9 @@ unsafe fn run_attentively(task: NonNull<Task>, cx: &mut Context<'_>) {
         });
         interference::polled(id);
         if has_ended {
-            end(task, is_queued);
+            end(task);
         } else {
-            events::end_turn(id.get(), is_queued);
+            events::end_turn(id.get(), this.process.is_queued());
         }
     }
 }
@@ -424,8 +424,8 @@ pub(crate) fn interrupted(payload: Box<dyn Any + Send>) -> Result<(), Box<dyn An
     unsafe {
         (task.as_ref().methods().end_panicked)(task, payload);
         interference::polled(task.as_ref().process.id());
-        if let Some((_, is_queued)) = current::take_interrupted() {
-            end(task, is_queued);
+        if current::take_interrupted().is_some() {
+            end(task);
         }
     }
     Ok(())
@@ -476,15 +476,12 @@ unsafe fn end_left(task: NonNull<Task>, why: &str) {
                 });
             })
         }));
-        let is_queued = match ended {
-            Ok((_, is_queued)) => is_queued,
-            Err(payload) => {
-                // Dropping it could panic in turn.
-                std::mem::forget(payload);
-                current::take_interrupted().is_some_and(|(_, is_queued)| is_queued)
-            }
-        };
-        end(task, is_queued);
+        if let Err(payload) = ended {
+            // Dropping it could panic in turn.
+            std::mem::forget(payload);
+            current::take_interrupted();
+        }
+        end(task);
     }
 }
 
@@ -492,12 +489,12 @@ unsafe fn end_left(task: NonNull<Task>, why: &str) {
 ///
 /// The body of the task has ended in a turn just now. This is its home's thread.
 #[cold]
-unsafe fn end(task: NonNull<Task>, is_queued: bool) {
+unsafe fn end(task: NonNull<Task>) {
     // SAFETY: the contract.
     unsafe {
         let process = &task.as_ref().process;
         process.set_ended();
-        if is_queued {
+        if process.is_queued() {
             // It retires when its turn comes.
             process.notify(Notice::ENDED);
         } else {

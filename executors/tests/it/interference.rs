@@ -2,7 +2,9 @@
 
 #![cfg(not(loom))]
 
-use luna_executors::{Executor, Exit, Interference, ProcessSpec, blocking, interference};
+use luna_executors::{
+    Executor, Exit, Interference, ProcessSpec, blocking, interference, yield_now,
+};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use luna_platform::timer_queue::Sleep;
@@ -44,6 +46,63 @@ fn a_turn_is_laid_to_who_had_it() {
             answer.send(was_in_the_way).unwrap();
         });
         executor.spawn(hog, move || async move {
+            let _ = begin.send(Instant::now());
+            let until = told.recv().unwrap() + LONG;
+            while Instant::now() < until {}
+        });
+        executor.release();
+        assert_eq!(asks.wait(), Exit::Completed);
+        answered.recv().unwrap()
+    });
+    assert!(is_tried);
+}
+
+/// The executor does not read the clock before each poll then: what an alarm interrupts is known from the alarm on.
+#[test]
+fn a_turn_of_a_busy_executor_counts_from_the_deadline_on() {
+    // Again if a busy machine gave the hog its turn too late to be in the way.
+    let is_tried = (0..20).any(|_| {
+        let executor = Executor::start(Attributes::new("main")).unwrap();
+        let hog = ProcessSpec::new("hog");
+        let id = hog.id();
+        let (tell, told) = mpsc::channel::<Instant>();
+        let (begin, begun) = mpsc::channel();
+        let (answer, answered) = mpsc::channel();
+        let asks = executor.spawn(ProcessSpec::new("asks").level(20), move || async move {
+            let slot = Instant::now() + Duration::from_millis(20);
+            tell.send(slot).unwrap();
+            Sleep::until(slot).await;
+            let now = Instant::now();
+            let was_in_the_way = begun.try_recv().is_ok_and(|began| began < slot);
+            // Of a thread that lost its core until the hog's end the alarm rings too late to say.
+            let of_hog = std::cell::Cell::new(None);
+            let held = interference(slot, now, |turn| {
+                if turn.process == id {
+                    of_hog.set(Some(*turn));
+                }
+                true
+            });
+            let held = held.filter(|_| was_in_the_way);
+            if let Some(held) = held {
+                assert_eq!(held.process, id);
+                assert!(held.held >= LONG && held.held <= now - slot);
+                let turn = of_hog.get().unwrap();
+                assert!(turn.ended >= slot + LONG && turn.ended <= now);
+                if cfg!(all(target_os = "linux", not(luna_portable))) {
+                    assert!(turn.began >= slot);
+                }
+            }
+            answer.send(held.is_some()).unwrap();
+        });
+        executor.spawn(ProcessSpec::new("short"), || async {
+            for _ in 0..200 {
+                yield_now().await;
+            }
+        });
+        executor.spawn(hog, move || async move {
+            for _ in 0..100 {
+                yield_now().await;
+            }
             let _ = begin.send(Instant::now());
             let until = told.recv().unwrap() + LONG;
             while Instant::now() < until {}

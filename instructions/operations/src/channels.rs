@@ -1,11 +1,20 @@
 //! One channel.
 
+use crate::deadlines::{Beside, on_one_executor_beside};
 use crate::laps::{laps, laps_here};
 use crate::on_one_executor;
 use luna::prelude::*;
 
 pub(crate) fn rendezvous(steps: u64) -> luna::Result<()> {
-    on_one_executor("rendezvous", |executor| {
+    rendezvous_beside(Beside::Nothing, steps)
+}
+
+pub(crate) fn rendezvous_with_deadlines(steps: u64) -> luna::Result<()> {
+    rendezvous_beside(Beside::Deadlines, steps)
+}
+
+fn rendezvous_beside(beside: Beside, steps: u64) -> luna::Result<()> {
+    on_one_executor_beside("rendezvous", beside, |executor, end| {
         let (output, input) = luna::channel();
         executor.process("producer").spawn(async move {
             let mut number = 0;
@@ -19,6 +28,7 @@ pub(crate) fn rendezvous(steps: u64) -> luna::Result<()> {
                 assert_eq!(input.recv().await, Ok(expected));
             })
             .await;
+            drop(end);
             Ok(())
         })?;
         Ok(())

@@ -7,6 +7,7 @@
 
 mod alternatives;
 mod channels;
+mod deadlines;
 mod laps;
 mod networks;
 mod processes;
@@ -52,8 +53,18 @@ static ALL: &[Operation] = &[
         (500, 1),
         networks::commstime_parallel,
     ),
+    operation(
+        "commstime cycle, with deadlines",
+        (500, 1),
+        networks::commstime_with_deadlines,
+    ),
     operation("ring of 1000, a hop", (16, networks::RING), networks::ring),
     operation("rendezvous", (500, 1), channels::rendezvous),
+    operation(
+        "rendezvous, with deadlines",
+        (500, 1),
+        channels::rendezvous_with_deadlines,
+    ),
     operation("buffered send and recv", (500, 1), channels::buffered),
     operation(
         "try_send and try_recv, plain thread",
@@ -74,6 +85,11 @@ static ALL: &[Operation] = &[
         alternatives::registered::<1024>,
     ),
     operation("switch", (500, 2), processes::switch),
+    operation(
+        "switch, with deadlines",
+        (500, 2),
+        processes::switch_with_deadlines,
+    ),
     operation("wake itself", (500, 1), processes::wake_itself),
     operation("spawn and join", (64, 1), processes::spawn_and_join),
     operation(

@@ -1,5 +1,6 @@
 //! Whole networks: what a user's program does all the time.
 
+use crate::deadlines::{Beside, on_one_executor_beside};
 use crate::laps::laps;
 use crate::on_one_executor;
 use luna::prelude::*;
@@ -38,12 +39,13 @@ async fn parallel_delta(
 /// Four processes pass a number round, and one of them sees each round.
 fn commstime<D>(
     steps: u64,
+    beside: Beside,
     delta: impl FnOnce(Receiver<u64>, Sender<u64>, Sender<u64>) -> D,
 ) -> luna::Result<()>
 where
     D: Future<Output = luna::Result<()>> + Send + 'static,
 {
-    on_one_executor("commstime", |executor| {
+    on_one_executor_beside("commstime", beside, |executor, end| {
         let (a, from_prefix) = luna::channel();
         let (b, to_successor) = luna::channel();
         let (c, from_successor) = luna::channel();
@@ -67,9 +69,11 @@ where
             }
             Ok(())
         })?;
-        executor
-            .process("consumer")
-            .spawn(move || consumer(steps, to_consumer))?;
+        executor.process("consumer").spawn(move || async move {
+            consumer(steps, to_consumer).await?;
+            drop(end);
+            Ok(())
+        })?;
         Ok(())
     })
 }
@@ -83,11 +87,15 @@ async fn consumer(steps: u64, input: Receiver<u64>) -> luna::Result<()> {
 }
 
 pub(crate) fn commstime_sequential(steps: u64) -> luna::Result<()> {
-    commstime(steps, sequential_delta)
+    commstime(steps, Beside::Nothing, sequential_delta)
+}
+
+pub(crate) fn commstime_with_deadlines(steps: u64) -> luna::Result<()> {
+    commstime(steps, Beside::Deadlines, sequential_delta)
 }
 
 pub(crate) fn commstime_parallel(steps: u64) -> luna::Result<()> {
-    commstime(steps, parallel_delta)
+    commstime(steps, Beside::Nothing, parallel_delta)
 }
 
 /// The number of processes in the ring, and so of hops in a lap of the token.

@@ -1,5 +1,6 @@
 //! Processes and their executor.
 
+use crate::deadlines::{Beside, on_one_executor_beside};
 use crate::laps::laps;
 use crate::on_one_executor;
 use std::future::poll_fn;
@@ -10,12 +11,21 @@ use std::time::Duration;
 
 /// Two processes yield to each other: a step is a switch there and one back.
 pub(crate) fn switch(steps: u64) -> luna::Result<()> {
-    on_one_executor("switch", |executor| {
+    switch_beside(Beside::Nothing, steps)
+}
+
+pub(crate) fn switch_with_deadlines(steps: u64) -> luna::Result<()> {
+    switch_beside(Beside::Deadlines, steps)
+}
+
+fn switch_beside(beside: Beside, steps: u64) -> luna::Result<()> {
+    on_one_executor_beside("switch", beside, |executor, end| {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = is_over.clone();
         executor.process("one").spawn(move || async move {
             laps(steps, async |_| luna::yield_now().await).await;
             over.store(true, Ordering::Relaxed);
+            drop(end);
             Ok(())
         })?;
         executor.process("other").spawn(async move {

@@ -29,6 +29,6 @@ names! {
     SYS_sched_getparam "sched_getparam", SYS_sched_getscheduler "sched_getscheduler", SYS_sched_setaffinity "sched_setaffinity",
     SYS_sched_setscheduler "sched_setscheduler", SYS_sched_yield "sched_yield", SYS_select "select", SYS_sendmsg "sendmsg",
     SYS_sendto "sendto", SYS_sigaltstack "sigaltstack", SYS_socket "socket", SYS_socketpair "socketpair", SYS_stat "stat", SYS_statx "statx",
-    SYS_tgkill "tgkill", SYS_timerfd_create "timerfd_create", SYS_timerfd_settime "timerfd_settime", SYS_unlink "unlink", SYS_vfork "vfork",
+    SYS_tgkill "tgkill", SYS_timer_settime "timer_settime", SYS_timerfd_create "timerfd_create", SYS_timerfd_settime "timerfd_settime", SYS_unlink "unlink", SYS_vfork "vfork",
     SYS_wait4 "wait4", SYS_write "write", SYS_writev "writev",
 }

@@ -63,7 +63,8 @@ impl Made {
                             | libc::SYS_read
                     )
             }
-            Call::ArmTimer => number == libc::SYS_timerfd_settime,
+            // A timer that is a file, or a thread's own, which tells it of a deadline while it is busy.
+            Call::ArmTimer => matches!(number, libc::SYS_timerfd_settime | libc::SYS_timer_settime),
             Call::Lock => matches!(
                 self.futex_operation(),
                 Some(libc::FUTEX_LOCK_PI | libc::FUTEX_LOCK_PI2 | libc::FUTEX_UNLOCK_PI)

@@ -242,6 +242,15 @@ pub fn timers() -> Option<Arc<TimerQueue>> {
     TIMERS.with(|slot| slot.borrow().clone())
 }
 
+/// Has the executor that this thread is look at the clock before its next poll.
+pub fn ask_look() {
+    TIMERS.with_borrow(|timers| {
+        if let Some(timers) = timers {
+            timers.ask_look();
+        }
+    });
+}
+
 /// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is any deadline.
 #[cfg(not(loom))]
 pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {

@@ -494,12 +494,17 @@ impl Process {
         self.polls.store(polls + 1, Ordering::Relaxed);
     }
 
-    /// Says that its turn has ended; whether it is queued again already. On the home's thread.
+    /// Says that its turn has ended. On the home's thread.
     #[inline]
-    pub(super) fn end_turn(&self) -> bool {
-        let now = self.state.load(Ordering::Relaxed) & !state::RUNNING;
-        self.state.store(now, Ordering::Relaxed);
-        now & state::QUEUED != 0
+    pub(super) fn end_turn(&self) {
+        let now = self.state.load(Ordering::Relaxed);
+        self.state.store(now & !state::RUNNING, Ordering::Relaxed);
+    }
+
+    /// Whether it is in its executor's run queue. On the home's thread.
+    #[inline]
+    pub fn is_queued(&self) -> bool {
+        self.state.load(Ordering::Relaxed) & state::QUEUED != 0
     }
 
     /// The link, by a pointer that leads back to the owner.

@@ -2,7 +2,7 @@
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
-use super::{Place, Process, THREAD, is_replayed, process};
+use super::{Place, Process, THREAD, is_replayed, plain_turn, process};
 use std::ptr::NonNull;
 use std::task::Context;
 
@@ -62,6 +62,18 @@ pub fn is_outranked() -> bool {
 /// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
 #[inline]
 pub fn ready_again(cx: &Context<'_>, place: Place) {
+    match plain_turn(cx) {
+        // SAFETY: this is the home's thread, and the process lives while it is polled.
+        Some(process) if place == Place::Last => unsafe {
+            process.ready_at(process.level(), Place::Last);
+        },
+        _ => ready_again_attentively(cx, place),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn ready_again_attentively(cx: &Context<'_>, place: Place) {
     process(|process| match process {
         // SAFETY: this is the home's thread, and the process lives while it is polled.
         Some(process) if process.is_owned() && process.is_polled_with(cx) => unsafe {

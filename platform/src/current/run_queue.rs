@@ -27,13 +27,13 @@ impl Link {
 
 /// First come first served within a level; one bit for each level that is not empty. Every operation is O(1) and free of atomics.
 ///
-/// Most often a process is readied while nobody else is: it then goes into a *slot*, and comes out of it without a look at the levels.
+/// The process that runs next lies in a *slot*: there it is found without a look at the levels, and a process that becomes ready while no other one is needs no links.
 ///
 /// # Invariants
 ///
-/// Who is in the slot comes before all others: at its level as the first, and nobody is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
-/// slot is empty. In the levels, `first` and `last` are the ends of a doubly linked chain of live links that are in no other queue, and the level's bit in `bits` says
-/// whether there is one. While there is none, they are not looked at. The first one's `previous` and the last one's `next` are not looked at either.
+/// The slot is empty only if no process is ready. Its process comes before all others: at its level as the first, and none is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
+/// slot is empty. Each level is a circle of live links that are in no other queue: `tails` has the last one of it, whose `next` is the first. The level's bit in `bits` says
+/// whether there is one; while there is none, its tail is not looked at.
 ///
 /// What is looked at most comes first.
 #[derive(Debug)]
@@ -42,13 +42,7 @@ pub(super) struct RunQueue {
     slot: Cell<Option<NonNull<Link>>>,
     slot_bit: Cell<u32>,
     bits: Cell<u32>,
-    pub(super) levels: [Level; LEVELS as usize],
-}
-
-#[derive(Debug)]
-pub(super) struct Level {
-    first: Cell<Option<NonNull<Link>>>,
-    last: Cell<Option<NonNull<Link>>>,
+    pub(super) tails: [Cell<Option<NonNull<Link>>>; LEVELS as usize],
 }
 
 impl RunQueue {
@@ -57,12 +51,7 @@ impl RunQueue {
             slot: Cell::new(None),
             slot_bit: Cell::new(0),
             bits: Cell::new(0),
-            levels: [const {
-                Level {
-                    first: Cell::new(None),
-                    last: Cell::new(None),
-                }
-            }; LEVELS as usize],
+            tails: [const { Cell::new(None) }; LEVELS as usize],
         }
     }
 
@@ -77,27 +66,33 @@ impl RunQueue {
         self.slot.set(None);
         self.slot_bit.set(0);
         self.bits.set(bits);
+        self.tails.iter().for_each(|tail| tail.set(None));
     }
 
     /// Becomes what `other` is, which is empty from then on. O(1); a few stores if it is empty already.
     pub(super) fn take_over(&self, other: &RunQueue) {
-        debug_assert_eq!(self.bits(), 0, "who is ready here is forgotten");
+        debug_assert_eq!(self.bits(), 0, "a process that is ready here is forgotten");
         self.slot.set(other.slot.take());
         self.slot_bit.set(other.slot_bit.replace(0));
         let bits = other.bits.replace(0);
         self.bits.set(bits);
-        // By the invariant the ends of a level are not looked at while there is none.
+        // By the invariant the tail of a level is not looked at while there is none.
         if bits != 0 {
-            for (own, level) in self.levels.iter().zip(&other.levels) {
-                own.first.set(level.first.get());
-                own.last.set(level.last.get());
+            for (own, tail) in self.tails.iter().zip(&other.tails) {
+                own.set(tail.get());
             }
         }
     }
 
-    #[inline]
-    fn level(&self, level: u8) -> &Level {
-        &self.levels[usize::from(level % LEVELS)]
+    #[inline(always)]
+    fn tail(&self, level: u8) -> &Cell<Option<NonNull<Link>>> {
+        &self.tails[usize::from(level % LEVELS)]
+    }
+
+    #[inline(always)]
+    fn fill_slot(&self, bit: u32, node: NonNull<Link>) {
+        self.slot.set(Some(node));
+        self.slot_bit.set(bit);
     }
 
     /// Puts a process behind the others of its level.
@@ -107,29 +102,16 @@ impl RunQueue {
     /// `node` is live until it is popped and is in no queue. `level` is below [`LEVELS`].
     #[inline(always)]
     pub(super) unsafe fn push_back(&self, level: u8, node: NonNull<Link>) {
-        if self.bits() == 0 {
-            self.slot.set(Some(node));
-            self.slot_bit.set(1 << level);
-        } else {
-            // SAFETY: the contract.
-            unsafe { self.push_back_of_many(level, node) };
-        }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`push_back`](Self::push_back).
-    #[inline(never)]
-    unsafe fn push_back_of_many(&self, level: u8, node: NonNull<Link>) {
         let bit = 1 << level;
+        if self.slot_bit.get() == 0 {
+            return self.fill_slot(bit, node);
+        }
         // SAFETY: the contract.
         unsafe {
-            if bit > self.bits() {
-                self.empty_slot();
-                self.slot.set(Some(node));
-                self.slot_bit.set(bit);
+            if bit > self.slot_bit.get() {
+                self.displace(bit, node);
             } else {
-                self.link_last(level, node);
+                self.link::<false>(level, node);
             }
         }
     }
@@ -144,67 +126,56 @@ impl RunQueue {
         let bit = 1 << level;
         // SAFETY: the contract.
         unsafe {
-            if bit >= highest(self.bits()) {
-                self.empty_slot();
-                self.slot.set(Some(node));
-                self.slot_bit.set(bit);
+            if bit >= self.slot_bit.get() {
+                self.displace(bit, node);
             } else {
-                self.link_first(level, node);
+                self.link::<true>(level, node);
             }
         }
     }
 
-    /// Queues who is in the slot as the first of its level.
+    /// Makes a process the next one. The process that was in the slot becomes the first of its level.
     ///
     /// # Safety
     ///
-    /// The slot is filled again, or nobody is readied before that.
-    unsafe fn empty_slot(&self) {
-        if let Some(node) = self.slot.take() {
-            let level = self.slot_bit.replace(0).trailing_zeros() as u8;
-            // SAFETY: who was in the slot is live, and in no level.
-            unsafe { self.link_first(level, node) };
+    /// As for [`push_back`](Self::push_back); and no process of a higher level is ready, of which `bit` is the level's bit.
+    #[inline(never)]
+    unsafe fn displace(&self, bit: u32, node: NonNull<Link>) {
+        if let Some(next) = self.slot.get() {
+            let level = self.slot_bit.get().trailing_zeros() as u8;
+            // SAFETY: the process in the slot is live, and in no level.
+            unsafe { self.link::<true>(level, next) };
         }
+        self.fill_slot(bit, node);
     }
 
+    /// Puts a process into its level, as the first or as the last.
+    ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back).
-    unsafe fn link_last(&self, level: u8, node: NonNull<Link>) {
-        let queue = self.level(level);
+    /// As for [`push_back`](Self::push_back); and the slot's process comes before it.
+    #[inline(always)]
+    unsafe fn link<const FIRST: bool>(&self, level: u8, node: NonNull<Link>) {
+        let tail = self.tail(level);
         let (bits, bit) = (self.bits.get(), 1 << level);
-        let last = queue.last.replace(Some(node));
-        if bits & bit == 0 {
-            self.bits.set(bits | bit);
-            queue.first.set(Some(node));
-            return;
-        }
-        // SAFETY: the new node is live by the contract, the last one by the invariant.
+        // SAFETY: the new node is live by the contract, the others by the invariant.
         unsafe {
-            node.as_ref().previous.set(last);
-            if let Some(last) = last {
-                last.as_ref().next.set(Some(node));
+            let this = node.as_ref();
+            if bits & bit == 0 {
+                self.bits.set(bits | bit);
+                this.next.set(Some(node));
+                this.previous.set(Some(node));
+                tail.set(Some(node));
+                return;
             }
-        }
-    }
-
-    /// # Safety
-    ///
-    /// As for [`push_back`](Self::push_back).
-    unsafe fn link_first(&self, level: u8, node: NonNull<Link>) {
-        let queue = self.level(level);
-        let (bits, bit) = (self.bits.get(), 1 << level);
-        let first = queue.first.replace(Some(node));
-        if bits & bit == 0 {
-            self.bits.set(bits | bit);
-            queue.last.set(Some(node));
-            return;
-        }
-        // SAFETY: the new node is live by the contract, the first one by the invariant.
-        unsafe {
-            node.as_ref().next.set(first);
-            if let Some(first) = first {
-                first.as_ref().previous.set(Some(node));
+            let last = tail.get().unwrap_unchecked();
+            let first = last.as_ref().next.get().unwrap_unchecked();
+            this.next.set(Some(first));
+            this.previous.set(Some(last));
+            last.as_ref().next.set(Some(node));
+            first.as_ref().previous.set(Some(node));
+            if !FIRST {
+                tail.set(Some(node));
             }
         }
     }
@@ -216,61 +187,77 @@ impl RunQueue {
     /// `node` is in this queue, at `level`.
     pub(super) unsafe fn remove(&self, level: u8, node: NonNull<Link>) {
         if self.slot.get() == Some(node) {
-            self.slot.set(None);
-            self.slot_bit.set(0);
+            self.pop();
             return;
         }
-        let queue = self.level(level);
-        let is_first = queue.first.get() == Some(node);
-        let is_last = queue.last.get() == Some(node);
         // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are live.
+        unsafe { self.unlink(level, node) };
+    }
+
+    /// # Safety
+    ///
+    /// `node` is in the circle of `level`.
+    #[inline(always)]
+    unsafe fn unlink(&self, level: u8, node: NonNull<Link>) {
+        // SAFETY: the contract and the invariant: a link in a circle has neighbours, which are live.
         unsafe {
-            let (previous, next) = (node.as_ref().previous.get(), node.as_ref().next.get());
-            match (is_first, is_last) {
-                (true, true) => self.bits.set(self.bits.get() & !(1 << level)),
-                (true, false) => queue.first.set(next),
-                (false, true) => queue.last.set(previous),
-                (false, false) => {
-                    if let (Some(previous), Some(next)) = (previous, next) {
-                        previous.as_ref().next.set(Some(next));
-                        next.as_ref().previous.set(Some(previous));
-                    }
-                }
+            let next = node.as_ref().next.get().unwrap_unchecked();
+            if next == node {
+                self.bits.set(self.bits.get() & !(1 << level));
+                return;
+            }
+            let previous = node.as_ref().previous.get().unwrap_unchecked();
+            previous.as_ref().next.set(Some(next));
+            next.as_ref().previous.set(Some(previous));
+            let tail = self.tail(level);
+            if tail.get() == Some(node) {
+                tail.set(Some(previous));
             }
         }
     }
 
-    /// Takes the first process of the highest level.
+    /// Takes the process that runs next.
     #[inline(always)]
     pub(super) fn pop(&self) -> Option<NonNull<Link>> {
-        let node = self.slot.get();
-        if node.is_some() {
-            self.slot.set(None);
-            self.slot_bit.set(0);
-            return node;
-        }
+        let node = self.slot.get()?;
         let bits = self.bits.get();
         if bits == 0 {
-            return None;
+            self.slot.set(None);
+            self.slot_bit.set(0);
+            return Some(node);
         }
-        let level = (31 - bits.leading_zeros()) as u8;
-        let queue = self.level(level);
-        let node = queue.first.get()?;
-        if queue.last.get() == Some(node) {
-            self.bits.set(bits & !(1 << level));
-        } else {
-            // SAFETY: a queued node is live.
-            queue.first.set(unsafe { node.as_ref() }.next.get());
-        }
+        // SAFETY: a level is not empty.
+        unsafe { self.refill(bits) };
         Some(node)
     }
-}
 
-/// The highest bit of all alone.
-fn highest(bits: u32) -> u32 {
-    1_u32
-        .checked_shl(31 - bits.leading_zeros().min(31))
-        .map_or(0, |bit| bit & bits)
+    /// Puts the first process of the highest level into the slot.
+    ///
+    /// # Safety
+    ///
+    /// `bits` are those of the levels, of which one is not empty.
+    #[inline(always)]
+    unsafe fn refill(&self, bits: u32) {
+        // SAFETY: the contract; by the invariant the level has a tail, and its links are live.
+        unsafe {
+            std::hint::assert_unchecked(bits != 0);
+            let level = bits.ilog2() as u8;
+            let Some(last) = self.tail(level).get() else {
+                // Only `pretend` makes this.
+                self.slot.set(None);
+                return self.slot_bit.set(0);
+            };
+            let first = last.as_ref().next.get().unwrap_unchecked();
+            if first == last {
+                self.bits.set(bits ^ 1 << level);
+            } else {
+                let second = first.as_ref().next.get().unwrap_unchecked();
+                last.as_ref().next.set(Some(second));
+                second.as_ref().previous.set(Some(last));
+            }
+            self.fill_slot(1 << level, first);
+        }
+    }
 }
 
 #[cfg(all(test, not(loom)))]

@@ -67,9 +67,11 @@ impl Wake for Unused {
 
 /// At which level the process was readied, which is in no queue afterwards.
 fn readied() -> u8 {
-    let level = 31 - ready_levels().leading_zeros();
-    // SAFETY: it counts as one that has its turn again before anybody readies it.
+    let before = ready_levels();
+    // SAFETY: it counts as one that has its turn again before anything readies it.
     assert!(unsafe { next_ready() }.is_some(), "it is not ready");
+    let level = (before & !ready_levels()).ilog2();
+    // It was given no turn, so it counts as ready still.
     process(|process| process.expect("one is current").begin_turn());
     level as u8
 }
@@ -193,7 +195,8 @@ fn a_turn_that_panics_is_known_to_who_catches_it() {
         }));
         assert!(caught.is_err());
         assert_eq!(user(), User::Process(process.id()));
-        assert_eq!(take_interrupted(), Some((next, false)));
+        assert_eq!(take_interrupted(), Some(next));
+        assert!(!process.is_queued());
         assert_eq!((user(), take_interrupted()), (User::Outside, None));
         assert_eq!(process.activity(), Activity::Waiting);
     }
@@ -225,7 +228,6 @@ fn a_branch_gives_way_only_if_its_process_comes_again_behind() {
             assert!(!give_way(&Context::from_waker(Waker::noop())));
         });
         assert_eq!(ready_levels(), 1 << 4 | 1 << 3);
-        pretend(1 << 3);
         assert_eq!(readied(), 3);
         pretend(1 << 6);
         // At the process' own level a waker readies it behind what is more urgent, too.
@@ -257,13 +259,13 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
             let next = next_ready().expect("it is ready").cast::<Process>();
             assert_eq!(next_ready(), None, "it is queued once");
             let cx = Context::from_waker(next.as_ref().waker().expect("it was set above"));
-            let ((), is_queued) = give_turn(next.as_ref(), || {
+            give_turn(next.as_ref(), || {
                 process.keep_recorded();
                 assert!(plain_turn(&cx).is_some());
                 assert!(unrecorded_turn(&cx).is_none());
                 ready_again(&cx, Place::Last);
             });
-            assert!(is_queued);
+            assert!(next.as_ref().is_queued());
         }
     }
     #[cfg(feature = "events")]
@@ -282,7 +284,7 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
 #[test]
 #[cfg(target_pointer_width = "64")]
 fn what_each_turn_touches_of_its_thread_is_one_cache_line() {
-    let levels = std::mem::offset_of!(Thread, queue) + std::mem::offset_of!(RunQueue, levels);
-    assert!(levels <= 64, "{levels}");
+    let tails = std::mem::offset_of!(Thread, queue) + std::mem::offset_of!(RunQueue, tails);
+    assert!(tails <= 64, "{tails}");
     THREAD.with(|thread| assert_eq!(std::ptr::from_ref(thread).addr() % 64, 0));
 }

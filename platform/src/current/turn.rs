@@ -39,14 +39,14 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
     poll()
 }
 
-/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before; says whether it is ready again. If `poll` panics, the process stays
+/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before. If `poll` panics, the process stays
 /// the current one: whoever catches that asks [`take_interrupted`] for it. So a turn needs nothing that catches panics.
 ///
 /// # Safety
 ///
 /// As for [`with_process`]; and if the panic is caught, the process lives until it was taken.
 #[inline]
-pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> (R, bool) {
+pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     process.begin_turn();
     THREAD.with(|thread| {
         thread.operations_left.set(OPERATIONS_PER_POLL);
@@ -54,7 +54,8 @@ pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> (R, b
     });
     let polled = poll();
     THREAD.with(|thread| thread.process.set(None));
-    (polled, process.end_turn())
+    process.end_turn();
+    polled
 }
 
 /// Runs `f` as if no process had its turn: for what is done in the middle of one, and is none of its own. If `f` panics, the turn goes on all the same.
@@ -77,19 +78,20 @@ pub fn outside<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// The process whose turn a panic has ended, and whether it is ready again; from here on it is not the current one any more.
+/// The process whose turn a panic has ended; from here on it is not the current one any more.
 ///
 /// # Safety
 ///
 /// If there is a current process, its turn was given by [`give_turn`], whose `poll` has unwound:
 /// nobody on this thread's stack relies on it as the current one.
-pub unsafe fn take_interrupted() -> Option<(NonNull<Process>, bool)> {
+pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
     THREAD.with(|thread| {
         thread.branch.set(Branch::WHOLE);
         let process = thread.process.take()?;
         // SAFETY: by the contract its turn was given by `give_turn`, whose caller keeps the process
         // until it is taken here.
-        Some((process, unsafe { process.as_ref() }.end_turn()))
+        unsafe { process.as_ref() }.end_turn();
+        Some(process)
     })
 }
 

@@ -1,5 +1,6 @@
 //! The complete backend: Linux, through `nix` where it has the call and `libc` where it has not.
 
+pub(crate) mod alarm;
 mod alternate_stack;
 pub(crate) mod boost;
 pub(crate) mod clock;

@@ -28,7 +28,7 @@ pub enum Call {
     Wake,
     /// To sleep, or to look at files without sleeping.
     Sleep,
-    /// To arm a timer.
+    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that is busy when its earliest deadline changes.
     ArmTimer,
     /// To wait for a contended priority-inheriting lock, or to hand it over.
     Lock,

@@ -1,5 +1,6 @@
 //! The backend on the standard library alone: what every system but Linux gets.
 
+pub(crate) mod alarm;
 pub(crate) mod boost;
 pub(crate) mod clock;
 pub(crate) mod crash;

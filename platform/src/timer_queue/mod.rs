@@ -1,7 +1,8 @@
 //! The deadlines that the processes of one thread wait for.
 //!
 //! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The nodes lie in the waiting
-//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps.
+//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps. A thread that does not look at its queue by itself
+//! is called by it when a deadline is armed that comes before all that the thread provides for ([`Attention`]).
 
 mod heap;
 
@@ -24,23 +25,77 @@ use std::task::{Context, Poll};
 ///
 /// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from there, hence the lock;
 /// it is free in all other cases.
-#[derive(Debug)]
 pub struct TimerQueue {
     heap: PiLock<Heap>,
     /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the lock.
     next: AtomicU64,
+    /// The owner looks in time for deadlines from this one on, as nanoseconds: the owner's thread alone reads and writes it.
+    provided: AtomicU64,
+    attention: Option<std::sync::Arc<dyn Attention>>,
+}
+
+/// The owner of a [`TimerQueue`], as the queue calls it.
+pub trait Attention: Send + Sync {
+    /// The owner is to look at its queue before it polls the next process. Called on its own thread, in the middle of a poll.
+    fn ask_look(&self);
 }
 
 impl TimerQueue {
-    /// An empty queue.
+    /// An empty queue, whose owner looks at it before each poll.
     #[expect(
         clippy::new_without_default,
         reason = "a queue belongs to a thread: made on purpose, not by default"
     )]
     pub fn new() -> Self {
+        Self::provided_from(Instant::from_nanos(0), None)
+    }
+
+    /// An empty queue, whose owner looks at it when it is called: until the owner has [provided](Self::provide) for something, by each deadline.
+    pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(attention))
+    }
+
+    fn provided_from(deadline: Instant, attention: Option<std::sync::Arc<dyn Attention>>) -> Self {
         Self {
             heap: PiLock::new(Heap::new()),
             next: AtomicU64::new(u64::MAX),
+            provided: AtomicU64::new(deadline.as_nanos()),
+            attention,
+        }
+    }
+
+    /// Says that the owner looks in time for deadlines at `deadline` and later, so that it is called for earlier ones alone. On the owner's thread.
+    pub fn provide(&self, deadline: Instant) {
+        self.provided.store(deadline.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// What the owner provides for; or the deadline that it was called for since, which is earlier. On the owner's thread. O(1), one load.
+    pub fn provided(&self) -> Instant {
+        Instant::from_nanos(self.provided.load(Ordering::Relaxed))
+    }
+
+    /// Has the owner look before its next poll, if it does not before each one. On the owner's thread.
+    pub fn ask_look(&self) {
+        if self.provided().as_nanos() > 0
+            && let Some(attention) = &self.attention
+        {
+            attention.ask_look();
+        }
+    }
+
+    /// A deadline was armed: if it comes before all that the owner provides for, the owner is called.
+    #[inline]
+    fn announce(&self, deadline: Instant) {
+        if deadline < self.provided() {
+            self.provide(deadline);
+            self.ask_look_for_new();
+        }
+    }
+
+    #[cold]
+    fn ask_look_for_new(&self) {
+        if let Some(attention) = &self.attention {
+            attention.ask_look();
         }
     }
 
@@ -74,8 +129,9 @@ impl TimerQueue {
                     ready
                 }
             };
-            // The thread that expires goes on for its other processes.
-            ready.wake_contained();
+            // The last step of this deadline. A foreign waker that panics here ends the executor, which
+            // is an emergency: a process that nothing wakes would wait without a report.
+            ready.wake();
         }
     }
 
@@ -236,6 +292,8 @@ impl Future for Sleep {
             }
             this.armed = true;
             queue.publish_next(&heap);
+            drop(heap);
+            queue.announce(this.deadline);
         }
         events::waits_for_other();
         Poll::Pending
@@ -246,6 +304,14 @@ impl Drop for Sleep {
     fn drop(&mut self) {
         // SAFETY: a value that is being dropped does not move any more.
         drop(unsafe { Pin::new_unchecked(self) }.disarm());
+    }
+}
+
+impl fmt::Debug for TimerQueue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TimerQueue")
+            .field("next_deadline", &self.next_deadline())
+            .finish_non_exhaustive()
     }
 }
 
@@ -262,80 +328,4 @@ impl fmt::Debug for Sleep {
 type Fired = AtomicBool;
 
 #[cfg(all(test, not(loom)))]
-mod tests {
-    use super::*;
-    use crate::current::Home;
-    use std::pin::pin;
-    use std::sync::atomic::AtomicUsize;
-    use std::task::{Wake, Waker};
-
-    #[derive(Default)]
-    struct Count(AtomicUsize);
-    impl Wake for Count {
-        fn wake(self: std::sync::Arc<Self>) {
-            self.0.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    #[test]
-    fn expires_at_its_deadline_and_not_before() {
-        let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone(), false);
-        let count = std::sync::Arc::new(Count::default());
-        let waker = Waker::from(count.clone());
-        let mut cx = Context::from_waker(&waker);
-        let deadline = Instant::now() + std::time::Duration::from_secs(1000);
-
-        let mut sleep = pin!(Sleep::until(deadline));
-        assert!(sleep.as_mut().poll(&mut cx).is_pending());
-        assert_eq!(queue.next_deadline(), deadline);
-        queue.expire(deadline - std::time::Duration::from_nanos(1));
-        assert_eq!(count.0.load(Ordering::Relaxed), 0);
-        queue.expire(deadline);
-        assert_eq!(count.0.load(Ordering::Relaxed), 1);
-        assert_eq!(queue.next_deadline(), Instant::NEVER);
-        assert!(sleep.as_mut().poll(&mut cx).is_ready());
-    }
-
-    #[test]
-    fn a_dropped_or_reset_sleep_is_gone() {
-        let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone(), false);
-        let mut cx = Context::from_waker(Waker::noop());
-        let far = Instant::now() + std::time::Duration::from_secs(1000);
-        {
-            let mut sleep = pin!(Sleep::until(far));
-            assert!(sleep.as_mut().poll(&mut cx).is_pending());
-            sleep
-                .as_mut()
-                .reset(far + std::time::Duration::from_secs(1));
-            assert_eq!(queue.next_deadline(), Instant::NEVER);
-            assert!(sleep.as_mut().poll(&mut cx).is_pending());
-            assert_eq!(
-                queue.next_deadline(),
-                far + std::time::Duration::from_secs(1)
-            );
-        }
-        assert_eq!(queue.next_deadline(), Instant::NEVER);
-    }
-
-    #[test]
-    fn a_sleep_may_be_dropped_on_another_thread() {
-        let queue = Arc::new(TimerQueue::new());
-        let _home = current::enter_home(Home::new(), queue.clone(), false);
-        let mut cx = Context::from_waker(Waker::noop());
-        let mut sleep = Box::pin(Sleep::until(
-            Instant::now() + std::time::Duration::from_secs(1000),
-        ));
-        assert!(sleep.as_mut().poll(&mut cx).is_pending());
-        std::thread::spawn(move || drop(sleep)).join().unwrap();
-        assert_eq!(queue.next_deadline(), Instant::NEVER);
-    }
-
-    #[test]
-    #[should_panic(expected = "runs no LUNA process")]
-    fn a_thread_without_timers_says_so() {
-        let mut sleep = pin!(Sleep::until(Instant::NEVER));
-        let _ = sleep.as_mut().poll(&mut Context::from_waker(Waker::noop()));
-    }
-}
+mod tests;

@@ -30,7 +30,7 @@ scenarios! {
     meeting: barriers, barriers_as_guards, barriers_of_two_levels, barriers_that_are_joined_and_left, extended_rendezvous, calls, nested_calls,
         calls_that_are_given_up;
     locks: mutexes, locks_that_are_given_up, conditions, semaphores;
-    time: delays, loops, loops_behind_time, loops_in_phase, loops_by_the_manager, loops_that_account, budgets, ticks_as_guards, timers, watchdogs;
+    time: delays, delays_of_a_busy_executor, loops, loops_behind_time, loops_in_phase, loops_by_the_manager, loops_that_account, budgets, ticks_as_guards, timers, watchdogs;
     parallel: parallel_branches, failing_branches, prioritized_branches, collections_of_branches, named_branches, named_branches_that_are_looked_at;
     threads: yields, wakes_from_plain_threads, blocking_operations_of_os_threads, ends_that_are_joined, cancelled_processes,
         processes_spawned_while_running, processes_of_types, processes_that_fail, a_limit_that_is_reached, wakers_that_outlive_their_thread, wakers_that_outlive_their_process, a_contended_lock,

@@ -3,6 +3,8 @@
 use super::Places;
 use luna::prelude::*;
 use luna::{OnOverrun, Overrun, Timer, Timers, Watchdog};
+use std::pin::pin;
+use std::task::{Context, Waker};
 use std::time::Duration;
 
 const SHORT: Duration = Duration::from_micros(50);
@@ -14,6 +16,28 @@ pub(crate) fn delays(places: &mut Places) {
             for n in 0..20 {
                 luna::after(SHORT * (sleeper + 1)).await;
                 luna::at(luna::now() + SHORT * (n % 3)).await;
+            }
+            Ok(())
+        });
+    }
+}
+
+/// An executor that does not sleep has an alarm for its deadlines: for the earliest one, an earlier one that comes, and one that is dropped.
+pub(crate) fn delays_of_a_busy_executor(places: &mut Places) {
+    for busy in 0..3 {
+        places.process(&format!("busy {busy}"), async move {
+            let end = luna::now() + SHORT * 100;
+            while luna::now() < end {
+                luna::yield_now().await;
+            }
+            Ok(())
+        });
+    }
+    for sleeper in 0..3 {
+        places.process(&format!("sleeper {sleeper}"), async move {
+            for n in 0..20 {
+                luna::after(SHORT * (sleeper + 1)).await;
+                let _ = pin!(luna::after(SHORT * n)).poll(&mut Context::from_waker(Waker::noop()));
             }
             Ok(())
         });

@@ -1,0 +1,319 @@
+//! How an executor learns that a deadline is due, without reading the clock before each poll.
+//!
+//! A bit of the word that each round looks at anyway ([`Inbound`]) says that the deadlines are to be looked at. It is set in one of two ways:
+//!
+//! ```text
+//!               a deadline is armed, or the executor wakes and has one
+//!   calm -----------------------------> looking: the bit stays set, each round reads the clock
+//!     ^                                    |  ^
+//!     | the thread sleeps                  |  | the alarm went off; a loop's cycle begins
+//!     |                 LOOKS rounds       v  |
+//!     '---------------------------------- busy: an alarm of the kernel sets the bit
+//! ```
+//!
+//! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the thread soon sleeps again: a timer takes a system call to
+//! arm, another to disarm, and its signal when it goes off. A thread that has not slept for [`LOOKS`] rounds is *busy*: then the [`Alarm`] is armed for the earliest deadline. An earlier
+//! one that comes is announced by the timer queue ([`Attention`](luna_platform::timer_queue::Attention)) and arms it again; a later one does not, and one
+//! that is cancelled lets it go off for nothing. So any number of timeouts that are set and dropped costs one system call. The thread disarms it before it
+//! sleeps, since it then has the deadline from its sleep, and a signal would make its wake-up late.
+//!
+//! After a deadline the executor looks for [`LOOKS`] rounds too: so each turn that keeps the late process waiting is known with its begin and its
+//! end ([`interference`]). Of the turn in which the alarm goes off it knows the end, and when the alarm went off.
+//!
+//! Without an alarm (the portable backend, or a kernel that refuses it) the executor looks as long as any deadline is armed.
+
+use crate::executor::Shared;
+use crate::inbound::DEADLINE;
+use crate::interference;
+use luna_platform::alarm::Alarm;
+use luna_platform::clock::Instant;
+use luna_platform::sync::Arc;
+use luna_platform::timer_queue::TimerQueue;
+use std::cell::Cell;
+
+/// For how many rounds the executor looks at the clock: together they cost about as much as an alarm that is armed, goes off, and is disarmed.
+const LOOKS: u32 = 32;
+
+/// The deadlines of an executor's thread.
+///
+/// # Invariants
+///
+/// While `looks` is not 0 the bit is set, and the queue announces nothing. While the executor is busy, it announces what comes before `armed`, which the
+/// alarm is armed for or has gone off for; [`Instant::NEVER`] if it is not armed.
+pub(crate) struct Deadlines {
+    shared: Arc<Shared>,
+    timers: Arc<TimerQueue>,
+    alarm: Option<Alarm>,
+    armed: Cell<Instant>,
+    /// For how many more rounds the executor looks; 0: it does not.
+    looks: Cell<u32>,
+    is_busy: Cell<bool>,
+}
+
+impl Deadlines {
+    /// For the executor `shared`, on its thread.
+    pub(crate) fn new(shared: Arc<Shared>, timers: Arc<TimerQueue>) -> Self {
+        Self {
+            alarm: Alarm::new(shared.clone(), |shared| shared.inbound().word(), DEADLINE),
+            shared,
+            timers,
+            armed: Cell::new(Instant::NEVER),
+            looks: Cell::new(0),
+            is_busy: Cell::new(false),
+        }
+    }
+
+    /// Wakes all whose deadline has come. Called between two polls, when the bit is set.
+    #[inline(never)]
+    pub(crate) fn look(&self) {
+        if self.looks.get() == 0 && !self.begin() {
+            return;
+        }
+        let now = Instant::now();
+        interference::look(now);
+        if self.timers.next_deadline() <= now {
+            self.timers.expire(now);
+            self.looks.set(LOOKS);
+        } else {
+            self.looks.set(self.looks.get() - 1);
+            if self.looks.get() == 0 {
+                self.end();
+            }
+        }
+    }
+
+    /// Begins to look. `false`: only the alarm was to be armed.
+    fn begin(&self) -> bool {
+        let inbound = self.shared.inbound();
+        // First: what comes from here on sets the bit again.
+        inbound.take_look();
+        let rung = self.take_rung();
+        if self.is_busy.get() && rung.is_none() && !interference::is_looking() {
+            // Asked for a new deadline, which may have come in the turn that has just ended.
+            let deadline = self.timers.provided();
+            if deadline > Instant::now() && self.arm(deadline) {
+                return false;
+            }
+        }
+        inbound.ask_look();
+        self.timers.provide(Instant::from_nanos(0));
+        self.looks.set(LOOKS);
+        if let Some(rung) = rung {
+            interference::looked(rung);
+        }
+        true
+    }
+
+    /// Looks no more, and has the alarm tell of the next deadline. Without an alarm it looks on.
+    #[cold]
+    fn end(&self) {
+        let inbound = self.shared.inbound();
+        // First: if the alarm goes off from here on, it sets the bit.
+        inbound.take_look();
+        self.take_rung();
+        if self.arm(self.timers.next_deadline()) {
+            self.is_busy.set(true);
+            self.timers.provide(self.armed.get());
+            interference::look_no_more();
+        } else {
+            inbound.ask_look();
+            self.looks.set(LOOKS);
+        }
+    }
+
+    /// The thread is about to sleep. Gives when it is to wake.
+    pub(crate) fn rest(&self) -> Instant {
+        if self.armed.replace(Instant::NEVER) != Instant::NEVER
+            && let Some(alarm) = &self.alarm
+        {
+            alarm.disarm();
+            alarm.take_rung();
+        }
+        self.is_busy.set(false);
+        let inbound = self.shared.inbound();
+        let next = self.timers.next_deadline();
+        if next == Instant::NEVER {
+            if inbound.signals().deadline() {
+                inbound.take_look();
+            }
+            self.looks.set(0);
+            self.timers.provide(Instant::NEVER);
+        } else {
+            inbound.ask_look();
+            self.looks.set(LOOKS);
+            self.timers.provide(Instant::from_nanos(0));
+        }
+        next
+    }
+
+    /// Has the alarm go off at `deadline` or before. `false`: there is none.
+    fn arm(&self, deadline: Instant) -> bool {
+        if deadline >= self.armed.get() {
+            return true;
+        }
+        let is_armed = self.alarm.as_ref().is_some_and(|alarm| alarm.arm(deadline));
+        if is_armed {
+            self.armed.set(deadline);
+            #[cfg(test)]
+            tests::ARMED.set(tests::ARMED.get() + 1);
+        }
+        is_armed
+    }
+
+    /// When the alarm went off, if it has.
+    fn take_rung(&self) -> Option<Instant> {
+        let rung = self.alarm.as_ref()?.take_rung()?;
+        self.armed.set(Instant::NEVER);
+        Some(rung)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Executor, Exit, ProcessSpec, yield_now};
+    use luna_platform::thread::Attributes;
+    use luna_platform::timer_queue::Sleep;
+    use std::pin::{Pin, pin};
+    use std::rc::Rc;
+    use std::task::{Context, Waker};
+    use std::time::Duration;
+
+    thread_local! {
+        /// How often an alarm of this thread was armed: the system calls that deadlines have cost.
+        pub(super) static ARMED: Cell<u32> = const { Cell::new(0) };
+    }
+
+    fn has_alarm() -> bool {
+        let has_alarm = cfg!(all(target_os = "linux", not(luna_portable)));
+        if !has_alarm {
+            println!("skipped: the platform has no alarm");
+        }
+        has_alarm
+    }
+
+    /// Runs a process on an executor that is busy already.
+    fn on_busy_executor<F: Future<Output = ()> + 'static>(
+        body: impl FnOnce() -> F + Send + 'static,
+    ) {
+        let executor = Executor::start(Attributes::new("main")).unwrap();
+        let process = executor.spawn(ProcessSpec::new("busy"), move || async move {
+            // The first deadline makes it look, for so long.
+            let mut sleep = pin!(Sleep::until(Instant::now() + Duration::from_secs(1000)));
+            poll(sleep.as_mut());
+            for _ in 0..2 * LOOKS {
+                yield_now().await;
+            }
+            body().await;
+        });
+        executor.release();
+        assert_eq!(process.wait(), Exit::Completed);
+    }
+
+    fn poll(sleep: Pin<&mut Sleep>) {
+        assert!(
+            sleep
+                .poll(&mut Context::from_waker(Waker::noop()))
+                .is_pending()
+        );
+    }
+
+    #[test]
+    fn timeouts_that_are_set_and_dropped_cost_one_system_call() {
+        if !has_alarm() {
+            return;
+        }
+        on_busy_executor(|| async {
+            let before = ARMED.get();
+            let first = Instant::now() + Duration::from_secs(500);
+            for number in 0..100_000 {
+                let mut sleep = pin!(Sleep::until(first.plus_nanos(number)));
+                poll(sleep.as_mut());
+                if number % 100 == 0 {
+                    yield_now().await;
+                }
+            }
+            assert_eq!(ARMED.get() - before, 1);
+        });
+    }
+
+    #[test]
+    fn an_earlier_deadline_arms_anew_and_a_later_one_does_not() {
+        if !has_alarm() {
+            return;
+        }
+        on_busy_executor(|| async {
+            let before = ARMED.get();
+            assert!(before >= 1, "the executor is busy, with a deadline");
+            let now = Instant::now();
+            for (seconds, armed) in [(500, 1), (600, 1), (400, 2), (450, 2), (300, 3)] {
+                let mut sleep = pin!(Sleep::until(now + Duration::from_secs(seconds)));
+                poll(sleep.as_mut());
+                yield_now().await;
+                assert_eq!(ARMED.get() - before, armed, "{seconds}");
+            }
+        });
+    }
+
+    /// It is announced at the end of the turn that sets it, and is due by then.
+    #[test]
+    fn a_deadline_that_comes_in_the_turn_that_sets_it_is_noticed_after_that_turn() {
+        const SHORT: Duration = Duration::from_micros(200);
+        on_busy_executor(|| async {
+            for _ in 0..20 {
+                for _ in 0..2 * LOOKS {
+                    yield_now().await;
+                }
+                let deadline = Instant::now() + SHORT;
+                let mut sleep = pin!(Sleep::until(deadline));
+                poll(sleep.as_mut());
+                while Instant::now() < deadline + SHORT {}
+                yield_now().await;
+                let again = sleep.poll(&mut Context::from_waker(Waker::noop()));
+                assert!(again.is_ready());
+            }
+        });
+    }
+
+    /// The first poll boundary after a deadline notices it, also if one was armed for nothing before.
+    #[test]
+    fn a_busy_executor_notices_a_deadline_after_the_turn_in_which_it_comes() {
+        /// A turn, and what an interrupt may be late by.
+        const TURN: Duration = Duration::from_millis(2);
+        on_busy_executor(|| async {
+            // It goes off for nothing.
+            drop({
+                let mut sleep = Box::pin(Sleep::until(Instant::now() + TURN));
+                poll(sleep.as_mut());
+                yield_now().await;
+                sleep
+            });
+            for _ in 0..5 {
+                for _ in 0..2 * LOOKS {
+                    yield_now().await;
+                }
+                let deadline = Instant::now() + 5 * TURN;
+                let has_come = Rc::new(Cell::new(false));
+                let come = has_come.clone();
+                let mut sleep = pin!(async move {
+                    Sleep::until(deadline).await;
+                    come.set(true);
+                });
+                let mut late = 0;
+                std::future::poll_fn(|cx| {
+                    let begin = Instant::now();
+                    if sleep.as_mut().poll(cx).is_ready() || late > 1 {
+                        return std::task::Poll::Ready(());
+                    }
+                    // This turn began when the deadline had come long before. That may be once: another thread may take the core away just before the turn begins.
+                    late += u32::from(begin > deadline + TURN);
+                    while Instant::now() < begin + TURN {}
+                    cx.waker().wake_by_ref();
+                    std::task::Poll::Pending
+                })
+                .await;
+                assert!(has_come.get() && late <= 1, "{late} turns too late");
+            }
+        });
+    }
+}

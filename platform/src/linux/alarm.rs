@@ -1,0 +1,233 @@
+//! A POSIX timer of one thread, with a handler of its signal that sets a bit.
+
+use super::clock::timespec;
+use crate::clock::Instant;
+use crate::path::{self, Call};
+use libc::{c_int, c_void, siginfo_t, timer_t};
+use std::any::Any;
+use std::cell::Cell;
+use std::fmt;
+use std::marker::PhantomData;
+use std::mem::MaybeUninit;
+use std::ptr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What the handler sets.
+struct Target {
+    word: *const AtomicU64,
+    bit: u64,
+    /// When the handler ran last, in nanoseconds; 0 once that was taken.
+    rung: AtomicU64,
+}
+
+thread_local! {
+    /// What the handler sets on this thread, null without an alarm. It has no destructor, so a handler can read it at any time; and a thread with a timer has
+    /// touched it, so reading it allocates nothing.
+    static HERE: Cell<*const Target> = const { Cell::new(ptr::null()) };
+}
+
+/// The alarm of the thread that made it.
+///
+/// # Invariants
+///
+/// `HERE` of that thread points to `target` as long as this lives; the word is a part of `owner`.
+pub struct Alarm {
+    timer: timer_t,
+    target: Box<Target>,
+    /// Which signals the thread blocked before.
+    blocked: libc::sigset_t,
+    _owner: Arc<dyn Any + Send + Sync>,
+    _stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl Alarm {
+    /// An alarm for the calling thread that sets `bit` of a word of `owner`. Nothing if the thread has one, or the kernel refuses. Not for the real-time path.
+    ///
+    /// ```
+    /// use luna_platform::alarm::Alarm;
+    /// use luna_platform::clock::Instant;
+    /// use std::sync::Arc;
+    /// use std::sync::atomic::{AtomicU64, Ordering};
+    ///
+    /// let word = Arc::new(AtomicU64::new(0));
+    /// if let Some(alarm) = Alarm::new(word.clone(), |word| word, 1) {
+    ///     alarm.arm(Instant::now());
+    ///     while word.load(Ordering::Relaxed) == 0 {}
+    /// }
+    /// ```
+    pub fn new<T: Send + Sync + 'static>(
+        owner: Arc<T>,
+        word: impl FnOnce(&T) -> &AtomicU64,
+        bit: u64,
+    ) -> Option<Alarm> {
+        if !HERE.get().is_null() {
+            return None;
+        }
+        let number = signal_number()?;
+        let target = Box::new(Target {
+            word: word(&owner),
+            bit,
+            rung: AtomicU64::new(0),
+        });
+        let timer = create(number)?;
+        let blocked = unblock(number);
+        HERE.set(&raw const *target);
+        Some(Alarm {
+            timer,
+            target,
+            blocked,
+            _owner: owner,
+            _stays_on_its_thread: PhantomData,
+        })
+    }
+
+    /// Sets the bit at `deadline`, and no more at an earlier one; at once if it has passed. `false` if the kernel refuses. Real-time path: yes; one system call.
+    #[must_use = "without an alarm the clock is to be read"]
+    pub fn arm(&self, deadline: Instant) -> bool {
+        // 0 would disarm.
+        self.set(deadline.as_nanos().max(1))
+    }
+
+    /// Sets nothing any more. Real-time path: yes; one system call.
+    pub fn disarm(&self) {
+        // It fails for no timer that exists.
+        self.set(0);
+    }
+
+    /// When the bit was set last, if that was not taken before. Real-time path: yes; a load and a store.
+    pub fn take_rung(&self) -> Option<Instant> {
+        let rung = self.target.rung.load(Ordering::Relaxed);
+        (rung != 0).then(|| {
+            self.target.rung.store(0, Ordering::Relaxed);
+            Instant::from_nanos(rung)
+        })
+    }
+
+    fn set(&self, nanos: u64) -> bool {
+        let time = libc::itimerspec {
+            it_interval: timespec(0),
+            it_value: timespec(nanos),
+        };
+        path::expected(Call::ArmTimer, || {
+            // SAFETY: the timer is this value's, and the time lives during the call.
+            unsafe {
+                libc::timer_settime(
+                    self.timer,
+                    libc::TIMER_ABSTIME,
+                    &raw const time,
+                    ptr::null_mut(),
+                ) == 0
+            }
+        })
+    }
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
+        // A signal that is under way finds nothing to set, also if it comes only when the thread unblocks it.
+        HERE.set(ptr::null());
+        // SAFETY: the timer is this value's, and is deleted once; the mask was given by the kernel.
+        unsafe {
+            libc::timer_delete(self.timer);
+            libc::pthread_sigmask(libc::SIG_SETMASK, &raw const self.blocked, ptr::null_mut());
+        }
+    }
+}
+
+impl fmt::Debug for Alarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Alarm")
+    }
+}
+
+/// A timer of the calling thread that sends it the signal `number`.
+fn create(number: c_int) -> Option<timer_t> {
+    // SAFETY: zero is a value of each field.
+    let mut event: libc::sigevent = unsafe { MaybeUninit::zeroed().assume_init() };
+    event.sigev_notify = libc::SIGEV_THREAD_ID;
+    event.sigev_signo = number;
+    // SAFETY: it has no precondition.
+    event.sigev_notify_thread_id = unsafe { libc::gettid() };
+    let mut timer = ptr::null_mut();
+    // SAFETY: both live during the call.
+    let outcome =
+        unsafe { libc::timer_create(libc::CLOCK_MONOTONIC, &raw mut event, &raw mut timer) };
+    (outcome == 0).then_some(timer)
+}
+
+/// Lets the signal `number` interrupt the calling thread. Gives what it blocked before.
+fn unblock(number: c_int) -> libc::sigset_t {
+    // SAFETY: both sets live during the calls, and the kernel or the C library writes them before they are read. It fails only for an unknown operation.
+    unsafe {
+        let mut one = MaybeUninit::uninit();
+        let mut before = MaybeUninit::zeroed();
+        libc::sigemptyset(one.as_mut_ptr());
+        libc::sigaddset(one.as_mut_ptr(), number);
+        libc::pthread_sigmask(libc::SIG_UNBLOCK, one.as_ptr(), before.as_mut_ptr());
+        before.assume_init()
+    }
+}
+
+/// The signal of all alarms, with the handler. Nothing if all real-time signals have handlers of others.
+fn signal_number() -> Option<c_int> {
+    static CHOSEN: Mutex<Option<c_int>> = Mutex::new(None);
+    let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
+    // Another part of the program may have taken it since.
+    if let Some(number) = *chosen
+        && action(number, None)?.sa_sigaction == handler()
+    {
+        return *chosen;
+    }
+    // From above, since programs count theirs from `SIGRTMIN`. The last one is Valgrind's.
+    *chosen = (libc::SIGRTMIN()..libc::SIGRTMAX()).rev().find(|&number| {
+        let is_free = |before: libc::sigaction| before.sa_sigaction == libc::SIG_DFL;
+        if !action(number, None).is_some_and(is_free) {
+            return false;
+        }
+        // SAFETY: a zeroed action is a valid one, with an empty mask.
+        let mut own: libc::sigaction = unsafe { MaybeUninit::zeroed().assume_init() };
+        own.sa_sigaction = handler();
+        // Other system calls go on after the handler where they can; it runs on an alternative stack if the thread has one.
+        own.sa_flags = libc::SA_SIGINFO | libc::SA_RESTART | libc::SA_ONSTACK;
+        match action(number, Some(&own)) {
+            Some(before) if !is_free(before) => {
+                // Another thread has just taken it.
+                action(number, Some(&before));
+                false
+            }
+            outcome => outcome.is_some(),
+        }
+    });
+    *chosen
+}
+
+/// What the signal does, or did before it does `new`.
+fn action(number: c_int, new: Option<&libc::sigaction>) -> Option<libc::sigaction> {
+    let mut before = MaybeUninit::zeroed();
+    let new = new.map_or(ptr::null(), ptr::from_ref);
+    // SAFETY: both live during the call; the handler is `ring`, which has the signature that SA_SIGINFO asks for and is async-signal-safe, or what was there before.
+    unsafe {
+        (libc::sigaction(number, new, before.as_mut_ptr()) == 0).then(|| before.assume_init())
+    }
+}
+
+fn handler() -> libc::sighandler_t {
+    ring as *const () as usize
+}
+
+/// The handler. Async-signal-safe: it reads the clock and a thread-local without a destructor, and stores to atomics.
+extern "C" fn ring(_: c_int, information: *mut siginfo_t, _: *mut c_void) {
+    // SAFETY: with SA_SIGINFO the kernel gives it.
+    if unsafe { (*information).si_code } != libc::SI_TIMER {
+        // Somebody's `kill`.
+        return;
+    }
+    // SAFETY: by the alarm's invariant it is null or points to what lives; the handler runs on the thread whose alarm it is, so nothing goes meanwhile.
+    if let Some(target) = unsafe { HERE.get().as_ref() } {
+        let now = Instant::now_real().as_nanos();
+        target.rung.store(now, Ordering::Relaxed);
+        // SAFETY: as above; the word is a part of what the alarm owns.
+        unsafe { &*target.word }.fetch_or(target.bit, Ordering::AcqRel);
+    }
+}

@@ -1,0 +1,39 @@
+//! The standard library has no alarms.
+
+use crate::clock::Instant;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+/// The alarm of a thread. This backend has none: [`new`](Self::new) gives nothing.
+#[derive(Debug)]
+pub struct Alarm {
+    never: Infallible,
+}
+
+impl Alarm {
+    /// Gives nothing.
+    pub fn new<T: Send + Sync + 'static>(
+        _owner: Arc<T>,
+        _word: impl FnOnce(&T) -> &AtomicU64,
+        _bit: u64,
+    ) -> Option<Alarm> {
+        None
+    }
+
+    /// There is none to be armed.
+    #[must_use = "without an alarm the clock is to be read"]
+    pub fn arm(&self, _deadline: Instant) -> bool {
+        match self.never {}
+    }
+
+    /// There is none to be disarmed.
+    pub fn disarm(&self) {
+        match self.never {}
+    }
+
+    /// There is none to be asked.
+    pub fn take_rung(&self) -> Option<Instant> {
+        match self.never {}
+    }
+}
