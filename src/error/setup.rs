@@ -247,8 +247,8 @@ impl fmt::Display for SetupError {
             }
             SetupError::TooManyLoops { name, most } => write!(
                 f,
-                "loop `{name}` is one more than the {most} for which statistics were set aside; call System::max_loops \
-                 before the start"
+                "loop `{name}` is one more than the {most} for whose statistics the system has room; call \
+                 System::max_loops with a greater number before the start"
             ),
             SetupError::TooManyTimers { name, most } => write!(
                 f,
