@@ -52,7 +52,7 @@ impl Receiving for luna::Receiver<u64> {
 /// A system with one executor on the bench's core, without a real-time policy, like its peers.
 pub type Luna = LunaSystem<true>;
 
-/// The same without room for the statistics of periodic loops, which is 12 MB by default.
+/// The same without room for the statistics of periodic loops, which is 0.8 MB by default.
 pub type LunaWithoutLoops = LunaSystem<false>;
 
 /// As [`Luna`], with an executor that polls for work for a while before it sleeps.

@@ -64,6 +64,8 @@ fn spawn(system: &mut System, arguments: &args::Jitter) -> luna::Result<Ended> {
     let period = Duration::from_micros(arguments.interval);
     let guard = Duration::from_micros(arguments.guard);
     let executor = place::executor(system, NAME, &arguments.place)?;
+    // The measured loop is one of them.
+    system.max_loops(arguments.others as usize + 1);
     let ended = Ended::default();
     let measured = ended.clone();
     executor.process(NAME).priority(31).spawn(async move {

@@ -93,7 +93,8 @@ pub enum SetupError {
         /// The most bytes it may have.
         most: usize,
     },
-    /// There are more loops than room for their statistics was set aside before the start.
+    /// There are more loops than the system reserved room for before the start: 16, or as many as
+    /// [`System::max_loops`](crate::System::max_loops) said. Loops that have ended count.
     TooManyLoops {
         /// The loop that came last.
         name: String,
@@ -247,8 +248,8 @@ impl fmt::Display for SetupError {
             }
             SetupError::TooManyLoops { name, most } => write!(
                 f,
-                "loop `{name}` is one more than the {most} for which statistics were set aside; call System::max_loops \
-                 before the start"
+                "loop `{name}` is one more than the {most} for whose statistics the system has room; call \
+                 System::max_loops with a greater number before the start"
             ),
             SetupError::TooManyTimers { name, most } => write!(
                 f,

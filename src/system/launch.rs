@@ -26,11 +26,11 @@ use crate::tell::tell;
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
 
-/// The most loops that room is set aside for unless asked for: 256 at about 46 KiB.
-const MOST_LOOPS: usize = 256;
-
-/// For how many loops there is room beyond one a process: 1.5 MiB, so that a process may have several, at once or one after the other.
-const FURTHER_LOOPS: usize = 32;
+/// For how many loops room is reserved unless `System::max_loops` says another number: 745 KiB in
+/// all. One reserve for the system: which processes have loops is known only when their bodies
+/// run, and in a large system few do. A reserve that grew with the number of processes was most of
+/// what each of them took.
+const LOOPS: usize = 16;
 
 /// A system whose processes are ready to be released.
 pub(super) struct Launched {
@@ -163,9 +163,7 @@ fn launch_described(
         None
     };
 
-    let loops = settings
-        .max_loops
-        .unwrap_or_else(|| (waiting.len() + FURTHER_LOOPS).min(MOST_LOOPS));
+    let loops = settings.max_loops.unwrap_or(LOOPS);
     // On a clock that is not the machine's nothing but that clock wakes anybody.
     let manager = match settings.manager {
         Some(manager) if handle.is_some() => {

@@ -83,8 +83,13 @@ impl System {
         self
     }
 
-    /// Sets room aside for the statistics of `loops` periodic loops, about 46 KiB each. Without it there is room for one a process that is spawned before the run and
-    /// 32 more (1.5 MiB), at most 256 in all (12 MiB). Loops that have ended count: their statistics are kept for the report.
+    /// Reserves room for the statistics of `loops` periodic loops, about 50 KiB each, before the
+    /// start: one reserve for the whole system, which any of its processes takes from. Without it
+    /// there is room for 16 loops (0.8 MiB), however many processes there are. Loops that have
+    /// ended count: their statistics are kept for the report.
+    ///
+    /// One loop more is an error where it begins ([`SetupError::TooManyLoops`](crate::SetupError::TooManyLoops)).
+    /// The others go on.
     pub fn max_loops(&mut self, loops: usize) -> &mut Self {
         self.plan.settings().max_loops = Some(loops);
         self

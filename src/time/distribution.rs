@@ -57,6 +57,12 @@ impl Distribution {
         }
     }
 
+    /// What the histogram takes on the heap.
+    #[cfg(test)]
+    pub(crate) fn histogram_bytes(&self) -> usize {
+        self.histogram.distinct_values() * size_of::<u32>()
+    }
+
     /// Counts one time. O(1).
     #[inline]
     pub(crate) fn record(&mut self, nanos: u64) {

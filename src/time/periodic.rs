@@ -103,7 +103,8 @@ enum Prepared {
 ///
 /// Call it in a process, at the start of its body. Deadlines are absolute, so that a late cycle never shifts the following ones. Slots
 /// that come while the loop is busy are treated by its [`Overrun`] policy. Real-time path: yes; in a [`System`](crate::System) it allocates
-/// nothing, since the statistics' room is set aside before the start. O(loops, and processes with [parameters](crate::parameters)).
+/// nothing, since it takes the room for its statistics from a reserve of the system, of 16 loops or as many as [`System::max_loops`](crate::System::max_loops) says.
+/// O(loops, and processes with [parameters](crate::parameters)).
 ///
 /// In [`pre_run`](crate::Process::pre_run) it makes a loop that begins with the bodies: its first slot is a period after all of them are released; in a process that is spawned
 /// while the system runs, a period after the body first asks for one.

@@ -100,7 +100,7 @@ thread_local! {
 }
 
 impl Scope {
-    /// Sets room for `most` loops aside.
+    /// Reserves room for `most` loops.
     pub(crate) fn with_room_for(
         most: usize,
         living: Arc<Living>,

@@ -111,3 +111,18 @@ impl LoopReport {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the documentation of `System::max_loops` says.
+    #[test]
+    fn the_room_of_a_loop_takes_about_50_kib() {
+        let room = Statistics::new();
+        let histograms = [&room.wake_latency, &room.cycle_time, &room.run_time]
+            .map(Distribution::histogram_bytes);
+        let bytes = size_of::<Statistics>() + histograms.iter().sum::<usize>();
+        assert_eq!((bytes + 512) / 1024, 50, "{bytes}");
+    }
+}

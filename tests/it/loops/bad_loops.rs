@@ -146,18 +146,40 @@ fn more_loops_than_room_was_set_aside_for() {
 }
 
 #[test]
-fn room_for_loops_when_none_was_asked_for() {
+fn room_for_loops_is_one_reserve_of_the_system() {
     let _watch = watchdog();
-    in_a_process(async || {
-        // One for the only process, and 32 more; those that have ended count.
-        let make = |number: usize| luna::periodic(&number.to_string(), Duration::from_millis(1));
-        let _loops: Vec<_> = (0..20).map(|number| make(number).unwrap()).collect();
-        (20..33).for_each(|number| drop(make(number).unwrap()));
-        assert!(matches!(
-            make(33),
-            Err(Error::Setup(SetupError::TooManyLoops { most: 33, .. }))
-        ));
-    });
+    for processes in [1, 100] {
+        let mut system = super::system("reserve");
+        let executor = system.executor("main").build().unwrap();
+        for number in 1..processes {
+            executor
+                .process(&number.to_string())
+                .spawn(async { Ok(()) })
+                .unwrap();
+        }
+        executor
+            .process("loops")
+            .spawn(async {
+                let make = |number: usize| {
+                    luna::periodic(&format!("loop {number}"), Duration::from_millis(1))
+                };
+                let mut first = make(0)?;
+                let _others: Vec<_> = (1..10).map(|number| make(number).unwrap()).collect();
+                // Those that have ended count.
+                (10..16).for_each(|number| drop(make(number).unwrap()));
+                let name = "loop 16".to_owned();
+                assert_eq!(
+                    make(16).err(),
+                    Some(Error::Setup(SetupError::TooManyLoops { name, most: 16 }))
+                );
+                // The loops that there are go on.
+                first.next().await;
+                Ok(())
+            })
+            .unwrap();
+        let loops = system.run().unwrap().loops;
+        assert_eq!((loops.len(), loops["loop 0"].cycles), (16, 1));
+    }
 }
 
 #[test]
