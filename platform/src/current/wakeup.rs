@@ -10,8 +10,8 @@
 //! 2. It never runs between two steps of a state change. When it runs, the node is unlinked or listed, the outcome and the operation's own phase are set, and what was received has
 //!    an owner. It is the last step, or what comes after it is done by a guard, which also runs while a panic unwinds.
 //! 3. A panic reaches the caller of the operation, and nobody else. A [`Ready`] that is dropped by the unwinding wakes all the same. While one panic unwinds, a second
-//!    one is contained here, since it would end the program. A thread that wakes for others (an executor at a deadline, say) contains all of them:
-//!    [`wake_contained`](Ready::wake_contained).
+//!    one is contained here, since it would end the program. A thread that wakes for others and has more to do (the timer manager, say)
+//!    contains all of them: [`wake_contained`](Ready::wake_contained). At a deadline of an executor a panic ends the executor, which is an emergency.
 //!
 //! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of the other channels if alternatives meet. The value has to be there at the instant of the choice, and
 //! its partner has committed by then. Without the lock, the partner that times out or is dropped meanwhile would have to wait for the closure: an operation would wait for
