@@ -117,6 +117,18 @@ pub use csp::par as __par;
 struct Guide;
 
 #[cfg(doctest)]
+#[doc = include_str!("../docs/loops.md")]
+struct LoopsPage;
+
+#[cfg(doctest)]
+#[doc = include_str!("../docs/budgets.md")]
+struct BudgetsPage;
+
+#[cfg(doctest)]
+#[doc = include_str!("../docs/failures.md")]
+struct FailuresPage;
+
+#[cfg(doctest)]
 #[doc = include_str!("../docs/safety.md")]
 struct SafetyPage;
 

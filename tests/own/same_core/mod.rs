@@ -1,6 +1,6 @@
 //! Two threads of different priority on one core: the higher one wakes at random instants, wherever the lower one has just come to in
 //! its operation, and operates on the same channel, barrier, waker or lock. What spins on the other's progress hangs here, and what lets it be held up by
-//! others in between takes as long as these. See `docs/proof.md`.
+//! others in between takes as long as these. See `docs/proof-tools.md`.
 //!
 //! `LUNA_LONG=1`: millions of operations. `LUNA_SEED` sets the seed.
 
