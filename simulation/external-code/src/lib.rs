@@ -4,7 +4,7 @@
 //! computes a step, over arrays of inputs `u`, outputs `y`, states `x` and parameters `p`, at a
 //! time `t`. A [`Submodel`] owns the arrays, calls the functions, and checks the outputs; a
 //! [`SubmodelProcess`] does so between channels. The C is compiled by the build script of the
-//! program that uses it (the `cc` crate): see `external-code/example`.
+//! program that uses it (the `cc` crate): see `simulation/external-code/example`.
 //!
 //! Code with its arrays as globals (a function of `u`, `y` and `t` alone, or without arguments)
 //! needs two wrapper functions of this form in C, which copy. It exists only once, so create one

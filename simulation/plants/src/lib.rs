@@ -66,7 +66,7 @@ pub use series::Series;
 
 /// The programs of the page are tests.
 #[cfg(doctest)]
-#[doc = include_str!("../../docs/simulation.md")]
+#[doc = include_str!("../../../docs/simulation.md")]
 struct Page;
 
 /// Random cases from the seed `LUNA_SEED`; without it always the same.

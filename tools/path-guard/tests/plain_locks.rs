@@ -91,7 +91,7 @@ const KNOWN: [(&str, &str); 17] = [
     ),
 ];
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
 /// All files below `folder` that are no tests, relative to the root.
