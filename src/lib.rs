@@ -78,15 +78,15 @@ pub use luna_channels::{
     Alternative, AlternativeRecv, Barrier, ChannelEnd, Ended, LocalBarrier, LocalSync, Party,
     SyncOp,
 };
+pub use luna_core::current::{ProcessId, on_path, refused_boosts};
+pub use luna_core::path::off_path;
 pub use luna_executors::{
     Blocking, ClockDriver, DriveError, Exit, Join, ProcessHandle, ProcessState, YieldNow, blocking,
     yield_now,
 };
 #[cfg(unix)]
 pub use luna_executors::{FileError, FileReady, prepare_files, readable, writable};
-pub use luna_platform::current::{ProcessId, on_path, refused_boosts};
 pub use luna_platform::panics::catch as catch_panic;
-pub use luna_platform::path::off_path;
 pub use luna_platform::shortfall::Shortfall;
 pub use luna_platform::thread::{AttributeError, Policy, PolicyError};
 pub use luna_platform::usage::ThreadUsage;

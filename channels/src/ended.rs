@@ -2,10 +2,10 @@
 
 use crate::place::{Ending, Lists, Place};
 use crate::taped;
-use luna_platform::current::{self, Ready, Renewal, Wakeup};
-use luna_platform::events;
-use luna_platform::tape::{Event, Turn, What};
-use luna_platform::wait_list::{WaitList, WaitNode};
+use luna_core::current::{self, Ready, Renewal, Wakeup};
+use luna_core::events;
+use luna_core::tape::{Event, Turn, What};
+use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

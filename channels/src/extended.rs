@@ -3,7 +3,7 @@
 use crate::core::Taken;
 use crate::recv::Receiver;
 use crate::waiter::Waiter;
-use luna_platform::current::Priority;
+use luna_core::current::Priority;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 

@@ -5,9 +5,9 @@
 
 use crate::place::{Ending, Lists, Place};
 use crate::waiter::Waiter;
-use luna_platform::current::User;
-use luna_platform::events;
-use luna_platform::wait_list::{WaitList, WaitNode};
+use luna_core::current::User;
+use luna_core::events;
+use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::panic::Location;
 use std::ptr::NonNull;

@@ -87,7 +87,7 @@ pub mod __private {
 }
 
 use crate::inspect::{Identity, PlaceKind};
-use luna_platform::current::{self, Place};
+use luna_core::current::{self, Place};
 use std::task::Context;
 
 /// Makes a rendezvous channel: a send ends when a receiver has taken the value. Allocates the channel; not for the real-time path.

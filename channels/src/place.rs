@@ -3,10 +3,10 @@
 use crate::inspect::Identity;
 use crate::spots::{Nodes, Side, Spots};
 use crate::taped::{Order, Taped};
-use luna_platform::current::{Heir, ProcessId, User};
-use luna_platform::events;
-use luna_platform::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
-use luna_platform::wait_list::{WaitList, WaitNode};
+use luna_core::current::{Heir, ProcessId, User};
+use luna_core::events;
+use luna_core::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
+use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;
 

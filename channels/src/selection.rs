@@ -15,9 +15,9 @@
 //! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
+use luna_core::current::{PlainReady, Process, Wakeup};
+use luna_core::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::current::{PlainReady, Process, Wakeup};
-use luna_platform::home_lock::{HomeGuard, HomeLock, InsideGuard};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::ptr::NonNull;

@@ -16,9 +16,9 @@
 //! takes the lock ([`Place::lock_lists`](crate::place::Place::lock_lists)); from there on all is as if there were no spots. The short way at home does not look at
 //! them: the home that a lock favours is alone with it, and what waits on a spot is a poll of that thread which has not come back.
 
+use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
-use luna_platform::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 

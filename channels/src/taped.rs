@@ -1,4 +1,4 @@
-//! What operations tell the [tape](luna_platform::tape) of their process, if it is recorded or replayed.
+//! What operations tell the [tape](luna_core::tape) of their process, if it is recorded or replayed.
 //!
 //! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
 //! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
@@ -6,9 +6,9 @@
 
 use crate::core::Channel;
 use crate::place::Lists;
+use luna_core::current;
+use luna_core::tape::{Event, OUTSIDER, Tape, Turn, What};
 use luna_platform::clock::Instant;
-use luna_platform::current;
-use luna_platform::tape::{Event, OUTSIDER, Tape, Turn, What};
 use std::collections::VecDeque;
 use std::task::{Context, Poll};
 
@@ -220,7 +220,7 @@ pub(crate) fn outside(construct: &'static str) {
 /// The time: as it was recorded, in a process with a tape.
 pub(crate) fn now() -> Instant {
     if current::is_taped() {
-        return luna_platform::tape::now();
+        return luna_core::tape::now();
     }
     Instant::now()
 }

@@ -1,10 +1,10 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::selection::Selection;
-use luna_platform::current::{self, PlainReady, Process, Ready, User, Wakeup};
+use luna_core::current::{self, PlainReady, Process, Ready, User, Wakeup};
+use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
-use luna_platform::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 

@@ -4,9 +4,9 @@
 //! wait for each other do not get stuck, and so that no thread is ever started by a process, save for the very first.
 
 use crate::calls::UnderWay;
+use luna_core::current;
+use luna_core::current::{Ready, Renewal, Wakeup};
 use luna_platform::clock::Instant;
-use luna_platform::current;
-use luna_platform::current::{Ready, Renewal, Wakeup};
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
 use luna_platform::thread::{self, Attributes};

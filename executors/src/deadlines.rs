@@ -13,7 +13,7 @@
 //!
 //! *Looking* costs a clock read a round, which is less than a timer of the kernel as long as the thread soon sleeps again: a timer takes a system call to
 //! arm, another to disarm, and its signal when it goes off. A thread that has not slept for [`LOOKS`] rounds is *busy*: then the [`Alarm`] is armed for the earliest deadline. An earlier
-//! one that comes is announced by the timer queue ([`Attention`](luna_platform::timer_queue::Attention)) and arms it again; a later one does not, and one
+//! one that comes is announced by the timer queue ([`Attention`](luna_core::timer_queue::Attention)) and arms it again; a later one does not, and one
 //! that is cancelled lets it go off for nothing. So any number of timeouts that are set and dropped costs one system call. The thread disarms it before it
 //! sleeps, since it then has the deadline from its sleep, and a signal would make its wake-up late.
 //!
@@ -25,10 +25,10 @@
 use crate::executor::Shared;
 use crate::inbound::DEADLINE;
 use crate::interference;
+use luna_core::timer_queue::TimerQueue;
 use luna_platform::alarm::Alarm;
 use luna_platform::clock::Instant;
 use luna_platform::sync::Arc;
-use luna_platform::timer_queue::TimerQueue;
 use std::cell::Cell;
 
 /// For how many rounds the executor looks at the clock: together they cost about as much as an alarm that is armed, goes off, and is disarmed.
@@ -172,8 +172,8 @@ impl Deadlines {
 mod tests {
     use super::*;
     use crate::{Executor, Exit, ProcessSpec, yield_now};
+    use luna_core::timer_queue::Sleep;
     use luna_platform::thread::Attributes;
-    use luna_platform::timer_queue::Sleep;
     use std::pin::{Pin, pin};
     use std::rc::Rc;
     use std::task::{Context, Waker};

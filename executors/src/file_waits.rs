@@ -1,8 +1,8 @@
 //! Who waits for which file, found by the number of the file's descriptor.
 
-use luna_platform::current::{Priority, Ready, Wakeup};
+use luna_core::current::{Priority, Ready, Wakeup};
+use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
-use luna_platform::wait_list::{WaitList, WaitNode};
 use std::os::fd::{AsRawFd, RawFd};
 use std::ptr::NonNull;
 

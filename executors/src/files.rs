@@ -3,9 +3,9 @@
 use crate::file_error::FileError;
 use crate::file_waits::Node;
 use crate::watch::ThreadFiles;
-use luna_platform::current;
-use luna_platform::current::Wakeup;
-use luna_platform::events;
+use luna_core::current;
+use luna_core::current::Wakeup;
+use luna_core::events;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;
 use std::fmt;

@@ -18,9 +18,9 @@
 
 use crate::presence::Presence;
 use crate::seats::{Near, Seat, Seats};
+use luna_core::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
-use luna_platform::spin;
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 

@@ -4,8 +4,8 @@
 //! while ([`deadlines`](crate::deadlines)): what has passed since its last look was the poll in between. Of the poll in which a busy executor's alarm went off
 //! the part from then on is known. Of what no look came before, nothing is said.
 
+use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, ProcessId};
 use std::cell::Cell;
 use std::time::Duration;
 

@@ -9,7 +9,7 @@
 //! The price is the order of arrival: of those that were woken from elsewhere since the owner looked last, at one level, the one with the lower seat
 //! comes first. All of them come before any that is woken later, so nobody starves.
 
-use luna_platform::current::LEVELS;
+use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 

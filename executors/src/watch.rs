@@ -6,9 +6,9 @@
 
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
+use luna_core::current::{self, Renewal, Wakeup};
 use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Renewal, Wakeup};
 use luna_platform::futex::Waited;
 use luna_platform::lock::PiLock;
 use luna_platform::reactor::{BorrowedFd, Reactor, ReactorError, Readiness};

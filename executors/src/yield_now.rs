@@ -1,6 +1,6 @@
 //! Letting others run.
 
-use luna_platform::current::{self, Place};
+use luna_core::current::{self, Place};
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};

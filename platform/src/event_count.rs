@@ -100,6 +100,3 @@ impl EventCount {
         }
     }
 }
-
-#[cfg(all(test, loom))]
-mod loom_tests;

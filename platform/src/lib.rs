@@ -12,16 +12,15 @@
 //! What it offers of the system:
 //!
 //! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`lock`], [`timer_fd`], [`reactor`], [`park`]: time, and waiting for it, for others, and for files. [`alarm`]: deadlines of a busy thread.
+//! - [`clock`], [`futex`], [`bell`], [`event_count`], [`lock`], [`spin`], [`timer_fd`], [`reactor`]: time, and waiting
+//!   for it, for other threads, and for files. [`fence`], [`inside`] and [`boost`] are what a biased lock and priority
+//!   inheritance need of the kernel. [`alarm`]: deadlines of a busy thread.
 //! - `file`: reading and writing without waiting (on Unix).
 //! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
 //! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of who started the program, as events.
 //!
-//! Besides, it holds the small contract that lets channels and executors work together without knowing each other:
-//! [`current`] (who runs now, and how to ready a process that waits), [`wait_list`],
-//! [`timer_queue`], [`relay`] and [`reclaim`]. [`latest_slots`] hold what is replaced while others
-//! read it.
+//! It knows nothing of processes: they are the subject of `luna-core`.
 //!
 //! A system call is made on the real-time path only where a function's documentation says so; [`path`] lets a test hold the path to that.
 
@@ -32,56 +31,41 @@ extern crate shuttle as loom;
 #[cfg(not(loom))]
 pub mod alarm;
 pub mod bell;
-pub mod byte_ring;
 pub mod clock;
 #[cfg(not(loom))]
 pub mod crash;
-pub mod current;
 pub mod event_count;
-pub mod events;
 #[cfg(not(loom))]
 pub mod facts;
-mod fetch;
 #[cfg(all(unix, not(loom)))]
 pub mod file;
 #[cfg(not(loom))]
 pub mod forked;
-pub mod home_lock;
 #[cfg(not(loom))]
 pub mod latency;
-pub mod latest_slots;
 #[cfg(not(loom))]
 pub mod memory;
 pub mod panics;
 #[cfg(not(loom))]
 pub mod parent;
-pub mod park;
 pub mod path;
 #[cfg(not(loom))]
 pub mod reactor;
-pub mod reclaim;
-pub mod relay;
 #[cfg(not(loom))]
 pub mod shortfall;
 #[cfg(not(loom))]
 pub mod signals;
-pub mod spare;
 pub mod spin;
 #[cfg(not(loom))]
 pub mod steal;
-pub mod summons;
 pub mod sync;
-pub mod tape;
 #[cfg(not(loom))]
 pub mod thread;
 
-pub mod tick_list;
 #[cfg(not(loom))]
 pub mod timer_fd;
-pub mod timer_queue;
 #[cfg(not(loom))]
 pub mod usage;
-pub mod wait_list;
 
 #[cfg(loom)]
 #[path = "model/mod.rs"]
@@ -93,5 +77,8 @@ mod backend;
 #[path = "portable/mod.rs"]
 mod backend;
 
+pub use backend::boost;
+pub use backend::fence;
 pub use backend::futex;
+pub use backend::inside;
 pub use backend::lock;

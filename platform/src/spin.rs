@@ -6,8 +6,6 @@
 
 use crate::clock::Instant;
 #[cfg(not(loom))]
-use crate::current;
-#[cfg(not(loom))]
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -110,10 +108,6 @@ pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool
 #[cfg(not(loom))]
 const LOOKS_OF_OPERATION: u32 = 20;
 
-/// At least as long as these looks take, and a little more.
-#[cfg(not(loom))]
-const LOOKS_TAKE: Duration = Duration::from_micros(4);
-
 /// What a thread that runs processes, and may look before it sleeps, says of itself. Example: [`enter`].
 pub trait Outside {
     /// Whether somebody wants something of the thread, or it may not look any more. From that thread; a load or two.
@@ -148,13 +142,13 @@ thread_local! {
 ///     }
 /// }
 ///
-/// assert!(!spin::may_look());
+/// assert!(!spin::is_allowed());
 /// let looking = spin::enter(Arc::new(Quiet));
-/// assert!(spin::may_look());
+/// assert!(spin::is_allowed());
 /// assert!(spin::look(|| true));
 /// assert!(!spin::look(|| false)); // after about 2 µs
 /// drop(looking);
-/// assert!(!spin::may_look());
+/// assert!(!spin::is_allowed());
 /// ```
 #[cfg(not(loom))]
 pub fn enter(outside: std::sync::Arc<dyn Outside>) -> Looking {
@@ -178,26 +172,16 @@ impl Drop for Looking {
     }
 }
 
-/// Whether an operation that has to wait may look for its partner first: its thread may look, its process has no other branch and has not used up its turn, and
-/// nobody else is to run there. Real-time path: yes; one load where the thread may not look, else a few, and a clock reading if it has a deadline. Example:
-/// [`enter`].
+/// Whether this thread may look before it sleeps, and is not called. Real-time path: yes; a load
+/// where it may not, else a few.
 #[cfg(not(loom))]
 #[inline]
-pub fn may_look() -> bool {
-    // Counted, so that the executor comes to its files. Who may not look waits: one that came again instead would be seen by nobody meanwhile.
-    HAS_OUTSIDE.get() && has_nothing_else() && current::count_operation()
-}
-
-#[cfg(not(loom))]
-fn has_nothing_else() -> bool {
-    !current::in_branch()
-        && !current::is_taped()
-        && current::ready_levels() == 0
+pub fn is_allowed() -> bool {
+    HAS_OUTSIDE.get()
         && !OUTSIDE.with_borrow(|outside| outside.as_ref().is_none_or(|one| one.is_called()))
-        && current::has_no_deadline_within(LOOKS_TAKE)
 }
 
-/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`may_look`] said so. Real-time
+/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`is_allowed`] said so. Real-time
 /// path: yes. Example: [`enter`].
 #[cfg(not(loom))]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
@@ -256,7 +240,7 @@ pub fn let_look() {
 
 /// Whether the model's thread has said so.
 #[cfg(loom)]
-pub fn may_look() -> bool {
+pub fn is_allowed() -> bool {
     LOOKS.with(std::cell::Cell::get)
 }
 

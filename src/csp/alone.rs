@@ -3,7 +3,7 @@
 use crate::csp::network;
 use crate::system::deadlock::{Sleeping, find};
 use crate::tell::tell;
-use luna_platform::current::ProcessId;
+use luna_core::current::ProcessId;
 use std::time::Duration;
 
 /// How long it waits before it says so. A thread that has not used its end yet may be about to: here nobody marks channels for it.

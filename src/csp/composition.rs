@@ -1,7 +1,7 @@
 //! What a system is made of: the tree of its threads, processes and sub-processes, and the channels between them, as data.
 
+use luna_core::current::ProcessId;
 use luna_executors::ProcessState;
-use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, Obtained, Policy};
 use std::fmt;
 

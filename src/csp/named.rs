@@ -1,8 +1,8 @@
 //! Named sub-processes: futures that show themselves, with a name, in the composition tree of the system while they live.
 
 use super::tree::{Label, Node, Tree};
-use luna_platform::current::{self, Process, ProcessId};
-use luna_platform::events::{self, Kind, code};
+use luna_core::current::{self, Process, ProcessId};
+use luna_core::events::{self, Kind, code};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::fmt;
 use std::future::Future;

@@ -1,7 +1,7 @@
 //! The channels, barriers and locks of the program at one moment: who used which, and who waits.
 
 use luna_channels::inspect::{self, PlaceKind, PlaceView};
-use luna_platform::current::{ProcessId, User};
+use luna_core::current::{ProcessId, User};
 use std::fmt;
 use std::panic::Location;
 

@@ -7,14 +7,14 @@ use crate::logging::Log;
 use crate::record::Tapes;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
+use luna_core::events;
+use luna_core::spare::Spare;
 use luna_executors::{
     Announced, LastWords, Living, OsThread, ProcessSpec, Refused, SimulationHandle,
 };
 use luna_platform::clock::Clock;
-use luna_platform::events;
 use luna_platform::memory::copy_words;
 use luna_platform::panics;
-use luna_platform::spare::Spare;
 use luna_platform::thread::{Attributes, SpawnError};
 use luna_platform::usage::ThreadUsage;
 use std::cell::{Cell, RefCell};

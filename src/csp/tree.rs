@@ -3,7 +3,7 @@
 //! The nodes lie in the futures ([`Named`](super::named::Named)), in the order of their first polls; each says by number under which one it
 //! runs. Nobody follows those numbers but who looks, once it has copied them, so a node refers to no other one but its neighbours.
 
-use luna_platform::current::ProcessId;
+use luna_core::current::ProcessId;
 use luna_platform::lock::PiLock;
 use std::cell::UnsafeCell;
 use std::fmt;

@@ -6,11 +6,11 @@
 use super::error::{LinkError, OsError};
 use crate::record::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
+use luna_core::current;
+use luna_core::tape::{Event, Turn};
 use luna_executors::{FileError, readable, writable, yield_now};
-use luna_platform::current;
 use luna_platform::file;
 use luna_platform::reactor::ReactorError;
-use luna_platform::tape::{Event, Turn};
 use std::fs::File;
 use std::future::{Future, poll_fn};
 use std::io::{ErrorKind, IsTerminal};

@@ -98,7 +98,7 @@ impl Log {
     pub(crate) fn tell_stolen(&self, core: usize, stolen: Duration, within: Duration) {
         #[cfg(feature = "events")]
         self.0.tell(
-            luna_platform::events::code::STOLEN,
+            luna_core::events::code::STOLEN,
             core as u32,
             [nanos(stolen), nanos(within)],
         );
@@ -110,7 +110,7 @@ impl Log {
     pub(crate) fn tell_safety(&self, process: u32, degree: u8) {
         #[cfg(feature = "events")]
         self.0.tell(
-            luna_platform::events::code::EMERGENCY,
+            luna_core::events::code::EMERGENCY,
             process,
             [degree.into(), 0],
         );

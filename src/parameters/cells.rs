@@ -1,8 +1,8 @@
 //! What the path sees: the words of parameters, and who may change which of them when.
 
 use crate::record;
-use luna_platform::current;
-use luna_platform::latest_slots::{LatestSlots, SlotMemory};
+use luna_core::current;
+use luna_core::latest_slots::{LatestSlots, SlotMemory};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock, Weak};
 

@@ -47,9 +47,9 @@ pub use recording::Recording;
 pub use value::Value;
 
 use crate::error::Result;
+use luna_core::current;
+use luna_core::tape::{About, Event, Taper, Turn};
 use luna_executors::ProcessSpec;
-use luna_platform::current;
-use luna_platform::tape::{About, Event, Taper, Turn};
 use recorder::Recorder;
 use replayer::Replayer;
 use std::future::Future;

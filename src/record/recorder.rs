@@ -3,10 +3,10 @@
 use super::error::RecordError;
 use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
 use super::file::{BlockKind, Writer};
+use luna_core::byte_ring::ByteRing;
+use luna_core::current;
+use luna_core::tape::{About, Event, Tape, Turn, What};
 use luna_executors::Name;
-use luna_platform::byte_ring::ByteRing;
-use luna_platform::current;
-use luna_platform::tape::{About, Event, Tape, Turn, What};
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::cell::Cell;
 use std::collections::HashMap;

@@ -2,10 +2,10 @@
 
 use super::emergency::Emergency;
 use super::state::{Degree, Level};
-use luna_platform::current::{self, Ready, Wakeup};
-use luna_platform::events;
+use luna_core::current::{self, Ready, Wakeup};
+use luna_core::events;
+use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::lock::PiLock;
-use luna_platform::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

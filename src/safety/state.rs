@@ -2,8 +2,8 @@
 
 use crate::error::Error;
 use crate::logging::Log;
+use luna_core::current::{self, ProcessId};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, ProcessId};
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
 use std::fmt;

@@ -8,8 +8,8 @@ use crate::csp::composition::{
 use crate::csp::network::{self, Meeting, Role};
 use crate::csp::tree::SubProcess;
 use luna_channels::inspect::PlaceKind;
+use luna_core::current::{ProcessId, User};
 use luna_executors::ProcessState;
-use luna_platform::current::{ProcessId, User};
 use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;

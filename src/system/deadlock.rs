@@ -8,7 +8,7 @@
 mod words;
 
 use crate::csp::network::{Meeting, Role};
-use luna_platform::current::{ProcessId, User};
+use luna_core::current::{ProcessId, User};
 use std::collections::HashMap;
 use std::sync::Arc;
 

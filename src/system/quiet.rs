@@ -6,9 +6,9 @@
 use super::deadlock::{Deadlock, Sleeping, find};
 use super::plan::{Plan, Running};
 use crate::csp::network;
+use luna_core::current::ProcessId;
 use luna_executors::{ProcessState, Stillness};
 use luna_platform::clock::Instant;
-use luna_platform::current::ProcessId;
 use luna_platform::thread::Mode;
 use std::collections::{HashMap, HashSet};
 use std::time::Duration;

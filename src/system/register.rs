@@ -11,8 +11,8 @@ use crate::csp::process::{Ended, Phases, Verdict};
 use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
+use luna_core::current::ProcessId;
 use luna_executors::{Exit, Living, Name, ProcessHandle};
-use luna_platform::current::ProcessId;
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 

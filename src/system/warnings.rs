@@ -1,8 +1,8 @@
 //! Says of overruns, on the thread that runs the system: the path only raises a flag, and rings if nobody had raised it.
 
 use super::plan::Members;
+use luna_core::current::ProcessId;
 use luna_platform::clock::Instant;
-use luna_platform::current::ProcessId;
 use std::collections::HashMap;
 use std::time::Duration;
 

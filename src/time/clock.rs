@@ -1,7 +1,7 @@
 //! The clock.
 
+use luna_core::current;
 use luna_platform::clock::Instant;
-use luna_platform::current;
 
 /// The time on the clock of the system. Real-time path: yes; O(1), no system call (24 ns on the reference machine).
 ///
@@ -12,7 +12,7 @@ use luna_platform::current;
 #[inline]
 pub fn now() -> Instant {
     if current::is_taped() {
-        return luna_platform::tape::now();
+        return luna_core::tape::now();
     }
     Instant::now()
 }

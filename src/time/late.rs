@@ -2,13 +2,13 @@
 
 use super::accounting::{Accounting, UsageSince};
 use super::late_cycle::{LateCycle, RanInstead, StolenTime};
-use luna_executors::{Interference, Turn};
-use luna_platform::clock::{Clock, Instant, nanos};
-use luna_platform::current::{ProcessId, User};
-use luna_platform::events::{
+use luna_core::current::{ProcessId, User};
+use luna_core::events::{
     self,
     code::{self, late},
 };
+use luna_executors::{Interference, Turn};
+use luna_platform::clock::{Clock, Instant, nanos};
 use std::time::Duration;
 
 /// How many late cycles of a loop are kept: the worst ones.
@@ -153,7 +153,7 @@ impl LateCycles {
     #[cold]
     fn note(&mut self, number: u64, slot: Instant, began: Instant) {
         self.count += 1;
-        let own = luna_platform::current::user();
+        let own = luna_core::current::user();
         // The rest of the turn in which the loop asked too late is part of its own overrun.
         let is_rest = |turn: &Turn| {
             self.asked > slot && turn.began < self.asked && own == User::Process(turn.process)

@@ -1,8 +1,8 @@
 //! What a report says of a late cycle.
 
 use super::accounting::{UsageSince, short};
+use luna_core::events::code::late;
 use luna_platform::clock::{Instant, nanos};
-use luna_platform::events::code::late;
 use std::fmt;
 use std::time::Duration;
 

@@ -3,8 +3,8 @@
 use super::Instant;
 use crate::error::{Result, SetupError};
 use luna_channels::{Due, Stamp, When};
+use luna_core::current;
 use luna_platform::clock::{Clock, nanos};
-use luna_platform::current;
 use std::time::Duration;
 
 /// A timer channel: it ticks each `period`, the first time a period from now; where that is another clock than its process', as where a

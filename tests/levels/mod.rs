@@ -2,7 +2,7 @@
 
 use luna::prelude::*;
 use luna::{ProcessBuilder, yield_now};
-use luna_platform::current;
+use luna_core::current;
 use std::sync::{Arc, Mutex};
 
 /// What happened, in order.

@@ -76,5 +76,5 @@ fn nothing_is_allocated_or_freed_by_calls_on_the_path() {
         })
         .unwrap();
     system.run().unwrap();
-    assert_eq!(luna_platform::current::refused_boosts(), None);
+    assert_eq!(luna_core::current::refused_boosts(), None);
 }

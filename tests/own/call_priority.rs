@@ -7,7 +7,7 @@ use common::{COMPLETE, has_real_time, skip, watchdog};
 use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::{Call, ProcessBuilder, Server, call_channel, yield_now};
-use luna_platform::current;
+use luna_core::current;
 use luna_platform::thread::current_policy;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};

@@ -97,5 +97,5 @@ fn nothing_is_allocated_or_freed_by_locks_on_the_path() {
     }
     system.run().unwrap();
     assert_eq!(*inner.try_lock().unwrap(), 6 * ROUNDS);
-    assert_eq!(luna_platform::current::refused_boosts(), None);
+    assert_eq!(luna_core::current::refused_boosts(), None);
 }

@@ -8,7 +8,7 @@ use levels::{Log, burner, level, on_one_executor};
 use luna::prelude::*;
 use luna::sync::Mutex;
 use luna::{ProcessBuilder, yield_now};
-use luna_platform::current;
+use luna_core::current;
 use luna_platform::thread::{Attributes, current_policy};
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -9,9 +9,9 @@ use super::list::{MOST_GUARDS, Open};
 use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use arrayvec::ArrayVec;
+use luna_core::current::{Ready, Wakeup};
+use luna_core::home_lock::HomeGuard;
 use luna_platform::clock::Instant;
-use luna_platform::current::{Ready, Wakeup};
-use luna_platform::home_lock::HomeGuard;
 use std::ptr::NonNull;
 use std::task::Context;
 

@@ -3,8 +3,8 @@
 use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
+use luna_core::current::{PlainReady, Process, Ready};
 use luna_platform::clock::Instant;
-use luna_platform::current::{PlainReady, Process, Ready};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};

@@ -4,7 +4,7 @@ use super::guard::{Guard, Look, RawGuard};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use arrayvec::ArrayVec;
-use luna_platform::current::{PlainReady, Process};
+use luna_core::current::{PlainReady, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
 

@@ -28,7 +28,7 @@ use crate::error::RecvError;
 use crate::recv::Receiver;
 use crate::selection::Selection;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current;
+use luna_core::current;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::fmt;
 use std::marker::PhantomData;

@@ -1,7 +1,7 @@
 //! STOP: an alternative without an open guard, which waits for ever. It is listed for reports.
 
-use luna_platform::current;
-use luna_platform::wait_list::WaitNode;
+use luna_core::current;
+use luna_core::wait_list::WaitNode;
 use std::cell::UnsafeCell;
 use std::marker::PhantomPinned;
 use std::ptr::NonNull;
@@ -11,8 +11,8 @@ pub(crate) use list::with_stopped;
 
 #[cfg(not(loom))]
 mod list {
+    use luna_core::wait_list::WaitList;
     use luna_platform::lock::PiLock;
-    use luna_platform::wait_list::WaitList;
 
     static STOPPED: PiLock<WaitList> = PiLock::new(WaitList::new());
 

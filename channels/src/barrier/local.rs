@@ -10,9 +10,9 @@
 //! there on has come, and one that is polled first from there on is of the next round.
 
 use super::{Barrier, SyncOp};
-use luna_platform::current::{self, Home, Wakeup};
-use luna_platform::reclaim::Shared;
-use luna_platform::wait_list::{WaitList, WaitNode};
+use luna_core::current::{self, Home, Wakeup};
+use luna_core::reclaim::Shared;
+use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

@@ -6,7 +6,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Ready, Renewal, Wakeup};
+use luna_core::current::{self, Ready, Renewal, Wakeup};
 use luna_platform::sync::atomic::Ordering;
 use std::cell::UnsafeCell;
 use std::fmt;

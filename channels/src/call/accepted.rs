@@ -4,7 +4,7 @@ use super::Message;
 use super::serving::Accepted;
 use crate::recv::Receiver;
 use crate::waiter::Outcome;
-use luna_platform::current::Heir;
+use luna_core::current::Heir;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 

@@ -8,7 +8,7 @@ use crate::selection::Selection;
 use crate::send::{SendOp, Sender};
 use crate::source::Offered;
 use crate::stamp::Stamp;
-use luna_platform::current;
+use luna_core::current;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -86,7 +86,7 @@ impl<Q, A> Client<Q, A> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_call(&self, request: Q) -> Result<A, CallError<Q>> {
-        luna_platform::park::block_on(self.call(request))
+        luna_core::park::block_on(self.call(request))
     }
 
     /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as poisoned; so do calls that were accepted

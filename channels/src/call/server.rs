@@ -11,7 +11,7 @@ use crate::recv::{Receiver, RecvOp};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::taped;
-use luna_platform::current;
+use luna_core::current;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -31,7 +31,7 @@ use std::task::{Context, Poll};
 /// - A client of a higher OS priority raises the server to the highest level of its executor and boosts the executor's OS thread
 ///   to that priority (`sched_setscheduler`), which is set back with the reply. The processes that share the executor run at
 ///   that priority too when the server waits. Where the system refuses, the server works at its own OS priority, and
-///   `luna_platform::current::refused_boosts` tells.
+///   `luna_core::current::refused_boosts` tells.
 /// - A client outside of any process has the lowest priority, and a server outside inherits nothing.
 ///
 /// It is passed on: a server that calls another one calls at the priority that it has inherited.
@@ -149,7 +149,7 @@ impl<Q, A> Server<Q, A> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_accept(&self) -> Result<Call<'_, Q, A>, RecvError> {
-        luna_platform::park::block_on(self.accept())
+        luna_core::park::block_on(self.accept())
     }
 
     /// Poisons the channel: see [`Client::poison`](crate::Client::poison). A reply to a call that was accepted before comes back.

@@ -5,7 +5,7 @@ use crate::extended::{Mode, Noted};
 use crate::place::Ending;
 use crate::recv::Receiver;
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{Heir, Priority};
+use luna_core::current::{Heir, Priority};
 use luna_platform::sync::atomic::Ordering;
 use std::ptr::NonNull;
 

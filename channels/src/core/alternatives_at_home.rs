@@ -10,8 +10,8 @@ use crate::place::{LastUser, Lists, user_number};
 use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{PlainReady, Process};
-use luna_platform::home_lock::InsideGuard;
+use luna_core::current::{PlainReady, Process};
+use luna_core::home_lock::InsideGuard;
 use std::ptr::NonNull;
 
 /// A partner at home.
@@ -359,7 +359,7 @@ impl<T> Channel<T> {
 /// `first` is the first in a list of waiters of such values that the lock guards.
 #[inline(always)]
 unsafe fn look_at<T>(
-    first: Option<NonNull<luna_platform::wait_list::WaitNode>>,
+    first: Option<NonNull<luna_core::wait_list::WaitNode>>,
     lists: InsideGuard<'_, Lists>,
 ) -> Look {
     let look = match first {

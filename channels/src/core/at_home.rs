@@ -14,9 +14,9 @@ use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, p
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
-use luna_platform::current::{self, PlainReady, Process};
-use luna_platform::events;
-use luna_platform::wait_list::WaitNode;
+use luna_core::current::{self, PlainReady, Process};
+use luna_core::events;
+use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
 

@@ -12,9 +12,9 @@
 use super::AtHome;
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::waiter::Waiter;
-use luna_platform::current::{self, Process};
-use luna_platform::home_lock::InsideGuard;
-use luna_platform::wait_list::WaitNode;
+use luna_core::current::{self, Process};
+use luna_core::home_lock::InsideGuard;
+use luna_core::wait_list::WaitNode;
 use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;
 use std::task::Context;

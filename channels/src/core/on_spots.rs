@@ -5,9 +5,9 @@ use crate::place::{LastUser, user_number};
 use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{self, Renewal};
-use luna_platform::events;
-use luna_platform::spin;
+use luna_core::current::{self, Renewal};
+use luna_core::events;
+use luna_core::spin;
 use std::ptr::NonNull;
 use std::task::Context;
 

@@ -3,7 +3,7 @@
 use super::core::CoreRef;
 use super::entry::Entry;
 use arrayvec::ArrayVec;
-use luna_platform::current::Heir;
+use luna_core::current::Heir;
 
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;

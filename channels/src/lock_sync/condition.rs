@@ -8,11 +8,11 @@ use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{LastUser, Lists, PlaceApart};
+use luna_core::current::{self, User};
+use luna_core::reclaim::{self, Retired};
+use luna_core::wait_list::WaitNode;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, User};
-use luna_platform::reclaim::{self, Retired};
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
-use luna_platform::wait_list::WaitNode;
 use std::fmt;
 use std::ptr::NonNull;
 use std::time::Duration;
@@ -178,7 +178,7 @@ impl Condition {
         &self,
         guard: MutexGuard<'a, T>,
     ) -> Result<MutexGuard<'a, T>, LockError<'a, T>> {
-        luna_platform::park::block_on(WaitOp::new(self, guard, true))
+        luna_core::park::block_on(WaitOp::new(self, guard, true))
     }
 
     /// As [`blocking_wait`](Self::blocking_wait), for at most `timeout`: see [`wait_timeout`](Self::wait_timeout).
@@ -206,7 +206,7 @@ impl Condition {
         guard: MutexGuard<'a, T>,
         timeout: Duration,
     ) -> Result<(MutexGuard<'a, T>, WaitTimeoutResult), LockError<'a, T>> {
-        use luna_platform::park::{block_on, block_on_until};
+        use luna_core::park::{block_on, block_on_until};
         let mut wait = std::pin::pin!(WaitOp::new(self, guard, true));
         if let Some(locked) = block_on_until(wait.as_mut(), Instant::now() + timeout) {
             return Ok((locked?, WaitTimeoutResult::NOTIFIED));

@@ -2,8 +2,8 @@
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
-use luna_platform::current::{Heir, Priority, Renewal, Wakeup};
-use luna_platform::wait_list::WaitNode;
+use luna_core::current::{Heir, Priority, Renewal, Wakeup};
+use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 

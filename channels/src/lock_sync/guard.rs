@@ -1,7 +1,7 @@
 //! Holding a mutex.
 
 use super::mutex::Mutex;
-use luna_platform::current;
+use luna_core::current;
 use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};

@@ -6,9 +6,9 @@ use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use crate::inspect::{Stored, register, unregister};
 use crate::taped;
+use luna_core::current::{self, Heir};
+use luna_core::reclaim::Retired;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Heir};
-use luna_platform::reclaim::Retired;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
@@ -191,7 +191,7 @@ impl<T> Mutex<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_lock(&self) -> Result<MutexGuard<'_, T>, LockError<'_, T>> {
-        luna_platform::park::block_on(LockOp::new(self, true))
+        luna_core::park::block_on(LockOp::new(self, true))
     }
 
     /// Like [`blocking_lock`](Self::blocking_lock), for at most `timeout`.
@@ -219,7 +219,7 @@ impl<T> Mutex<T> {
         timeout: Duration,
     ) -> Result<MutexGuard<'_, T>, LockTimeoutError<'_, T>> {
         let mut lock = std::pin::pin!(LockOp::new(self, true));
-        match luna_platform::park::block_on_until(lock.as_mut(), Instant::now() + timeout) {
+        match luna_core::park::block_on_until(lock.as_mut(), Instant::now() + timeout) {
             Some(locked) => locked.map_err(LockTimeoutError::from),
             None => lock.give_up(),
         }

@@ -8,9 +8,9 @@ use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::place::{LastUser, Lists, PlaceApart};
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
+use luna_core::current::{self, Priority, User};
+use luna_core::reclaim::{self, Retired};
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Priority, User};
-use luna_platform::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
 use std::fmt;
@@ -181,7 +181,7 @@ impl Semaphore {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_acquire(&self) -> Result<Permit<'_>, AcquireError> {
-        luna_platform::park::block_on(AcquireOp::new(self, 1, true))
+        luna_core::park::block_on(AcquireOp::new(self, 1, true))
     }
 
     /// Like [`blocking_acquire`](Self::blocking_acquire), for at most `timeout`.
@@ -207,7 +207,7 @@ impl Semaphore {
         timeout: Duration,
     ) -> Result<Permit<'_>, AcquireTimeoutError> {
         let mut acquire = std::pin::pin!(AcquireOp::new(self, 1, true));
-        match luna_platform::park::block_on_until(acquire.as_mut(), Instant::now() + timeout) {
+        match luna_core::park::block_on_until(acquire.as_mut(), Instant::now() + timeout) {
             Some(acquired) => acquired.map_err(AcquireTimeoutError::from),
             None => acquire.give_up(),
         }
@@ -314,7 +314,7 @@ impl Shared {
     }
 
     /// Serves the first who waits, if there are enough permits.
-    fn serve_first(&self, mut lists: luna_platform::home_lock::HomeGuard<'_, Lists>) -> bool {
+    fn serve_first(&self, mut lists: luna_core::home_lock::HomeGuard<'_, Lists>) -> bool {
         let Some(node) = lists.senders.first() else {
             return false;
         };

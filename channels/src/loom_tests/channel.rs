@@ -4,7 +4,7 @@ use super::{Drops, Token, check, poll, recv_id, waiting_recv, waiting_send};
 use crate::{Buffer, RecvError, TryRecvError, buffered, channel};
 use loom::future::block_on;
 use loom::thread;
-use luna_platform::spin;
+use luna_core::spin;
 use std::task::Poll;
 
 #[test]

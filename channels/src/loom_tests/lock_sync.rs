@@ -115,7 +115,7 @@ fn a_holder_that_dies_is_known_to_the_next_alone() {
             Err(LockError::OwnerDied(died)) => *died.recover() += 1,
             _ => panic!("it was left in the middle"),
         });
-        luna_platform::current::with_abandoned(|| drop(dying));
+        luna_core::current::with_abandoned(|| drop(dying));
         thread.join().unwrap();
         assert_eq!(*lock(&mutex), 1);
     });

@@ -6,7 +6,7 @@ use super::{Drops, check, check_within, poll, recv_id, waiting_recv};
 use crate::{Receiver, RecvError, Sender, alt, channel};
 use loom::future::block_on;
 use loom::thread;
-use luna_platform::spin;
+use luna_core::spin;
 use std::task::Poll;
 
 /// As the processes of a thread that may look.

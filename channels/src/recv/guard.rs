@@ -10,7 +10,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_platform::current::{self, PlainReady, Process, Ready};
+use luna_core::current::{self, PlainReady, Process, Ready};
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;

@@ -8,9 +8,9 @@ use crate::extended::Extending;
 use crate::stamp::Stamp;
 use crate::stream::Incoming;
 use crate::taped;
+use luna_core::current;
+use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use luna_platform::current;
-use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomData;
@@ -232,7 +232,7 @@ impl<T> Receiver<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_recv(&self) -> Result<T, RecvError> {
-        luna_platform::park::block_on(self.recv())
+        luna_core::park::block_on(self.recv())
     }
 
     /// Like [`blocking_recv`](Self::blocking_recv), for at most `timeout`.
@@ -255,7 +255,7 @@ impl<T> Receiver<T> {
     #[track_caller]
     pub fn blocking_recv_timeout(&self, timeout: Duration) -> Result<T, RecvTimeoutError> {
         let mut recv = std::pin::pin!(self.recv());
-        match luna_platform::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
+        match luna_core::park::block_on_until(recv.as_mut(), Instant::now() + timeout) {
             Some(received) => received.map_err(RecvTimeoutError::from),
             None => recv.give_up(),
         }

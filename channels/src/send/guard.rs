@@ -9,7 +9,7 @@ use crate::selection::Selection;
 use crate::source::Source;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_platform::current::{self, PlainReady, Process, Ready};
+use luna_core::current::{self, PlainReady, Process, Ready};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};

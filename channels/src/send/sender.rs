@@ -7,9 +7,9 @@ use crate::error::{SendError, SendTimeoutError, TrySendError};
 use crate::source::{FromSlot, InNode, Made, Offered};
 use crate::stamp::Stamp;
 use crate::taped;
+use luna_core::current;
+use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use luna_platform::current;
-use luna_platform::timer_queue::Sleep;
 use std::fmt;
 use std::marker::PhantomData;
 use std::ptr::NonNull;
@@ -274,7 +274,7 @@ impl<T> Sender<T> {
     #[cfg(not(loom))]
     #[track_caller]
     pub fn blocking_send(&self, value: T) -> Result<(), SendError<T>> {
-        luna_platform::park::block_on(self.send(value))
+        luna_core::park::block_on(self.send(value))
     }
 
     /// Like [`blocking_send`](Self::blocking_send), for at most `timeout`.
@@ -301,7 +301,7 @@ impl<T> Sender<T> {
         timeout: Duration,
     ) -> Result<(), SendTimeoutError<T>> {
         let mut send = std::pin::pin!(self.send(value));
-        match luna_platform::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
+        match luna_core::park::block_on_until(send.as_mut(), Instant::now() + timeout) {
             Some(sent) => sent.map_err(SendTimeoutError::from),
             None => send.give_up(),
         }

@@ -3,10 +3,10 @@
 use super::operation::SendOp;
 use crate::error::SendTimeoutError;
 use crate::taped;
-use luna_platform::current;
-use luna_platform::events;
-use luna_platform::tape::Event;
-use luna_platform::timer_queue::Sleep;
+use luna_core::current;
+use luna_core::events;
+use luna_core::tape::Event;
+use luna_core::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll};

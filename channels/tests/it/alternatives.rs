@@ -8,9 +8,9 @@ use futures_lite::future::block_on;
 use luna_channels::{
     Buffer, RecvError, TryRecvError, after, alt, at, buffered, channel, inspect, pri_alt,
 };
+use luna_core::current;
 use luna_executors::{Executor, Exit, ProcessSpec};
 use luna_platform::clock::Instant;
-use luna_platform::current;
 use luna_platform::thread::Attributes;
 use std::cell::Cell;
 use std::pin::Pin;

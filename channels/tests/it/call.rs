@@ -8,8 +8,8 @@ use futures_lite::future::block_on;
 use luna_channels::{
     Call, CallError, Client, RecvError, Server, TryRecvError, alt, call_channel, channel, pri_alt,
 };
+use luna_core::current;
 use luna_executors::{Executor, Exit, OsThread, ProcessSpec};
-use luna_platform::current;
 use luna_platform::thread::Attributes;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -289,7 +289,7 @@ fn both_ends_are_guards() {
 /// Calls `f` in a process on whose executor another one of higher level is ready: operations that complete at once let it run.
 fn outranked(f: impl FnOnce()) {
     let home = current::Home::new();
-    let timers = Arc::new(luna_platform::timer_queue::TimerQueue::new());
+    let timers = Arc::new(luna_core::timer_queue::TimerQueue::new());
     let _home = current::enter_home(home, timers, false);
     let id = current::ProcessId::new();
     let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone(), 0..0);

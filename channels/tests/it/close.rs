@@ -176,16 +176,16 @@ fn what_nobody_will_receive_is_dropped_when_the_last_receiver_goes() {
 fn values_do_not_outlive_what_they_borrow_on_the_real_time_path_either() {
     // There the channel's memory is freed later; its values must not be, since they may borrow.
     let ledger = Ledger::new(2);
-    let before = luna_platform::current::set_on_path(true);
+    let before = luna_core::current::set_on_path(true);
     let (sender, receiver) = buffered::<Token>(Buffer::fifo(2));
     for n in 0..2 {
         sender.try_send(ledger.token(n)).unwrap();
     }
     drop(sender);
     drop(receiver);
-    luna_platform::current::set_on_path(before);
+    luna_core::current::set_on_path(before);
     ledger.assert_all_dropped_once();
-    luna_platform::reclaim::collect();
+    luna_core::reclaim::collect();
     ledger.assert_all_dropped_once();
 }
 

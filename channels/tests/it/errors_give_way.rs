@@ -5,8 +5,8 @@
 use crate::common;
 use common::Watchdog;
 use luna_channels::{Alternative, Receiver, Sender, alt, call_channel, channel};
+use luna_core::current::{self, OPERATIONS_PER_POLL};
 use luna_executors::{Executor, Exit, ProcessSpec};
-use luna_platform::current::{self, OPERATIONS_PER_POLL};
 use luna_platform::thread::Attributes;
 use std::future::{Future, poll_fn};
 use std::pin::pin;

@@ -7,8 +7,8 @@ use common::{Ledger, Wakes, Watchdog, pending, poll_with, ready};
 use futures_lite::future::block_on;
 use luna_channels::inspect::{self, Role};
 use luna_channels::{Buffer, RecvError, TryRecvError, alt, buffered, channel, pri_alt};
+use luna_core::current;
 use luna_executors::{Executor, Exit, ProcessSpec};
-use luna_platform::current;
 use luna_platform::thread::Attributes;
 use std::thread;
 

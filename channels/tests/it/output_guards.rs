@@ -6,7 +6,7 @@ use crate::common;
 use common::{Ledger, Token, Watchdog, pending, poll, ready};
 use futures_lite::future::block_on;
 use luna_channels::{Buffer, Receiver, Sender, TryRecvError, alt, buffered, channel, pri_alt};
-use luna_platform::current;
+use luna_core::current;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

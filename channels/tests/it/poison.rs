@@ -9,7 +9,7 @@ use futures_lite::future::block_on;
 use luna_channels::{
     Buffer, RecvError, RecvTimeoutError, Sender, TryRecvError, TrySendError, buffered, channel,
 };
-use luna_platform::current;
+use luna_core::current;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;

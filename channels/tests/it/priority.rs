@@ -5,8 +5,8 @@
 use crate::common;
 use common::Watchdog;
 use luna_channels::{Buffer, Receiver, Sender, buffered, channel};
+use luna_core::current::OPERATIONS_PER_POLL;
 use luna_executors::{Executor, Exit, ProcessHandle, ProcessSpec};
-use luna_platform::current::OPERATIONS_PER_POLL;
 use luna_platform::thread::Attributes;
 use std::sync::{Arc, Mutex};
 

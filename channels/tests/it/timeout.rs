@@ -258,7 +258,7 @@ fn a_timed_operation_that_is_dropped_takes_its_offer_and_its_deadline_with_it() 
     luna_executors::block_on(async {
         let mut send = Box::pin(sender.send_timeout(ledger.token(0), HOUR));
         pending(&mut send);
-        let timers = luna_platform::current::timers().unwrap();
+        let timers = luna_core::current::timers().unwrap();
         assert_ne!(timers.next_deadline(), Instant::NEVER);
         drop(send);
         assert_eq!(timers.next_deadline(), Instant::NEVER);

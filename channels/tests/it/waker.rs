@@ -5,8 +5,8 @@
 use crate::common;
 use common::{Ledger, Watchdog, pending, poll, poll_with, ready};
 use luna_channels::{Sender, TryRecvError, channel};
+use luna_core::current;
 use luna_executors::{Executor, ProcessSpec};
-use luna_platform::current;
 use luna_platform::thread::Attributes;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -3,8 +3,8 @@
 use super::events::Names;
 use super::perfetto::{INSTANT, PROCESS, THREADS, track};
 use super::protobuf::Message;
+use luna_core::events::code;
 use luna_logger::format::{Event, Subject};
-use luna_platform::events::code;
 use std::collections::{HashMap, HashSet};
 
 /// Tracks of executors, those of processes, and those of sub-processes are numbered from here.

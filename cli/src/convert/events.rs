@@ -1,7 +1,7 @@
 //! CSP events in words: the names that a recording has for their numbers.
 
+use luna_core::events::code;
 use luna_logger::format::{Event, Record, Subject};
-use luna_platform::events::code;
 use std::collections::HashMap;
 
 /// The names until now.

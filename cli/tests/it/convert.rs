@@ -110,7 +110,7 @@ fn bytes() -> Vec<u8> {
 
 /// Two processes on an executor, and a loop: a communication, and what is around it.
 fn events() -> Vec<u8> {
-    use luna_platform::events::code;
+    use luna_core::events::code;
     let mut writer = Writer::new(Vec::new()).unwrap();
     let name = |subject, number, parent, name| Record::Name {
         subject,

@@ -1,6 +1,6 @@
 //! How a link's outputs are taken away.
 
-use luna_platform::path::{self, Call};
+use luna_core::path::{self, Call};
 use std::fmt;
 use std::io;
 use std::net::UdpSocket;

@@ -3,7 +3,7 @@
 use super::last_words::{LastWords, Words};
 use super::living::Living;
 use super::record::{RawExit, Record};
-use luna_platform::current;
+use luna_core::current;
 use std::any::Any;
 use std::future::Future;
 use std::hint::unreachable_unchecked;

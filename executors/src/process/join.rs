@@ -2,9 +2,9 @@
 
 use super::Exit;
 use super::record::Record;
-use luna_platform::current::{self, ProcessId, Renewal, User};
-use luna_platform::events;
-use luna_platform::wait_list::WaitNode;
+use luna_core::current::{self, ProcessId, Renewal, User};
+use luna_core::events;
+use luna_core::wait_list::WaitNode;
 use std::cell::{Cell, UnsafeCell};
 use std::fmt;
 use std::future::Future;

@@ -2,11 +2,11 @@
 
 use super::record::Record;
 use crate::presence::{Look, Sleeper, Stretch, look, watch_all};
+use luna_core::current::Home;
+use luna_core::current::ProcessId;
+use luna_core::path::{self, Call};
 use luna_platform::clock::Instant;
-use luna_platform::current::Home;
-use luna_platform::current::ProcessId;
 use luna_platform::futex::Futex;
-use luna_platform::path::{self, Call};
 use std::cell::Cell;
 use std::fmt;
 use std::marker::PhantomData;

@@ -19,9 +19,9 @@ pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
 pub(crate) use record::{Notice, Record};
 
-use luna_platform::current::{self, ProcessId};
+use luna_core::current::{self, ProcessId};
+use luna_core::tape::Taper;
 use luna_platform::memory::copy_words;
-use luna_platform::tape::Taper;
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
@@ -136,7 +136,7 @@ impl ProcessSpec {
         self
     }
 
-    /// Lets `taper` put the process' [tape](luna_platform::tape) in around each of its polls. Processes without one pay nothing.
+    /// Lets `taper` put the process' [tape](luna_core::tape) in around each of its polls. Processes without one pay nothing.
     #[doc(hidden)]
     #[must_use]
     pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {
@@ -255,7 +255,7 @@ impl ProcessHandle {
 
     /// Blocks this thread until the process has ended, and says how. Not for processes of an executor: they [`join`](Self::join).
     pub fn wait(&self) -> Exit {
-        luna_platform::park::block_on(self.join())
+        luna_core::park::block_on(self.join())
     }
 
     /// The processes that wait in a [`join`](Self::join) for its end. Not for the real-time path: it allocates.

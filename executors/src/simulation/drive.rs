@@ -1,8 +1,8 @@
 //! A clock that moves only as its driver says: lock-step with a simulator.
 
+use luna_core::park::Parker;
+use luna_core::reclaim::Shared;
 use luna_platform::clock::{Instant, VirtualClock};
-use luna_platform::park::Parker;
-use luna_platform::reclaim::Shared;
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

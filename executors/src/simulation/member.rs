@@ -3,10 +3,10 @@
 use crate::executor::{Phase, Shared, turns};
 use crate::process::Enrolled;
 use crate::task::{self, Tasks};
+use luna_core::current::{self, Guest};
+use luna_core::events;
+use luna_core::timer_queue::TimerQueue;
 use luna_platform::clock::Instant;
-use luna_platform::current::{self, Guest};
-use luna_platform::events;
-use luna_platform::timer_queue::TimerQueue;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

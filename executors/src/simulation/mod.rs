@@ -31,8 +31,8 @@ pub use drive::{ClockDriver, DriveError, DrivenClock};
 pub(crate) use stage::{Stage, is_stage};
 
 use crate::process::Living;
+use luna_core::current::ProcessId;
 use luna_platform::clock::Clock;
-use luna_platform::current::ProcessId;
 use luna_platform::thread::{Attributes, SpawnError, Thread};
 use std::convert::Infallible;
 use std::fmt;

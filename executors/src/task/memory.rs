@@ -3,7 +3,7 @@
 //! An allocator gives what is aligned to more than two words by a long way, which splits what it finds: several times as dear as all else that a spawn allocates. So
 //! a task takes what is aligned to half of what it needs, and half of that more.
 
-use luna_platform::current::Process;
+use luna_core::current::Process;
 use std::alloc::{Layout, alloc, dealloc, handle_alloc_error};
 use std::ptr::NonNull;
 

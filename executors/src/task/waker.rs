@@ -1,8 +1,8 @@
 //! The wakers of a task: counted pointers to it.
 
 use super::{Task, ready_elsewhere};
-use luna_platform::current::{self, Place};
-use luna_platform::reclaim;
+use luna_core::current::{self, Place};
+use luna_core::reclaim;
 use std::ptr::NonNull;
 use std::sync::atomic::{Ordering, fence};
 use std::task::{RawWaker, RawWakerVTable, Waker};

@@ -3,14 +3,14 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::current::{User, dropped_ends_poison, user};
+use luna_core::timer_queue::Sleep;
 use luna_executors::{
     Executor, ExecutorHandle, Exit, Living, ProcessHandle, ProcessSpec, ProcessState, has_given_up,
     yield_now,
 };
 use luna_platform::clock::Instant;
-use luna_platform::current::{User, dropped_ends_poison, user};
 use luna_platform::thread::Attributes;
-use luna_platform::timer_queue::Sleep;
 use std::future::{Future, pending, poll_fn};
 use std::rc::Rc;
 use std::sync::Arc;

@@ -5,13 +5,13 @@
 use crate::file_support;
 use crate::support;
 use file_support::{can_wait, fill, pair, read_byte, write_byte};
+use luna_core::timer_queue::Sleep;
 use luna_executors::{
     Exit, FileError, OsThread, ProcessSpec, ProcessState, block_on, prepare_files, readable,
     writable, yield_now,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
-use luna_platform::timer_queue::Sleep;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::sync::Arc;

@@ -5,8 +5,8 @@
 use crate::file_support;
 use crate::support;
 use file_support::{can_wait, pair, read_byte, write_byte};
+use luna_core::current;
 use luna_executors::{Exit, OsThread, ProcessSpec, prepare_files};
-use luna_platform::current;
 use luna_platform::thread::Attributes;
 use support::{executor, watchdog};
 

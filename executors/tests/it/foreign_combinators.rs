@@ -4,9 +4,9 @@
 
 use crate::support;
 use futures_lite::future::{or, race, zip};
+use luna_core::timer_queue::Sleep;
 use luna_executors::{Exit, ProcessSpec, blocking, yield_now};
 use luna_platform::clock::Instant;
-use luna_platform::timer_queue::Sleep;
 use std::collections::VecDeque;
 use std::future::{Future, pending, poll_fn};
 use std::pin::Pin;

@@ -2,12 +2,12 @@
 
 #![cfg(not(loom))]
 
+use luna_core::timer_queue::Sleep;
 use luna_executors::{
     Executor, Exit, Interference, ProcessSpec, blocking, interference, yield_now,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
-use luna_platform::timer_queue::Sleep;
 use std::sync::mpsc;
 use std::time::Duration;
 

@@ -3,8 +3,8 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::current::{self, Place};
 use luna_executors::{ProcessSpec, yield_now};
-use luna_platform::current::{self, Place};
 use std::task::Poll;
 use support::{Gate, Log, executor, watchdog};
 

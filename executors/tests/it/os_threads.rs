@@ -3,10 +3,10 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::timer_queue::Sleep;
 use luna_executors::{Exit, Nested, OsThread, ProcessSpec, ProcessState, block_on, yield_now};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
-use luna_platform::timer_queue::Sleep;
 use std::future::{Future, pending};
 use std::rc::Rc;
 use std::time::Duration;

@@ -3,9 +3,9 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::current;
 use luna_executors::{Exit, Overseer, ProcessSpec, ProcessState, Sentence, overseer, yield_now};
 use luna_platform::clock::Instant;
-use luna_platform::current;
 use std::future::pending;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -3,12 +3,12 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::timer_queue::Sleep;
 use luna_executors::{
     Executor, Exit, Living, OsThread, ProcessSpec, Stillness, block_on_patiently, blocking,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
-use luna_platform::timer_queue::Sleep;
 use std::sync::Arc;
 use std::time::Duration;
 use support::{Gate, until, watchdog};

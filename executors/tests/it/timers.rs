@@ -3,9 +3,9 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::timer_queue::Sleep;
 use luna_executors::{Exit, ProcessSpec, yield_now};
 use luna_platform::clock::Instant;
-use luna_platform::timer_queue::Sleep;
 use std::pin::pin;
 use std::time::Duration;
 use support::{Gate, Log, Random, executor, poll_once, rounds, until, watchdog};

@@ -4,8 +4,8 @@
 #![cfg(not(loom))]
 
 use crate::support;
+use luna_core::current::{self, Place};
 use luna_executors::{Executor, Exit, ProcessHandle, ProcessSpec};
-use luna_platform::current::{self, Place};
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,9 +2,10 @@
 
 use crate::format::{ClockBase, MOST_SIGNALS, Type};
 use crate::lane::{self, Inlet};
-use luna_platform::clock::{Counter, Instant};
 #[cfg(feature = "events")]
-use luna_platform::{current, events, lock::PiLock};
+use luna_core::{current, events};
+use luna_platform::clock::{Counter, Instant};
+use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::fmt;
@@ -261,7 +262,7 @@ impl Hub {
     ///
     /// ```
     /// use luna_logger::{Hub, Logging, Recorder};
-    /// use luna_platform::events::{self, code};
+    /// use luna_core::events::{self, code};
     ///
     /// let file = std::env::temp_dir().join(format!("luna-events-{}.luna", std::process::id()));
     /// let hub = Hub::new("bench", Default::default());

@@ -11,7 +11,7 @@
 
 use crate::hub::{Hub, Losses, Rooms, Stamp};
 use crate::sample::Sample;
-use luna_platform::current;
+use luna_core::current;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::cell::{Cell, RefCell, UnsafeCell};
 use std::ptr;

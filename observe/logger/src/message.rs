@@ -3,7 +3,7 @@
 use crate::format::Level;
 use crate::hub::Hub;
 use crate::lane::{self, Head, MOST_WORDS};
-use luna_platform::current;
+use luna_core::current;
 use std::fmt::{self, Write};
 use std::io::{self, Write as _};
 

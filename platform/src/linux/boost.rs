@@ -8,14 +8,14 @@ use nix::unistd::gettid;
 
 /// A thread and what it runs under when nothing is lent to it.
 #[derive(Debug)]
-pub(crate) struct Scheduling {
+pub struct Scheduling {
     thread: i32,
     policy: i32,
     priority: i32,
 }
 
 /// That of the calling thread. Three system calls.
-pub(crate) fn scheduling() -> Scheduling {
+pub fn scheduling() -> Scheduling {
     let (policy, priority) = super::thread::scheduler();
     Scheduling {
         thread: gettid().as_raw(),
@@ -25,7 +25,7 @@ pub(crate) fn scheduling() -> Scheduling {
 }
 
 /// As [`scheduling`], of the thread that `of` is, from any thread. Two system calls. What it was, if the system does not say.
-pub(crate) fn scheduling_again(of: &Scheduling) -> Scheduling {
+pub fn scheduling_again(of: &Scheduling) -> Scheduling {
     let mut parameter = super::thread::zeroed_parameter();
     // The system calls themselves, as below.
     // SAFETY: the parameter is a valid structure for the length of the calls.
@@ -52,7 +52,7 @@ const ABOVE_ALL: u8 = 100;
 
 impl Scheduling {
     /// The real-time priority, 1 to 99; 0 without one, and above all of a deadline thread.
-    pub(crate) fn rank(&self) -> u8 {
+    pub fn rank(&self) -> u8 {
         let policy = self.policy & !libc::SCHED_RESET_ON_FORK;
         if policy == libc::SCHED_DEADLINE {
             return ABOVE_ALL;
@@ -83,7 +83,7 @@ impl Scheduling {
 /// # Errors
 ///
 /// The system's number for why it refused.
-pub(crate) fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
+pub fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
     if !of.has_rank() {
         return Ok(());
     }
@@ -91,7 +91,7 @@ pub(crate) fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
 }
 
 /// Lets the thread run under what was its own. One system call. Going down needs no privilege, so it is not refused.
-pub(crate) fn restore(of: &Scheduling) {
+pub fn restore(of: &Scheduling) {
     if of.has_rank() {
         let outcome = set(
             of.thread,
@@ -125,7 +125,7 @@ fn set(thread: i32, policy: i32, priority: i32) -> Result<(), i32> {
 }
 
 /// Finds out why a boost to `priority` was refused with this number.
-pub(crate) fn why_refused(priority: u8, number: i32) -> PolicyRefusal {
+pub fn why_refused(priority: u8, number: i32) -> PolicyRefusal {
     match Errno::from_raw(number) {
         Errno::EPERM => why_no_policy(Policy::fifo(priority)),
         error => PolicyRefusal::Kernel {

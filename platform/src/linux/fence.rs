@@ -14,7 +14,7 @@ const REFUSED: u8 = 2;
 static STATE: AtomicU8 = AtomicU8::new(UNASKED);
 
 /// Asks the kernel for the heavy fence, once for the program. Off the real-time path: the first call may take milliseconds.
-pub(crate) fn prepare() {
+pub fn prepare() {
     if STATE.load(Ordering::Acquire) == UNASKED {
         let granted = call(REGISTER).and_then(|()| call(EXPEDITED)).is_ok();
         STATE.store(if granted { AVAILABLE } else { REFUSED }, Ordering::Release);
@@ -23,18 +23,18 @@ pub(crate) fn prepare() {
 
 /// Whether the heavy fence can be had.
 #[inline]
-pub(crate) fn is_available() -> bool {
+pub fn is_available() -> bool {
     STATE.load(Ordering::Relaxed) == AVAILABLE
 }
 
 /// Orders what this thread does for who calls [`heavy`]. No instruction.
 #[inline(always)]
-pub(crate) fn light() {
+pub fn light() {
     compiler_fence(Ordering::SeqCst);
 }
 
 /// A full fence on this thread, and on each other one of the program that runs. A system call.
-pub(crate) fn heavy() {
+pub fn heavy() {
     let fenced = crate::path::expected(crate::path::Call::Fence, || match call(EXPEDITED) {
         // It notes on which processors to interrupt, where there are very many of them. The slow one needs no room.
         Err(Errno::ENOMEM) => call(GLOBAL),

@@ -12,13 +12,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// How often the word is looked at before the kernel is asked: a section takes some tens of nanoseconds, and its owner may be on another core.
 const LOOKS: u32 = 40;
 
+/// The word of a biased lock that says whether its owner is inside.
 #[derive(Debug)]
-pub(crate) struct Inside {
+pub struct Inside {
     word: AtomicU32,
 }
 
 impl Inside {
-    pub(crate) const fn new() -> Self {
+    /// Not entered.
+    pub const fn new() -> Self {
         Self {
             word: AtomicU32::new(0),
         }
@@ -26,13 +28,13 @@ impl Inside {
 
     /// Whether somebody is inside: for the favoured home's thread, whether it is itself.
     #[inline(always)]
-    pub(crate) fn is_entered(&self) -> bool {
+    pub fn is_entered(&self) -> bool {
         self.word.load(Ordering::Relaxed) != 0
     }
 
     /// The favoured home's thread enters.
     #[inline(always)]
-    pub(crate) fn enter(&self) {
+    pub fn enter(&self) {
         let me = known_thread_id();
         if self.word.load(Ordering::Relaxed) != 0 {
             entered_twice();
@@ -45,7 +47,7 @@ impl Inside {
     }
 
     /// Panics if this thread is inside.
-    pub(crate) fn assert_not_here(&self) {
+    pub fn assert_not_here(&self) {
         if self.word.load(Ordering::Relaxed) & libc::FUTEX_TID_MASK == thread_id() {
             entered_twice();
         }
@@ -53,13 +55,13 @@ impl Inside {
 
     /// The favoured home's thread leaves.
     #[inline(always)]
-    pub(crate) fn leave(&self) {
+    pub fn leave(&self) {
         self.word.store(0, Ordering::Release);
     }
 
     /// The home's thread has left, and found that it is not favoured any more: somebody may wait in the kernel without a note of it.
     #[cold]
-    pub(crate) fn leave_revoked(&self) {
+    pub fn leave_revoked(&self) {
         let noted = thread_id() | libc::FUTEX_WAITERS;
         let left = self
             .word
@@ -75,7 +77,7 @@ impl Inside {
 
     /// Waits until the home's thread is outside, and lends it the caller's priority meanwhile. The caller has ended its favour, and
     /// executed the heavy fence.
-    pub(crate) fn wait_until_left(&self) {
+    pub fn wait_until_left(&self) {
         for _ in 0..LOOKS {
             if self.word.load(Ordering::Acquire) == 0 {
                 return;

@@ -2,15 +2,15 @@
 
 pub(crate) mod alarm;
 mod alternate_stack;
-pub(crate) mod boost;
+pub mod boost;
 pub(crate) mod clock;
 pub(crate) mod crash;
 mod deadline;
 pub(crate) mod facts;
-pub(crate) mod fence;
+pub mod fence;
 pub(crate) mod file;
 pub mod futex;
-pub(crate) mod inside;
+pub mod inside;
 pub(crate) mod latency;
 pub mod lock;
 pub(crate) mod memory;

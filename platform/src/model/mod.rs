@@ -1,30 +1,40 @@
 //! loom's clock, lock and wait: what the protocols are checked on. There are no threads' attributes and no files here.
 
-pub(crate) mod boost {
+pub mod boost {
     //! Threads have no priorities in a model.
 
+    /// A thread, and what it runs under without inheritance.
     #[derive(Debug)]
-    pub(crate) struct Scheduling;
+    pub struct Scheduling;
 
-    pub(crate) fn scheduling() -> Scheduling {
+    /// That of the calling thread.
+    pub fn scheduling() -> Scheduling {
         Scheduling
     }
 
-    pub(crate) fn scheduling_again(_: &Scheduling) -> Scheduling {
+    /// That of the same thread, read again.
+    pub fn scheduling_again(_: &Scheduling) -> Scheduling {
         Scheduling
     }
 
     impl Scheduling {
-        pub(crate) fn rank(&self) -> u8 {
+        /// The real-time priority; 0 without one.
+        pub fn rank(&self) -> u8 {
             0
         }
     }
 
-    pub(crate) fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
+    /// Lets the thread run at this priority.
+    ///
+    /// # Errors
+    ///
+    /// The system's number for why it refused.
+    pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
         Ok(())
     }
 
-    pub(crate) fn restore(_: &Scheduling) {}
+    /// Lets the thread run under what was its own.
+    pub fn restore(_: &Scheduling) {}
 }
 
 pub(crate) mod clock {
@@ -121,58 +131,69 @@ pub mod lock {
     }
 }
 
-pub(crate) mod fence {
+pub mod fence {
     //! Full fences on both sides: what the kernel makes of the pair.
 
     use loom::sync::atomic::{Ordering, fence};
 
-    pub(crate) fn prepare() {}
+    /// Asks for the heavy fence, once for the program.
+    pub fn prepare() {}
 
-    pub(crate) fn is_available() -> bool {
+    /// Whether the heavy fence can be had.
+    pub fn is_available() -> bool {
         true
     }
 
-    pub(crate) fn light() {
+    /// Orders what this thread does for a thread that calls [`heavy`].
+    pub fn light() {
         fence(Ordering::SeqCst);
     }
 
-    pub(crate) fn heavy() {
+    /// A full fence on this thread and on each other one of the program.
+    pub fn heavy() {
         fence(Ordering::SeqCst);
     }
 }
 
-pub(crate) mod inside {
+pub mod inside {
     //! The word without the kernel: who waits looks again and again.
 
     use loom::sync::atomic::{AtomicBool, Ordering};
 
+    /// The word of a biased lock that says whether its owner is inside.
     #[derive(Debug)]
-    pub(crate) struct Inside(AtomicBool);
+    pub struct Inside(AtomicBool);
 
     impl Inside {
-        pub(crate) fn new() -> Self {
+        /// Not entered.
+        pub fn new() -> Self {
             Self(AtomicBool::new(false))
         }
 
-        pub(crate) fn is_entered(&self) -> bool {
+        /// Whether a thread is inside.
+        pub fn is_entered(&self) -> bool {
             self.0.load(Ordering::Relaxed)
         }
 
-        pub(crate) fn enter(&self) {
+        /// The owner enters.
+        pub fn enter(&self) {
             assert!(!self.0.load(Ordering::Relaxed), "entered twice");
             self.0.store(true, Ordering::Relaxed);
         }
 
         /// A model's threads do not lock twice.
-        pub(crate) fn assert_not_here(&self) {}
+        pub fn assert_not_here(&self) {}
 
-        pub(crate) fn leave(&self) {
+        /// The owner leaves.
+        pub fn leave(&self) {
             self.0.store(false, Ordering::Release);
         }
 
-        pub(crate) fn leave_revoked(&self) {}
+        /// The owner has left, and the bias was revoked meanwhile.
+        pub fn leave_revoked(&self) {}
 
-        pub(crate) fn wait_until_left(&self) {
+        /// Waits until the owner is outside. The caller has revoked the bias.
+        pub fn wait_until_left(&self) {
             while self.0.load(Ordering::Acquire) {
                 loom::thread::yield_now();
             }

@@ -2,29 +2,40 @@
 
 use crate::shortfall::PolicyRefusal;
 
+/// A thread, and what it runs under without inheritance.
 #[derive(Debug)]
-pub(crate) struct Scheduling;
+pub struct Scheduling;
 
-pub(crate) fn scheduling() -> Scheduling {
+/// That of the calling thread.
+pub fn scheduling() -> Scheduling {
     Scheduling
 }
 
-pub(crate) fn scheduling_again(_: &Scheduling) -> Scheduling {
+/// That of the same thread, read again.
+pub fn scheduling_again(_: &Scheduling) -> Scheduling {
     Scheduling
 }
 
 impl Scheduling {
-    pub(crate) fn rank(&self) -> u8 {
+    /// The real-time priority; 0 without one.
+    pub fn rank(&self) -> u8 {
         0
     }
 }
 
-pub(crate) fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
+/// Lets the thread run at this priority.
+///
+/// # Errors
+///
+/// The system's number for why it refused.
+pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
     Err(0)
 }
 
-pub(crate) fn restore(_: &Scheduling) {}
+/// Lets the thread run under what was its own.
+pub fn restore(_: &Scheduling) {}
 
-pub(crate) fn why_refused(_: u8, _: i32) -> PolicyRefusal {
+/// Why a boost was refused with this number.
+pub fn why_refused(_: u8, _: i32) -> PolicyRefusal {
     PolicyRefusal::Unsupported
 }

@@ -1,13 +1,17 @@
 //! There is no pair of fences of which one costs nothing, so nobody is favoured.
 
-pub(crate) fn prepare() {}
+/// Asks for the heavy fence, once for the program.
+pub fn prepare() {}
 
-pub(crate) fn is_available() -> bool {
+/// Whether the heavy fence can be had.
+pub fn is_available() -> bool {
     false
 }
 
-pub(crate) fn light() {}
+/// Orders what this thread does for a thread that calls [`heavy`].
+pub fn light() {}
 
-pub(crate) fn heavy() {
+/// A full fence on this thread and on each other one of the program.
+pub fn heavy() {
     unreachable!("nobody is favoured without it");
 }

@@ -1,24 +1,32 @@
 //! Nobody is favoured here, so nobody is inside.
 
+/// The word of a biased lock that says whether its owner is inside.
 #[derive(Debug)]
-pub(crate) struct Inside;
+pub struct Inside;
 
 impl Inside {
-    pub(crate) const fn new() -> Self {
+    /// Not entered.
+    pub const fn new() -> Self {
         Self
     }
 
-    pub(crate) fn is_entered(&self) -> bool {
+    /// Whether a thread is inside.
+    pub fn is_entered(&self) -> bool {
         false
     }
 
-    pub(crate) fn enter(&self) {}
+    /// The owner enters.
+    pub fn enter(&self) {}
 
-    pub(crate) fn assert_not_here(&self) {}
+    /// Panics if this thread is inside.
+    pub fn assert_not_here(&self) {}
 
-    pub(crate) fn leave(&self) {}
+    /// The owner leaves.
+    pub fn leave(&self) {}
 
-    pub(crate) fn leave_revoked(&self) {}
+    /// The owner has left, and the bias was revoked meanwhile.
+    pub fn leave_revoked(&self) {}
 
-    pub(crate) fn wait_until_left(&self) {}
+    /// Waits until the owner is outside. The caller has revoked the bias.
+    pub fn wait_until_left(&self) {}
 }

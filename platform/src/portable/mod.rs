@@ -1,15 +1,15 @@
 //! The backend on the standard library alone: what every system but Linux gets.
 
 pub(crate) mod alarm;
-pub(crate) mod boost;
+pub mod boost;
 pub(crate) mod clock;
 pub(crate) mod crash;
 pub(crate) mod facts;
-pub(crate) mod fence;
+pub mod fence;
 #[cfg(unix)]
 pub(crate) mod file;
 pub mod futex;
-pub(crate) mod inside;
+pub mod inside;
 pub(crate) mod latency;
 pub mod lock;
 pub(crate) mod memory;

@@ -1,5 +1,6 @@
 //! Tests that change their whole process: signal handlers, the cores that it may use.
 
+#[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 #[path = "../../../tests/common/own_process.rs"]
 #[macro_use]
 mod own_process;

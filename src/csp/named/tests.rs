@@ -1,6 +1,6 @@
 use super::*;
 use crate::csp::tree::SubProcess;
-use luna_platform::current::Home;
+use luna_core::current::Home;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::task::Waker;

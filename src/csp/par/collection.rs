@@ -2,7 +2,7 @@
 
 use super::join::Slot;
 use crate::error::{Failures, Result};
-use luna_platform::current::{self, Branches, OPERATIONS_PER_POLL};
+use luna_core::current::{self, Branches, OPERATIONS_PER_POLL};
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;

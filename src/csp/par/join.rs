@@ -1,7 +1,7 @@
 //! The branches of a parallel construct, in their places.
 
 use crate::error::{Error, Failures, Result};
-use luna_platform::current;
+use luna_core::current;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;

@@ -3,8 +3,8 @@
 use super::{Declared, Entry, Group, State, Store, note_outside};
 use crate::parameters::cells::{Cells, Reader};
 use crate::parameters::error::DeclareError;
-use luna_platform::current::ProcessId;
-use luna_platform::latest_slots::LatestSlots;
+use luna_core::current::ProcessId;
+use luna_core::latest_slots::LatestSlots;
 use std::cell::RefCell;
 use std::sync::{Arc, OnceLock};
 

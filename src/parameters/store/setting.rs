@@ -4,7 +4,7 @@ use super::{Group, Phase, State, Store, note_outside};
 use crate::parameters::error::{Reason, Refusal, SetError, Source};
 use crate::parameters::nearest::nearest;
 use crate::parameters::sources::{self, Given, merge};
-use luna_platform::current;
+use luna_core::current;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 

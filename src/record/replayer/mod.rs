@@ -14,7 +14,7 @@ use super::error::RecordError;
 use super::event::{Event as Noted, Kind};
 use super::recorder::RecordReport;
 use super::recording::Recording;
-use luna_platform::timer_queue::Sleep;
+use luna_core::timer_queue::Sleep;
 use stamps::{END, at};
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, HashMap, VecDeque};

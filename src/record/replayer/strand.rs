@@ -2,9 +2,9 @@
 
 use super::stamps::after;
 use crate::record::event::{Event as Noted, Kind};
+use luna_core::tape::Turn;
+use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
-use luna_platform::tape::Turn;
-use luna_platform::timer_queue::Sleep;
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::task::{Context, Poll};

@@ -5,7 +5,7 @@ use super::strand::Stage;
 use super::track::{Track, told};
 use crate::record::error::RecordError;
 use crate::record::event::{Event as Noted, Kind};
-use luna_platform::tape::{About, Event, Tape, Turn, What};
+use luna_core::tape::{About, Event, Tape, Turn, What};
 use std::task::{Context, Poll};
 
 impl Tape for Track {

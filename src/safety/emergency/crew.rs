@@ -14,13 +14,13 @@ use super::panics;
 use super::rouser::{self, Rouser, RouserThread};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
+use luna_core::path::{self, Call};
+use luna_core::summons::Summons;
 use luna_executors::Living;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::facts::Source;
-use luna_platform::path::{self, Call};
 use luna_platform::shortfall::Shortfall;
 use luna_platform::signals::{Listeners, Signal, SignalError, SignalWatch};
-use luna_platform::summons::Summons;
 use luna_platform::thread::{
     self, Attributes, EMERGENCY_PRIORITY, MINIMUM_STACK_SIZE, Policy, Thread, ThreadNumber,
 };

@@ -1,9 +1,9 @@
 //! The functions that bring something to safety: who runs which is the relay's; here is what runs, and how it went.
 
 use crate::error::{Result, SetupError};
+use luna_core::relay::{Leg, Relay, Turn};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::relay::{Leg, Relay, Turn};
 use luna_platform::signals;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};

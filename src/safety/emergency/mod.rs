@@ -19,10 +19,11 @@ use crate::logging::Log;
 use crate::system::Plan;
 use crew::Crew;
 use functions::{Functions, Run};
+use luna_core::current::ProcessId;
+use luna_core::path;
 use luna_executors::SimulationHandle;
 use luna_platform::clock::{Clock, Instant};
-use luna_platform::current::ProcessId;
-use luna_platform::{forked, path, signals};
+use luna_platform::{forked, signals};
 use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -83,7 +84,7 @@ thread_local! {
 /// ```
 #[must_use = "the process is to end with it: return it as its error"]
 pub fn emergency(cause: Error) -> Error {
-    if luna_platform::current::process(|process| process.is_some())
+    if luna_core::current::process(|process| process.is_some())
         && let Some(emergency) = OF_THREAD.with(|of_thread| of_thread.borrow().clone())
     {
         emergency.trigger(Cause::Raised(cause.clone()));

@@ -6,8 +6,8 @@ use crate::csp::process::Process;
 use crate::error::Result;
 use food::Food;
 use luna_channels::{Due, Stamp, When};
+use luna_core::reclaim::Shared;
 use luna_platform::clock::Instant;
-use luna_platform::reclaim::Shared;
 use std::fmt;
 use std::time::Duration;
 

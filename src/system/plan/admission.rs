@@ -6,8 +6,8 @@ use super::{Members, Phase, Plan, duplicate};
 use crate::csp::process::{Build, Common, Prepared, clean_up, prepare, start};
 use crate::error::{Result, SetupError};
 use crate::system::neighbours;
+use luna_core::current::ProcessId;
 use luna_executors::{Name, ProcessHandle};
-use luna_platform::current::ProcessId;
 use std::sync::MutexGuard;
 
 /// The name of a process that is about to be added. Dropping it gives the name back.

@@ -3,8 +3,8 @@
 use crate::csp::composition::{ThreadKind, ThreadPart};
 use crate::csp::process::{Build, Prepared, Start};
 use crate::safety::Ledger;
+use luna_core::current::ProcessId;
 use luna_executors::{Name, ProcessSpec};
-use luna_platform::current::ProcessId;
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 

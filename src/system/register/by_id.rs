@@ -4,7 +4,7 @@
 //! just looked at. A hash table of processes would spread them over all of its memory, and leave a part of it empty.
 
 use super::Spread;
-use luna_platform::current::ProcessId;
+use luna_core::current::ProcessId;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 

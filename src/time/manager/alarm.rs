@@ -2,9 +2,9 @@
 
 use super::bases::Arm;
 use crate::error::SetupError;
+use luna_core::park::Parker;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::park::Parker;
 use luna_platform::reactor::Reactor;
 #[cfg(unix)]
 use luna_platform::reactor::ReactorError;

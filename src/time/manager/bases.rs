@@ -4,9 +4,9 @@
 //! ticks, or the last loop of a base's own period goes, that base is *stale*: nobody joins it, and who is on it looks for another place when it waits for the next time. So at most
 //! one timer ticks where one is enough, but for the period in which loops move, and no node is ever moved from list to list.
 
+use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::tick_list::TickList;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The timers of the bases.

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! `bases` says which loops share a timer, `alarm` is the timers, `seat` a loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines,
-//! `thread` the thread's life, `handle` what the user has of it. That a tick is never slept through is for [`luna_platform::tick_list`].
+//! `thread` the thread's life, `handle` what the user has of it. That a tick is never slept through is for [`luna_core::tick_list`].
 //!
 //! Locks, in this order: the callbacks', the bases', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
 
@@ -33,8 +33,8 @@ use crate::error::SetupError;
 use alarm::Alarm;
 use bases::{Bases, Place};
 use callbacks::Callbacks;
+use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
-use luna_platform::tick_list::TickList;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 

@@ -2,9 +2,9 @@
 
 use super::Manager;
 use super::bases::Place;
+use luna_core::tick_list::Woken;
 use luna_executors::UnderWay;
 use luna_platform::clock::Instant;
-use luna_platform::tick_list::Woken;
 use std::sync::Arc;
 
 /// Where a loop waits for its slots. Given up when it is dropped.

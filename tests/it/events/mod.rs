@@ -5,8 +5,8 @@ mod waits;
 
 use luna::prelude::*;
 use luna::{Logging, Sink};
+use luna_core::events::code;
 use luna_logger::format::{Event, Reader, Record, Subject};
-use luna_platform::events::code;
 use std::collections::{BTreeMap, HashMap};
 use std::io;
 use std::sync::{Arc, Mutex};

@@ -3,8 +3,8 @@
 use crate::common::say;
 use crate::inversion::{MIDDLE, thread};
 use crate::kernel::{burn, processor_time, spoilt, thread_id};
+use luna_core::park::Parker;
 use luna_platform::clock::Instant;
-use luna_platform::park::Parker;
 use luna_platform::thread::Thread;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};

@@ -4,9 +4,9 @@ use crate::common::watchdog;
 use crate::inversion::between::{BURST, Burner, Waits};
 use crate::inversion::{HIGH, LOW, ROUNDS, one_core, thread};
 use crate::kernel::{as_scheduled, burn, scheduled_priority, thread_id};
+use luna_core::park::Parker;
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
-use luna_platform::park::Parker;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 

@@ -6,8 +6,8 @@
 use crate::common;
 use crate::kernel::{processor_time, stolen};
 use crate::same_core::shared::{How, Shared};
+use luna_core::park::Parker;
 use luna_platform::clock::Instant;
-use luna_platform::park::Parker;
 use luna_platform::thread::{Attributes, Policy, Thread, available_cores, spawn};
 use std::convert::Infallible;
 use std::fmt;

@@ -164,7 +164,7 @@ fn lines(file: &object::File<'static>) -> Option<Context<EndianSlice<'static, Li
 /// A source file's path below the workspace's folder, if it is there.
 fn in_workspace(file: &str) -> Option<&str> {
     let of_this_crate = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let workspace = of_this_crate.parent()?.to_str()?;
+    let workspace = of_this_crate.parent()?.parent()?.to_str()?;
     Some(file.strip_prefix(workspace)?.trim_start_matches('/'))
 }
 

@@ -2,10 +2,10 @@
 //! frees, blocks on a lock or makes an unexpected system call fails the test, with the process'
 //! name and a backtrace.
 //!
-//! The *path* is defined by [`on_path`](luna_platform::current::on_path): all that running
+//! The *path* is defined by [`on_path`](luna_core::current::on_path): all that running
 //! processes and their executors do between the start of the bodies and their end. It allows only
 //! system calls that wake a thread, sleep, arm a timer, wait for a contended priority-inheriting
-//! lock, boost a thread, or move a file's data ([`Call`](luna_platform::path::Call)); it allows no
+//! lock, boost a thread, or move a file's data ([`Call`](luna_core::path::Call)); it allows no
 //! allocation and no free.
 //!
 //! A guarded test program uses [`Allocator`] as its own, and runs its systems within [`check`]:

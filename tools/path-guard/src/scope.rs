@@ -103,7 +103,7 @@ pub(crate) use guarded::probed;
 mod guarded {
     use super::report;
     use crate::{Coverage, Kind, Violation, room, symbols, system_calls, watch};
-    use luna_platform::current;
+    use luna_core::current;
     use std::cell::Cell;
     use std::hint::black_box;
     use std::sync::{Mutex, OnceLock, PoisonError};

@@ -2,8 +2,8 @@
 
 use crate::room::Raw;
 use crate::{Violation, watch};
-use luna_platform::current::ProcessId;
-use luna_platform::path;
+use luna_core::current::ProcessId;
+use luna_core::path;
 use std::fmt::Write;
 
 /// Converts a noted violation, with the names of its process, thread and functions.

@@ -3,8 +3,8 @@
 use crate::Kind;
 use crate::room::{self, Raw};
 use crate::system_calls::{self, Selector};
-use luna_platform::current::{self, User};
-use luna_platform::path::{self, Watcher};
+use luna_core::current::{self, User};
+use luna_core::path::{self, Watcher};
 use std::cell::Cell;
 use std::sync::{Mutex, PoisonError};
 

@@ -5,7 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The libraries' sources. The modelled and the portable platform make no real-time claim.
-const SOURCES: [&str; 4] = ["platform/src", "channels/src", "executors/src", "src"];
+const SOURCES: [&str; 5] = [
+    "platform/src",
+    "core/src",
+    "channels/src",
+    "executors/src",
+    "src",
+];
 const WITHOUT_CLAIM: [&str; 2] = ["platform/src/model", "platform/src/portable"];
 
 /// Files in which these words mean the framework's own locks.
@@ -24,6 +30,10 @@ const KNOWN: [(&str, &str); 17] = [
     (
         "channels/src/inspect.rs",
         "places enlist when they are made and freed, and reports look",
+    ),
+    (
+        "core/src/path/watched.rs",
+        "processes are named when they are made; only in guarded builds",
     ),
     (
         "executors/src/process/living.rs",
@@ -52,10 +62,6 @@ const KNOWN: [(&str, &str); 17] = [
     (
         "platform/src/memory.rs",
         "memory is locked before the start and unlocked after the end",
-    ),
-    (
-        "platform/src/path/watched.rs",
-        "processes are named when they are made; only in guarded builds",
     ),
     (
         "platform/src/signals.rs",

@@ -5,7 +5,7 @@
 use super::{Alternative, State};
 use crate::core::Channel;
 use crate::error::RecvError;
-use luna_platform::current::{self, Process};
+use luna_core::current::{self, Process};
 use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {

@@ -4,7 +4,7 @@ use crate::core::Channel;
 use crate::error::RecvError;
 use crate::selection::Selection;
 use crate::waiter::Waiter;
-use luna_platform::current::PlainReady;
+use luna_core::current::PlainReady;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 

@@ -186,7 +186,7 @@ impl World {
             12 => drop(self.barrier.enroll()),
             // Where there are timers, one is armed and taken back.
             13 => {
-                if luna_platform::current::timers().is_some() {
+                if luna_core::current::timers().is_some() {
                     let mut delay = std::pin::pin!(luna_channels::after(Duration::from_secs(9)));
                     let cx = &mut Context::from_waker(Waker::noop());
                     assert!(delay.as_mut().poll(cx).is_pending());

@@ -3,8 +3,8 @@
 use super::common::{Watchdog, pending, ready};
 use super::either;
 use luna_channels::{Receiver, Sender, alt, at, channel, pri_alt};
+use luna_core::current;
 use luna_platform::clock::Instant;
-use luna_platform::current;
 use std::future::Future;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;

@@ -10,7 +10,7 @@ use common::{Ledger, Random, Token, Wakes};
 use luna_channels::{
     Buffer, Receiver, RecvError, SendError, Sender, TryRecvError, TrySendError, buffered, channel,
 };
-use luna_platform::current::{self, Home, Priority, Process, ProcessId};
+use luna_core::current::{self, Home, Priority, Process, ProcessId};
 use model::{Ending, Kind, Model, ModelOp, State};
 use std::collections::BTreeMap;
 use std::pin::Pin;

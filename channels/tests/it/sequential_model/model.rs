@@ -1,6 +1,6 @@
 //! The specification: a channel as plain lists, one step after the other.
 
-use luna_platform::current::Priority;
+use luna_core::current::Priority;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use crate::Counts;
 use luna::devices::Device;
 use luna::external::LinkError;
 use luna::{Process, Receiver};
-use luna_platform::path::{self, Call};
+use luna_core::path::{self, Call};
 use std::io;
 
 /// Creates a process that sets outputs to the values from `receiver`'s channel, each at once.

@@ -8,7 +8,7 @@ use crate::wire::Wire;
 use luna::devices::Device;
 use luna::external::{FromBytes, LinkError, Splitter};
 use luna::{Process, Sender};
-use luna_platform::path::{self, Call};
+use luna_core::path::{self, Call};
 use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};

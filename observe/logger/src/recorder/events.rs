@@ -5,7 +5,7 @@
 
 use crate::format::{Event, Record, RunsOn, Subject};
 use crate::lane::Head;
-use luna_platform::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
+use luna_core::events::{Kind, Losses, Name, Names, TEXT, TEXT_HEAD, code};
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;

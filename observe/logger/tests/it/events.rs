@@ -1,8 +1,8 @@
 //! Events of hubs: in blocks that a sink loses later, and of two hubs at a time.
 
+use luna_core::events::{self, Kind, code};
 use luna_logger::format::{Losing, Reader, Record, RunsOn, Subject, Tally};
 use luna_logger::{Hub, Logging, Recorder, Sink};
-use luna_platform::events::{self, Kind, code};
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, mpsc};

@@ -3,8 +3,8 @@
 
 use crate::common;
 use common::Kept;
+use luna_core::current;
 use luna_logger::{Hub, Level, Logging, Recorder, message};
-use luna_platform::current;
 use std::sync::Arc;
 
 /// Writes this many messages on a thread of its own, which is on the path.

@@ -1,8 +1,8 @@
 //! Names are collected only while a recording with events runs. Alone in its program: all recorders
 //! get all names.
 
+use luna_core::events::{self, Kind};
 use luna_logger::{Hub, Logging, Recorder, StartError, WriterSink};
-use luna_platform::events::{self, Kind};
 
 /// Whether names are collected.
 fn is_asked() -> bool {

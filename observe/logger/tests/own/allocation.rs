@@ -92,11 +92,11 @@ fn samples_and_messages_allocate_nothing_also_when_there_is_no_room() {
 #[test]
 fn a_message_on_the_path_of_a_thread_that_is_in_no_hub_allocates_nothing() {
     let thread = std::thread::spawn(|| {
-        luna_platform::current::set_on_path(true);
+        luna_core::current::set_on_path(true);
         let before = COUNTED.get();
         message(Level::Info, "test", format_args!("lost"));
         let counted = COUNTED.get() - before;
-        luna_platform::current::set_on_path(false);
+        luna_core::current::set_on_path(false);
         counted
     });
     assert_eq!(thread.join().unwrap(), 0);

@@ -5,7 +5,7 @@ use super::Selector;
 use super::rules::Made;
 use crate::watch;
 use libc::{c_int, c_void, siginfo_t, ucontext_t};
-use luna_platform::path;
+use luna_core::path;
 use std::arch::asm;
 use std::io;
 use std::mem::MaybeUninit;

@@ -2,7 +2,7 @@
 
 use super::names;
 use crate::Kind;
-use luna_platform::path::Call;
+use luna_core::path::Call;
 
 /// A system call: its number and its arguments.
 pub(super) struct Made {

@@ -326,7 +326,7 @@ fn what_an_executor_does_between_polls_is_seen() {
     impl Wake for Careless {
         fn wake(self: Arc<Self>) {
             self.0.wake_by_ref();
-            luna_platform::path::off_path(|| drop(self));
+            luna_core::path::off_path(|| drop(self));
             drop(allocates());
         }
     }

@@ -1,0 +1,320 @@
+//! Which branches of a process have been woken, where there are too many to poll them all.
+
+use super::{Place, Ready, Wakeup, ready_again};
+use crate::reclaim::{self, Retired};
+use luna_platform::lock::PiLock;
+use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::fmt;
+use std::mem::ManuallyDrop;
+use std::ptr::NonNull;
+use std::task::{Context, RawWaker, RawWakerVTable, Waker};
+
+const WORD: usize = u64::BITS as usize;
+
+/// One bit for each branch, one for each word of these, and the parent that is to be woken. In an allocation of its own, which the
+/// collection and the branches' wakers share.
+///
+/// A wake sets the branch's bit, then its word's, then readies the parent, if that has said that it waits: a fixed number of steps,
+/// whoever else wakes. The parent takes them in the other direction. From elsewhere, all who wake while the parent waits ready it, not the first alone:
+/// that one may be preempted before it does. On the parent's own thread the first is enough, since that thread must go on in any case. A foreign waker is
+/// woken by the first too: it cannot be cloned under the lock.
+///
+/// # Invariants
+///
+/// `references` counts the collection and the wakers; with the last one the block goes. `seats` does not change.
+struct Block {
+    retired: Retired,
+    references: AtomicUsize,
+    words: Box<[AtomicU64]>,
+    summary: Box<[AtomicU64]>,
+    /// The parent waits, so a wake has to look for `parent`.
+    is_waiting: AtomicBool,
+    parent: PiLock<Option<Wakeup>>,
+    seats: Box<[Seat]>,
+}
+
+/// What a branch's waker leads to.
+struct Seat {
+    block: NonNull<Block>,
+    number: usize,
+}
+
+/// One of those who share a block.
+struct Shared(NonNull<Block>);
+
+// SAFETY: all of a block is atomic, locked or does not change, and its memory can be freed on any thread.
+unsafe impl Send for Shared {}
+// SAFETY: as above.
+unsafe impl Sync for Shared {}
+
+fn zeros(bits: usize) -> Box<[AtomicU64]> {
+    (0..bits.div_ceil(WORD))
+        .map(|_| AtomicU64::new(0))
+        .collect()
+}
+
+impl Shared {
+    fn block(&self) -> &Block {
+        // SAFETY: counted, so it is there.
+        unsafe { self.0.as_ref() }
+    }
+}
+
+/// The branches of one parent, each with a waker of its own.
+///
+/// The parent polls a branch with its waker ([`with_waker`](Self::with_waker)) and asks which have been woken ([`next`](Self::next)). When it
+/// finds none it says that it waits ([`wait`](Self::wait)); the next wake then readies it, in the way in which its own context says and at the
+/// level of the branch that it is itself.
+pub struct Branches {
+    shared: Shared,
+    count: usize,
+    /// The word whose branches have their turn now, and which of them still are to have it.
+    word: usize,
+    bits: u64,
+}
+
+impl Branches {
+    /// For so many branches, none of them woken. Allocates, and takes O(branches).
+    pub fn new(count: usize) -> Branches {
+        let words = zeros(count);
+        let summary = zeros(words.len());
+        let last = words.len().saturating_sub(1);
+        let block = NonNull::from(Box::leak(Box::new(Block {
+            retired: Retired::new(free),
+            references: AtomicUsize::new(1),
+            words,
+            summary,
+            is_waiting: AtomicBool::new(false),
+            parent: PiLock::new(None),
+            seats: Box::new([]),
+        })));
+        let seats = (0..count).map(|number| Seat { block, number });
+        let seats = seats.collect();
+        // SAFETY: nobody else knows the block yet.
+        unsafe { (*block.as_ptr()).seats = seats };
+        Branches {
+            shared: Shared(block),
+            count,
+            // Behind it comes the first.
+            word: last,
+            bits: 0,
+        }
+    }
+
+    /// Calls `f` with the waker of a branch. O(1).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such branch.
+    pub fn with_waker<R>(&self, branch: usize, f: impl FnOnce(&mut Context<'_>) -> R) -> R {
+        let seat = NonNull::from(&self.shared.block().seats[branch]);
+        // SAFETY: the table's functions keep to the contract of wakers. The waker is not counted, so it must not be dropped; the block
+        // outlives it, since this reference does.
+        let waker = unsafe { ManuallyDrop::new(Waker::new(seat.as_ptr().cast(), &TABLE)) };
+        f(&mut Context::from_waker(&waker))
+    }
+
+    /// Marks all branches as woken. O(branches / 64).
+    pub fn wake_all(&self) {
+        for word in 0..self.count.div_ceil(WORD) {
+            let branches = (self.count - word * WORD).min(WORD);
+            self.shared.block().set(word, !0 >> (WORD - branches));
+        }
+    }
+
+    /// The next branch that was woken since it was given by the last time. All that are woken take turns: by their numbers, and then from the
+    /// first on. O(branches / 4096).
+    #[expect(clippy::should_implement_trait, reason = "it goes on after a `None`")]
+    pub fn next(&mut self) -> Option<usize> {
+        if self.bits == 0 {
+            (self.word, self.bits) = self.shared.block().take(self.word + 1)?;
+        }
+        let bit = self.bits.trailing_zeros() as usize;
+        self.bits &= self.bits - 1;
+        Some(self.word * WORD + bit)
+    }
+
+    /// Says that the parent waits, before it returns `Pending`: a wake readies it from now on, as `cx` would. If a branch has been woken already
+    /// and not been given by [`next`](Self::next), it is readied at once, behind the others of its level.
+    pub fn wait(&self, cx: &Context<'_>) {
+        let block = self.shared.block();
+        if self.bits == 0 {
+            let wakeup = Wakeup::of(cx);
+            // Dropped after the lock is released.
+            let _before = block.parent.lock().replace(wakeup);
+            block.is_waiting.store(true, Ordering::Release);
+        }
+        // A waker writes the summary before it looks for the parent. This writes it too, so one of the two comes second, and sees what
+        // the other did before.
+        let is_set = |summary: &AtomicU64| summary.fetch_or(0, Ordering::AcqRel) != 0;
+        if self.bits != 0 || block.summary.iter().any(is_set) {
+            self.stop_waiting();
+            ready_again(cx, Place::Last);
+        }
+    }
+
+    /// Says that the parent looks itself, so that wakes need not ready it.
+    pub fn stop_waiting(&self) {
+        let block = self.shared.block();
+        if block.is_waiting.load(Ordering::Relaxed) {
+            let _before = block.take_parent();
+        }
+    }
+}
+
+impl Drop for Branches {
+    fn drop(&mut self) {
+        // Wakers may live on, but have nobody to wake any more.
+        self.stop_waiting();
+    }
+}
+
+impl fmt::Debug for Branches {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Branches")
+            .field("count", &self.count)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Block {
+    fn set(&self, word: usize, bits: u64) {
+        self.words[word].fetch_or(bits, Ordering::AcqRel);
+        // Also if the word had bits already: who set those may have been preempted before it got here.
+        self.summary[word / WORD].fetch_or(1 << (word % WORD), Ordering::AcqRel);
+    }
+
+    /// Takes the next word with a woken branch, at `from` or behind it, and then from the first on.
+    fn take(&self, from: usize) -> Option<(usize, u64)> {
+        let words = self.summary.len();
+        let (first, bit) = (from / WORD, from % WORD);
+        // The first one comes a second time, for what is before `from`.
+        for step in 0..=words {
+            let at = (first + step) % words.max(1);
+            let wanted = if step == 0 && at == first {
+                !0 << bit
+            } else {
+                !0
+            };
+            let summary = self.summary.get(at)?;
+            let mut found = summary.load(Ordering::Relaxed) & wanted;
+            while found != 0 {
+                let bit = found.trailing_zeros();
+                found &= found - 1;
+                // The summary goes first: a branch that is woken after its word was taken sets it again.
+                summary.fetch_and(!(1 << bit), Ordering::AcqRel);
+                let word = at * WORD + bit as usize;
+                let bits = self.words[word].swap(0, Ordering::AcqRel);
+                if bits != 0 {
+                    return Some((word, bits));
+                }
+            }
+        }
+        None
+    }
+
+    fn take_parent(&self) -> Option<Wakeup> {
+        let mut parent = self.parent.lock();
+        self.is_waiting.store(false, Ordering::Relaxed);
+        parent.take()
+    }
+
+    fn wake(&self, branch: usize) {
+        self.set(branch / WORD, 1 << (branch % WORD));
+        if self.is_waiting.load(Ordering::Acquire) {
+            self.wake_parent();
+        }
+    }
+
+    fn wake_parent(&self) {
+        let ready = {
+            let mut parent = self.parent.lock();
+            match parent.take_if(|wakeup| wakeup.is_woken_once()) {
+                Some(wakeup) => {
+                    self.is_waiting.store(false, Ordering::Relaxed);
+                    wakeup.take()
+                }
+                None => parent
+                    .as_ref()
+                    .map_or(Ready::NOBODY, Wakeup::wake_elsewhere),
+            }
+        };
+        ready.wake();
+    }
+}
+
+impl Clone for Shared {
+    fn clone(&self) -> Self {
+        // Relaxed: whoever clones has a reference, so the block cannot go meanwhile.
+        self.block().references.fetch_add(1, Ordering::Relaxed);
+        Shared(self.0)
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        // AcqRel: whoever frees the block does so after all that others did with it.
+        if self.block().references.fetch_sub(1, Ordering::AcqRel) == 1 {
+            // SAFETY: this was the last, and `free` finds the block from its field.
+            unsafe {
+                reclaim::retire(NonNull::new_unchecked(&raw mut (*self.0.as_ptr()).retired));
+            }
+        }
+    }
+}
+
+/// # Safety
+///
+/// `head` is the field `retired` of a block that nobody uses any more.
+unsafe fn free(head: NonNull<Retired>) {
+    // SAFETY: the block was made of a box, and the pointer to the field leads back to it.
+    unsafe {
+        let block = head.byte_sub(std::mem::offset_of!(Block, retired));
+        drop(Box::from_raw(block.cast::<Block>().as_ptr()));
+    }
+}
+
+static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, drop_waker);
+
+/// What the waker with this data holds.
+///
+/// # Safety
+///
+/// `seat` is the data of a waker of this table, which is alive.
+unsafe fn held<'a>(seat: *const ()) -> (ManuallyDrop<Shared>, &'a Seat) {
+    // SAFETY: the contract; the seat lies in the block, which the waker keeps.
+    let seat = unsafe { &*seat.cast::<Seat>() };
+    (ManuallyDrop::new(Shared(seat.block)), seat)
+}
+
+unsafe fn clone(seat: *const ()) -> RawWaker {
+    // SAFETY: the contract of wakers.
+    let (shared, _) = unsafe { held(seat) };
+    let _of_the_clone = ManuallyDrop::new(Shared::clone(&shared));
+    RawWaker::new(seat, &TABLE)
+}
+
+unsafe fn wake(seat: *const ()) {
+    // SAFETY: the contract of wakers; it ends here.
+    unsafe {
+        wake_by_ref(seat);
+        drop_waker(seat);
+    }
+}
+
+unsafe fn wake_by_ref(seat: *const ()) {
+    // SAFETY: the contract of wakers.
+    let (shared, seat) = unsafe { held(seat) };
+    shared.block().wake(seat.number);
+}
+
+unsafe fn drop_waker(seat: *const ()) {
+    // SAFETY: the contract of wakers; it ends here.
+    let (shared, _) = unsafe { held(seat) };
+    drop(ManuallyDrop::into_inner(shared));
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests;
+#[cfg(all(test, not(loom)))]
+mod tests;

@@ -1,0 +1,182 @@
+//! Several homes on one thread, which are it by turns: for who runs all executors of a system in an order of its own.
+//!
+//! A home stays the only one of its number (`entered`), and while it is not the present one nothing of it runs, so all that is done without atomics
+//! at home is still done by one thread, in one order. What one of these homes readies of another goes the way from elsewhere. Locks that favour
+//! one of them are left before another has its turn, since a section does not await.
+
+use super::home_thread::HomeThread;
+use super::{HOME_THREAD, Home, RunQueue, THREAD, TIMERS, entered, home};
+use crate::timer_queue::TimerQueue;
+use luna_platform::sync::Arc;
+use std::fmt;
+use std::marker::PhantomData;
+
+/// A home that shares its thread with others. It is the thread's home between [`enter`](Self::enter) and [`leave`](Self::leave); its processes may not block.
+///
+/// Nobody's thread is lent a priority through it: there is none that it has for itself.
+///
+/// ```
+/// use luna_core::current::{self, Guest, Home};
+/// use luna_platform::sync::Arc;
+/// use luna_core::timer_queue::TimerQueue;
+///
+/// let homes = [Home::new(), Home::new()];
+/// let mut guests = homes.map(|home| Guest::new(home, Arc::new(TimerQueue::new())));
+/// for (guest, home) in guests.iter_mut().zip(homes) {
+///     guest.enter();
+///     assert_eq!(current::home(), Some(home));
+///     guest.leave();
+/// }
+/// assert_eq!(current::home(), None);
+/// ```
+pub struct Guest {
+    home: Home,
+    /// Here while it is not the thread's home, as the other two: moved there and back, so that a turn counts no references.
+    timers: Option<Arc<TimerQueue>>,
+    queue: RunQueue,
+    thread: Option<std::sync::Arc<HomeThread>>,
+    stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl Guest {
+    /// `home` becomes one of the calling thread's.
+    ///
+    /// # Panics
+    ///
+    /// If another thread is this home, or this one already.
+    pub fn new(home: Home, timers: Arc<TimerQueue>) -> Self {
+        entered::enter(home);
+        luna_platform::fence::prepare();
+        Self {
+            home,
+            timers: Some(timers),
+            queue: RunQueue::new(),
+            thread: Some(HomeThread::unlent()),
+            stays_on_its_thread: PhantomData,
+        }
+    }
+
+    /// The levels with a ready process, one bit each, while it is not the thread's home.
+    #[inline]
+    pub fn ready_levels(&self) -> u32 {
+        self.queue.bits()
+    }
+
+    /// The thread is this home from now on.
+    ///
+    /// # Panics
+    ///
+    /// If it is another one, or this one already.
+    pub fn enter(&mut self) {
+        assert!(home().is_none(), "this thread runs processes already");
+        THREAD.with(|thread| {
+            thread.home.set(Some(self.home));
+            thread.may_block.set(false);
+            thread.queue.take_over(&self.queue);
+        });
+        TIMERS.with(|slot| *slot.borrow_mut() = self.timers.take());
+        HOME_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
+    }
+
+    /// The thread is no home any more, until the next one is entered.
+    ///
+    /// # Panics
+    ///
+    /// If it is not this one.
+    pub fn leave(&mut self) {
+        assert!(home() == Some(self.home), "this thread is another home");
+        THREAD.with(|thread| {
+            self.queue.take_over(&thread.queue);
+            thread.home.set(None);
+            thread.may_block.set(true);
+        });
+        self.timers = TIMERS.with(|slot| slot.borrow_mut().take());
+        self.thread = HOME_THREAD.with(|slot| slot.borrow_mut().take());
+    }
+}
+
+impl Drop for Guest {
+    fn drop(&mut self) {
+        if home() == Some(self.home) {
+            self.leave();
+        }
+        entered::leave(self.home);
+    }
+}
+
+impl fmt::Debug for Guest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Guest")
+            .field("home", &self.home)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use crate::current::{LEVELS, Lone, ProcessId, enter_home, with_process};
+    use crate::home_lock::HomeLock;
+    use std::task::Waker;
+
+    fn guest() -> Guest {
+        Guest::new(Home::new(), Arc::new(TimerQueue::new()))
+    }
+
+    #[test]
+    #[should_panic(expected = "runs processes already")]
+    fn one_at_a_time() {
+        let (mut one, mut other) = (guest(), guest());
+        one.enter();
+        other.enter();
+    }
+
+    #[test]
+    #[should_panic(expected = "another thread is this home")]
+    fn its_home_is_nobody_elses_also_between_its_turns() {
+        let home = Home::new();
+        let _guest = Guest::new(home, Arc::new(TimerQueue::new()));
+        let _second = enter_home(home, Arc::new(TimerQueue::new()), false);
+    }
+
+    #[test]
+    fn a_lock_that_favours_one_is_taken_by_another_of_the_same_thread() {
+        let (mut one, mut other) = (guest(), guest());
+        let lock = HomeLock::new(0);
+        one.enter();
+        (0..100).for_each(|_| *lock.lock() += 1);
+        let was_favouring = lock.is_favouring();
+        one.leave();
+        other.enter();
+        (0..100).for_each(|_| *lock.lock() += 1);
+        other.leave();
+        one.enter();
+        assert_eq!(*lock.lock(), 200);
+        assert!(!(was_favouring && lock.is_favouring()));
+    }
+
+    #[test]
+    fn each_has_timers_and_the_present_process_of_its_own() {
+        let (mut one, mut other) = (guest(), guest());
+        one.enter();
+        let ours = super::super::timers().unwrap();
+        let home = home().unwrap();
+        let process = Lone::new(
+            ProcessId::new(),
+            home,
+            7,
+            LEVELS - 1,
+            Waker::noop().clone(),
+            0..0,
+        );
+        // SAFETY: this thread is the home, and the process lives.
+        let seen = unsafe { with_process(&process, super::super::priority) };
+        assert_eq!((seen.thread, seen.level), (7, LEVELS - 1));
+        one.leave();
+        other.enter();
+        assert!(!Arc::ptr_eq(&ours, &super::super::timers().unwrap()));
+        assert!(!super::super::may_block());
+        other.leave();
+        assert!(super::super::may_block());
+    }
+}

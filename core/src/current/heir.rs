@@ -1,0 +1,518 @@
+//! Inheriting a priority: a process that works for another one is as urgent as that one.
+//!
+//! Who receives on behalf of others names itself as an [`Heir`] before it waits, so that whoever hands it work can lend it a priority in
+//! the same step, before it is readied. A process of the same OS priority is lent a *level*: it is queued there from its next wake on. One
+//! whose thread is below is lent its thread's priority too: see [`HomeThread`](super::home_thread::HomeThread).
+//!
+//! Who holds something that others wait for, a lock say, is an heir too, also a plain thread. What a process itself waits for in this way is listed
+//! with it, so that a priority can be passed on along a chain of holders: what a chain is made of is known to those who list it.
+//!
+//! Priorities are lent and given back in any order and from any thread, so what is lent is counted: O(1) each, under the lock of the
+//! process' home.
+
+use super::home_thread::{self, HomeThread, LentThread};
+use super::inheritance::LEVEL;
+use super::process::{Place, Priority, Process};
+use super::wakeup::Reference;
+use super::{home, process};
+use crate::wait_list::{WaitList, WaitNode};
+use std::cmp::Ordering;
+use std::fmt;
+use std::ptr::NonNull;
+use std::sync::Arc;
+
+/// What an heir was lent; a greater one raises it further.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Lent {
+    Nothing,
+    Level(u8),
+    Thread(u8),
+}
+
+/// A process that works for another one, or holds what it waits for, and what it was lent for that; or a plain thread that does. Dropped, it
+/// gives it back, on any thread.
+///
+/// It keeps the memory of the process, not the process: of one that has ended, lending raises its thread alone, and of one whose home was left,
+/// nothing.
+pub struct Heir {
+    to: To,
+    lent: Lent,
+}
+
+enum To {
+    Process(Reference),
+    Thread(Arc<HomeThread>),
+}
+
+impl Heir {
+    /// The current process, or its branch that is being polled; none outside of any.
+    #[inline]
+    pub fn current() -> Option<Heir> {
+        process(|process| {
+            let process = process?;
+            process
+                .can_inherit()
+                .then(|| Heir::to(To::Process(Reference::to_current(process))))
+        })
+    }
+
+    /// The current process; outside of any, the calling thread itself: for those who hold something without being a process.
+    ///
+    /// The first call on a plain thread allocates, and makes a few system calls; later ones are O(1). None while the thread ends.
+    #[inline]
+    pub fn current_or_thread() -> Option<Heir> {
+        Heir::current().or_else(|| super::this_thread().map(|thread| Heir::to(To::Thread(thread))))
+    }
+
+    fn to(to: To) -> Heir {
+        Heir {
+            to,
+            lent: Lent::Nothing,
+        }
+    }
+
+    /// Another one to the same, which was lent nothing. From any thread; O(1).
+    pub fn copy(&self) -> Heir {
+        Heir::to(match &self.to {
+            To::Process(reference) => To::Process(reference.copy()),
+            To::Thread(thread) => To::Thread(thread.clone()),
+        })
+    }
+
+    /// Whether both are the same process, or the same thread.
+    pub fn is_same(&self, other: &Heir) -> bool {
+        match (&self.to, &other.to) {
+            (To::Process(own), To::Process(other)) => std::ptr::eq(own.process(), other.process()),
+            (To::Thread(own), To::Thread(other)) => Arc::ptr_eq(own, other),
+            _ => false,
+        }
+    }
+
+    /// Whether it is the current process.
+    #[inline]
+    pub fn is_current(&self) -> bool {
+        match &self.to {
+            To::Process(reference) => process(|process| {
+                process.is_some_and(|process| std::ptr::eq(process, reference.process()))
+            }),
+            To::Thread(_) => false,
+        }
+    }
+
+    /// How urgent it is now: the process, at the level of the branch that it was made for; or the thread, which counts as of level 0, and of the
+    /// highest while it inherits.
+    pub fn priority(&self) -> Priority {
+        match &self.to {
+            To::Process(reference) => reference.process().lowered_priority(reference.lowered()),
+            To::Thread(thread) => {
+                let (own, lent) = (thread.own_rank(), thread.lent());
+                Priority {
+                    thread: own.max(lent),
+                    level: if lent > own { LEVEL } else { 0 },
+                }
+            }
+        }
+    }
+
+    /// As [`priority`](Self::priority), of the caller itself, before it blocks: a plain thread's own priority is asked of the system, which takes
+    /// two system calls.
+    pub fn priority_before_blocking(&self) -> Priority {
+        if let To::Thread(thread) = &self.to {
+            thread.refresh();
+        }
+        self.priority()
+    }
+
+    /// Lends it the priority of who it works for, if that is above its own, instead of what it was lent before. Says whether it is lent more by
+    /// that, or less.
+    ///
+    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if that changes something, and one system call if the
+    /// priority of its thread changes by that (three for a plain thread).
+    #[inline]
+    pub fn lend(&mut self, priority: Priority) -> Ordering {
+        // The branch is polled below its process, which is to be that much above.
+        let lowered = match &self.to {
+            To::Process(reference) => reference.lowered(),
+            To::Thread(_) => 0,
+        };
+        self.lend_above(priority, lowered)
+    }
+
+    /// As [`lend`](Self::lend), but to its process as a whole: a branch of it then runs as far below as it ever does. For those who may wait for each
+    /// other, through other branches of theirs: there, each round would lend more.
+    #[inline]
+    pub fn lend_whole(&mut self, priority: Priority) -> Ordering {
+        self.lend_above(priority, 0)
+    }
+
+    #[inline]
+    fn lend_above(&mut self, priority: Priority, lowered: u8) -> Ordering {
+        let (before, lent) = (self.lent, self.lent_for(priority, lowered));
+        if lent != before {
+            self.change(lent);
+        }
+        self.lent.cmp(&before)
+    }
+
+    /// Gives back what it was lent; says whether that was something.
+    #[inline]
+    pub fn give_back(&mut self) -> bool {
+        let was_lent = self.lent != Lent::Nothing;
+        if was_lent {
+            self.change(Lent::Nothing);
+        }
+        was_lent
+    }
+
+    #[inline]
+    fn lent_for(&self, priority: Priority, lowered: u8) -> Lent {
+        let thread = home_thread::lent_by(priority.thread);
+        match &self.to {
+            To::Process(reference) => {
+                let own = reference.process().own_priority();
+                let level = priority.level + lowered;
+                if thread > own.thread {
+                    Lent::Thread(thread)
+                } else if priority.thread == own.thread && level > own.level {
+                    Lent::Level(level.min(LEVEL))
+                } else {
+                    Lent::Nothing
+                }
+            }
+            To::Thread(heir) => {
+                // What a plain thread's own is now is asked when it is boosted.
+                let own = if heir.is_plain() { 0 } else { heir.own_rank() };
+                if thread > own {
+                    Lent::Thread(thread)
+                } else {
+                    Lent::Nothing
+                }
+            }
+        }
+    }
+
+    fn thread(&self) -> Option<&HomeThread> {
+        match &self.to {
+            To::Process(reference) => reference.process().inheritance().home.as_deref(),
+            To::Thread(thread) => Some(thread),
+        }
+    }
+
+    #[cold]
+    fn change(&mut self, to: Lent) {
+        let before = std::mem::replace(&mut self.lent, Lent::Nothing);
+        let Some(thread) = self.thread() else {
+            return;
+        };
+        let mut counted = false;
+        thread.change(|state| {
+            // The new one first: the thread is never without either. SAFETY: the home's lock is held.
+            counted = unsafe { self.count(state, to, true) };
+            if before != Lent::Nothing {
+                // SAFETY: as above.
+                unsafe { self.count(state, before, false) };
+            }
+        });
+        if counted {
+            self.lent = to;
+        }
+    }
+
+    /// # Safety
+    ///
+    /// `state` is that of the home, whose lock is held.
+    unsafe fn count(&self, state: &mut LentThread, lent: Lent, more: bool) -> bool {
+        let counted = match &self.to {
+            // SAFETY: the contract.
+            To::Process(reference) => unsafe { reference.process().count_lent(lent, more) },
+            To::Thread(_) => lent != Lent::Nothing,
+        };
+        if let (true, Lent::Thread(priority)) = (counted, lent) {
+            state.count(priority, more);
+        }
+        counted
+    }
+
+    /// Lets a process that is ready run at what it was lent just now: it may be queued at a lower level. One that waits is polled once for nothing.
+    ///
+    /// From any thread, without a lock that a waker may take. O(1), and a system call if its thread is elsewhere and sleeps.
+    pub fn move_up(&self) {
+        let To::Process(reference) = &self.to else {
+            return;
+        };
+        // One that is alone on its thread has no queue.
+        if !reference.process().is_owned() || self.is_current() {
+            return;
+        }
+        if reference.is_here() {
+            // SAFETY: this is the home's thread.
+            unsafe { reference.ready_here(Place::Last) };
+        } else {
+            // SAFETY: the reference keeps the process' memory, and this is not its home's thread.
+            unsafe { reference.process().ready_elsewhere(reference.lowered()) };
+        }
+    }
+
+    /// Lists `node` among what the process (or the thread) waits for, so that others find it there when its priority changes. O(1), under the lock
+    /// of its home.
+    ///
+    /// # Safety
+    ///
+    /// `node` is in no list, stays where it is, and is taken out by [`end_wait`](Self::end_wait) of an heir to the same before it goes. Whatever
+    /// [`next_wait`](Self::next_wait) is called with may use it in the meantime.
+    pub unsafe fn begin_wait(&self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract; those of one priority are listed in O(1).
+        self.with_waits(|waits| unsafe { waits.insert(node, Priority::default(), None) });
+    }
+
+    /// Takes out what [`begin_wait`](Self::begin_wait) listed. O(1).
+    ///
+    /// # Safety
+    ///
+    /// It was listed for this process (or thread).
+    pub unsafe fn end_wait(&self, node: NonNull<WaitNode>) {
+        // SAFETY: the contract.
+        self.with_waits(|waits| unsafe { waits.remove(node) });
+    }
+
+    /// Calls `found` with the wait of the lowest address above `address`, if there is one, under the lock of the heir's home: so all are found,
+    /// though others come and go in between. O(waits), which are as many as there are branches that wait.
+    pub fn next_wait<R>(
+        &self,
+        address: usize,
+        found: impl FnOnce(NonNull<WaitNode>) -> R,
+    ) -> Option<R> {
+        self.with_waits(|waits| {
+            let mut lowest: Option<NonNull<WaitNode>> = None;
+            let mut next = waits.first();
+            while let Some(node) = next {
+                let at = node.addr().get();
+                if at > address && lowest.is_none_or(|lowest| at < lowest.addr().get()) {
+                    lowest = Some(node);
+                }
+                // SAFETY: it is in the list.
+                next = unsafe { waits.after(node) };
+            }
+            lowest.map(found)
+        })
+        .flatten()
+    }
+
+    fn with_waits<R>(&self, look: impl FnOnce(&mut WaitList) -> R) -> Option<R> {
+        Some(self.thread()?.with(|state| match &self.to {
+            To::Process(reference) => {
+                let waits = reference.process().inheritance().waits.get();
+                // SAFETY: the home's lock is held.
+                look(unsafe { &mut *waits })
+            }
+            To::Thread(_) => look(&mut state.waits),
+        }))
+    }
+}
+
+impl Drop for Heir {
+    #[inline]
+    fn drop(&mut self) {
+        self.give_back();
+    }
+}
+
+impl fmt::Debug for Heir {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut heir = f.debug_struct("Heir");
+        match &self.to {
+            To::Process(reference) => heir.field("process", reference.process()),
+            To::Thread(_) => heir.field("thread", &self.priority()),
+        };
+        heir.field("lent", &self.lent).finish()
+    }
+}
+
+impl Process {
+    /// Whether it can be lent a priority: it is referred to by counting, and has a home.
+    #[inline]
+    fn can_inherit(&self) -> bool {
+        self.is_counted() && self.inheritance().home.is_some() && home() == Some(self.home())
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::super::{Home, Lone, ProcessId, enter_home, priority, with_process};
+    use super::*;
+    use crate::timer_queue::TimerQueue;
+    use std::task::Waker;
+
+    /// Calls `f` within a process of this level.
+    fn within(level: u8, f: impl FnOnce()) {
+        let home = Home::new();
+        let _home = enter_home(home, luna_platform::sync::Arc::new(TimerQueue::new()), true);
+        let process = Lone::new(
+            ProcessId::new(),
+            home,
+            0,
+            level,
+            Waker::noop().clone(),
+            0..0,
+        );
+        // SAFETY: this thread is the home, and the process lives.
+        unsafe { with_process(&process, f) };
+    }
+
+    fn at(level: u8) -> Priority {
+        Priority { thread: 0, level }
+    }
+
+    #[test]
+    fn the_highest_that_is_lent_counts_in_whatever_order_they_go() {
+        within(5, || {
+            let mut heirs: Vec<Heir> = [9, 20, 9, 3]
+                .into_iter()
+                .map(|level| {
+                    let mut heir = Heir::current().unwrap();
+                    heir.lend(at(level));
+                    heir
+                })
+                .collect();
+            assert_eq!(priority(), at(20));
+            drop(heirs.remove(0));
+            assert_eq!(priority(), at(20));
+            drop(heirs.remove(0));
+            assert_eq!(priority(), at(9));
+            drop(heirs.remove(0));
+            assert_eq!(priority(), at(5), "a lower one is not inherited");
+            heirs[0].lend(at(31));
+            assert_eq!(priority(), at(31));
+            heirs[0].lend(at(7));
+            assert_eq!(priority(), at(7));
+            heirs.clear();
+            assert_eq!(priority(), at(5));
+        });
+    }
+
+    #[test]
+    fn a_branch_is_lent_what_its_process_is_above_it() {
+        within(10, || {
+            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
+            heir.lend(at(20));
+            super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(20)));
+            heir.lend(at(8));
+            super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(8)));
+            drop(heir);
+            assert_eq!(priority(), at(10));
+        });
+    }
+
+    #[test]
+    fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
+        within(10, || {
+            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
+            assert_eq!(heir.lend_whole(at(10)), Ordering::Equal);
+            heir.lend_whole(at(20));
+            assert_eq!(priority(), at(20));
+            assert_eq!(heir.priority(), at(17));
+        });
+    }
+
+    #[test]
+    fn it_is_given_back_on_another_thread_and_after_the_process() {
+        within(5, || {
+            let mut heir = Heir::current().unwrap();
+            heir.lend(at(9));
+            std::thread::scope(|scope| {
+                scope.spawn(move || drop(heir));
+            });
+            assert_eq!(priority(), at(5));
+        });
+        let mut outlives = None;
+        within(5, || outlives = Heir::current());
+        let mut heir = outlives.unwrap();
+        heir.lend(Priority {
+            thread: 50,
+            level: 0,
+        });
+        assert!(!heir.is_current());
+    }
+
+    #[test]
+    fn lending_says_whether_it_is_more_or_less() {
+        within(5, || {
+            let mut heir = Heir::current().unwrap();
+            assert_eq!(heir.lend(at(3)), Ordering::Equal);
+            assert_eq!(heir.lend(at(9)), Ordering::Greater);
+            assert_eq!(heir.lend(at(9)), Ordering::Equal);
+            assert_eq!(heir.lend(at(7)), Ordering::Less);
+            assert_eq!(heir.copy().priority(), at(7));
+            assert!(heir.give_back() && !heir.give_back());
+            assert_eq!(heir.priority(), at(5));
+        });
+    }
+
+    #[test]
+    fn waits_are_found_one_by_one_also_from_elsewhere() {
+        within(5, || {
+            let heir = Heir::current().unwrap();
+            let mut nodes: [WaitNode; 3] = Default::default();
+            let nodes = nodes.each_mut().map(NonNull::from);
+            // SAFETY: they are in this list alone, and are taken out below.
+            unsafe {
+                for n in [2, 0, 1] {
+                    heir.begin_wait(nodes[n]);
+                }
+            }
+            std::thread::scope(|scope| {
+                let copy = heir.copy();
+                scope.spawn(move || {
+                    let mut above = 0;
+                    let mut found = 0;
+                    while let Some(at) = copy.next_wait(above, |node| node.addr().get()) {
+                        assert!(at > above);
+                        (above, found) = (at, found + 1);
+                    }
+                    assert_eq!(found, 3);
+                });
+            });
+            // SAFETY: as above.
+            unsafe {
+                for node in nodes {
+                    heir.end_wait(node);
+                }
+            }
+            assert_eq!(heir.next_wait(0, |_| ()), None);
+        });
+    }
+
+    #[test]
+    fn a_plain_thread_inherits_and_gets_its_own_back() {
+        let own = luna_platform::thread::current_policy();
+        let mut heir = Heir::current_or_thread().unwrap();
+        let before = heir.priority_before_blocking();
+        let thread = before.thread + 7;
+        let lent = heir.lend(Priority { thread, level: 3 });
+        assert_eq!(lent, Ordering::Greater);
+        assert_eq!(heir.priority(), Priority { thread, level: 31 });
+        if super::super::refused_boosts().is_none() {
+            assert_eq!(
+                luna_platform::thread::current_policy(),
+                luna_platform::thread::Policy::fifo(thread)
+            );
+        }
+        // A home on this thread counts with what the thread was lent.
+        within(5, || {
+            let mut of_process = Heir::current().unwrap();
+            of_process.lend(Priority {
+                thread: thread + 1,
+                level: 0,
+            });
+            assert_eq!(heir.priority().thread, thread + 1);
+        });
+        assert_eq!(heir.priority().thread, thread);
+        drop(heir);
+        assert_eq!(luna_platform::thread::current_policy(), own);
+    }
+
+    #[test]
+    fn nobody_inherits_outside_of_a_process() {
+        assert!(Heir::current().is_none());
+    }
+}

@@ -1,0 +1,363 @@
+//! The OS priority that a home's thread was lent by those for whom its processes work.
+
+use crate::path::{self, Call};
+use crate::wait_list::WaitList;
+use luna_platform::boost::{self, Scheduling};
+use luna_platform::lock::PiLock;
+#[cfg(not(loom))]
+use std::cell::OnceCell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+
+/// The highest priority of the real-time policies.
+const HIGHEST: u8 = 99;
+
+/// What a thread above all priorities lends, a deadline thread that is: the highest that leaves an emergency above it.
+const OF_DEADLINE: u8 = 97;
+
+/// The priority that a client whose thread has this rank lends.
+pub(super) fn lent_by(rank: u8) -> u8 {
+    if rank > HIGHEST { OF_DEADLINE } else { rank }
+}
+
+/// How many boosts the system has refused, and the first of them: its priority and what the system said.
+static REFUSED: AtomicU32 = AtomicU32::new(0);
+static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
+
+/// A home's thread, which can be lent priorities above its own.
+///
+/// # Invariants
+///
+/// The thread runs at the highest priority that is counted in `lent`, or at its own if none is, whenever the lock is free; unless the
+/// system has refused, or the home has been left.
+pub(super) struct HomeThread {
+    lent: PiLock<LentThread>,
+    now: AtomicU8,
+    /// The thread's own real-time priority when it was last asked for.
+    own_rank: AtomicU8,
+    /// The thread is a plain one, whose own policy its program may change at any time: it is asked for anew before it is boosted.
+    is_plain: bool,
+}
+
+/// What is counted under the home's lock.
+pub(super) struct LentThread {
+    own: Scheduling,
+    /// What the thread itself waits for, if it is a plain one.
+    pub(super) waits: WaitList,
+    counts: [u32; HIGHEST as usize + 1],
+    /// Which of them are not 0.
+    lent: u128,
+    /// What the thread has been told to run at; 0 is its own.
+    applied: u8,
+    left: bool,
+}
+
+impl LentThread {
+    /// Counts a priority that is lent, or given back.
+    pub(super) fn count(&mut self, priority: u8, more: bool) {
+        let priority = priority.min(HIGHEST);
+        let count = &mut self.counts[usize::from(priority)];
+        *count = if more {
+            count.saturating_add(1)
+        } else {
+            count.saturating_sub(1)
+        };
+        let bit = 1 << priority;
+        self.lent = if *count == 0 {
+            self.lent & !bit
+        } else {
+            self.lent | bit
+        };
+    }
+
+    fn highest(&self) -> u8 {
+        127_u32.saturating_sub(self.lent.leading_zeros()) as u8
+    }
+}
+
+impl HomeThread {
+    /// The calling thread, which becomes a home.
+    pub(super) fn new() -> Arc<Self> {
+        Self::of_calling(false)
+    }
+
+    /// One that is lent no priority: its processes are, the thread is not told.
+    pub(super) fn unlent() -> Arc<Self> {
+        let thread = Self::of_calling(false);
+        thread.lent.lock().left = true;
+        thread
+    }
+
+    fn of_calling(is_plain: bool) -> Arc<Self> {
+        let own = boost::scheduling();
+        let thread = Arc::new(Self {
+            own_rank: AtomicU8::new(own.rank()),
+            is_plain,
+            lent: PiLock::new(LentThread {
+                own,
+                waits: WaitList::new(),
+                counts: [0; HIGHEST as usize + 1],
+                lent: 0,
+                applied: 0,
+                left: false,
+            }),
+            now: AtomicU8::new(0),
+        });
+        // A thread's first lock asks the system for the thread's number: here, so that none on the real-time path has to.
+        drop(thread.lent.lock());
+        thread
+    }
+
+    /// The highest priority that is lent; 0 if none is.
+    #[inline]
+    pub(super) fn lent(&self) -> u8 {
+        self.now.load(Ordering::Relaxed)
+    }
+
+    /// Changes what is lent under the home's lock, and tells the system if the highest is another by that: under the lock too, since two
+    /// that told it at once could leave the thread at the wrong one of theirs.
+    pub(super) fn change(&self, change: impl FnOnce(&mut LentThread)) {
+        let mut lent = self.lent.lock();
+        change(&mut lent);
+        self.apply(&mut lent);
+    }
+
+    /// Looks at what is kept under the home's lock.
+    pub(super) fn with<R>(&self, look: impl FnOnce(&mut LentThread) -> R) -> R {
+        look(&mut self.lent.lock())
+    }
+
+    /// The thread's own real-time priority when it was last asked for; 0 if it has none.
+    #[inline]
+    pub(super) fn own_rank(&self) -> u8 {
+        self.own_rank.load(Ordering::Relaxed)
+    }
+
+    /// Whether it is a plain thread's.
+    pub(super) fn is_plain(&self) -> bool {
+        self.is_plain
+    }
+
+    /// Asks for a plain thread's own priority again, unless it runs at a lent one.
+    pub(super) fn refresh(&self) {
+        if self.is_plain {
+            self.ask(&mut self.lent.lock());
+        }
+    }
+
+    fn ask(&self, lent: &mut LentThread) {
+        if lent.applied == 0 && !lent.left {
+            lent.own = path::expected(Call::Boost, || boost::scheduling_again(&lent.own));
+            self.own_rank.store(lent.own.rank(), Ordering::Relaxed);
+        }
+    }
+
+    /// The home is left: its thread ends, or does other things. It gets its own priority back, and is never told another one, since its number
+    /// may be another thread's then.
+    pub(super) fn leave(&self) {
+        let mut lent = self.lent.lock();
+        if lent.applied != 0 {
+            path::expected(Call::Boost, || boost::restore(&lent.own));
+            lent.applied = 0;
+        }
+        lent.left = true;
+    }
+
+    fn apply(&self, lent: &mut LentThread) {
+        let mut highest = lent.highest();
+        self.now.store(highest, Ordering::Relaxed);
+        if highest == lent.applied || lent.left {
+            return;
+        }
+        if self.is_plain {
+            self.ask(lent);
+            // It may have raised itself since somebody lent it this.
+            if highest <= self.own_rank() {
+                highest = 0;
+            }
+            if highest == lent.applied {
+                return;
+            }
+        }
+        if highest == 0 {
+            path::expected(Call::Boost, || boost::restore(&lent.own));
+        } else if let Err(refusal) =
+            path::expected(Call::Boost, || boost::boost(&lent.own, highest))
+        {
+            if REFUSED.fetch_add(1, Ordering::Relaxed) == 0 {
+                FIRST_REFUSED.store(
+                    u32::from(highest) | refusal.unsigned_abs() << 8,
+                    Ordering::Relaxed,
+                );
+            }
+            return;
+        }
+        lent.applied = highest;
+    }
+}
+
+#[cfg(not(loom))]
+thread_local! {
+    static PLAIN: OnceCell<Plain> = const { OnceCell::new() };
+}
+
+/// A plain thread, until it ends.
+#[cfg(not(loom))]
+struct Plain(Arc<HomeThread>);
+
+#[cfg(not(loom))]
+impl Drop for Plain {
+    fn drop(&mut self) {
+        self.0.leave();
+    }
+}
+
+/// The calling thread as a plain one. The first call on a thread allocates, and asks the system for its policy. None while the thread ends.
+#[cfg(not(loom))]
+pub(super) fn plain() -> Option<Arc<HomeThread>> {
+    PLAIN
+        .try_with(|plain| {
+            plain
+                .get_or_init(|| Plain(HomeThread::of_calling(true)))
+                .0
+                .clone()
+        })
+        .ok()
+}
+
+/// The calling thread as a plain one, if it was asked for as that before.
+pub(super) fn known_plain() -> Option<Arc<HomeThread>> {
+    #[cfg(not(loom))]
+    return PLAIN
+        .try_with(|plain| plain.get().map(|plain| plain.0.clone()))
+        .ok()
+        .flatten();
+    #[cfg(loom)]
+    None
+}
+
+/// What has come of threads that were to inherit a priority and were refused it.
+#[cfg(not(loom))]
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RefusedBoosts {
+    /// How often it happened.
+    pub count: u32,
+    /// The first of them.
+    pub first: luna_platform::shortfall::Shortfall,
+}
+
+/// Whether the system has refused to let a thread inherit a priority, which is no error: the process then works at its thread's own. Reads
+/// files; not for the real-time path.
+///
+/// ```
+/// // Nobody has been refused, since nobody has inherited.
+/// assert_eq!(luna_core::current::refused_boosts(), None);
+/// ```
+#[cfg(not(loom))]
+pub fn refused_boosts() -> Option<RefusedBoosts> {
+    let count = REFUSED.load(Ordering::Relaxed);
+    (count > 0).then(|| {
+        let first = FIRST_REFUSED.load(Ordering::Relaxed);
+        let asked = (first & 0xff) as u8;
+        RefusedBoosts {
+            count,
+            first: luna_platform::shortfall::Shortfall::Inheritance {
+                asked,
+                why: boost::why_refused(asked, (first >> 8) as i32),
+            },
+        }
+    })
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use luna_platform::thread::{Policy, current_policy};
+
+    #[test]
+    fn a_deadline_thread_keeps_its_policy_whatever_it_is_lent() {
+        use luna_platform::thread::{Attributes, spawn};
+        use std::time::Duration;
+        let policy = Policy::deadline(
+            Duration::from_millis(1),
+            Duration::from_millis(10),
+            Duration::from_millis(10),
+        );
+        let attributes = Attributes::new("deadline").policy(policy);
+        let thread = spawn(
+            attributes,
+            |_| Ok::<_, std::convert::Infallible>(()),
+            |()| {
+                let own = current_policy();
+                let thread = HomeThread::new();
+                for more in [true, false] {
+                    thread.change(|lent| lent.count(99, more));
+                    // Without the privilege it is an ordinary thread, which may have been lent the priority.
+                    if own.is_deadline() {
+                        assert_eq!(current_policy(), own);
+                    }
+                }
+                thread.change(|lent| lent.count(50, true));
+                thread.leave();
+                assert_eq!(current_policy(), own);
+            },
+        )
+        .expect("best effort makes the thread");
+        let obtained = thread.obtained().policy;
+        thread.join().expect("the body does not panic");
+        if obtained != policy {
+            println!("skipped: a_deadline_thread_keeps_its_policy: needs SCHED_DEADLINE");
+        }
+    }
+
+    #[test]
+    fn a_deadline_thread_lends_what_leaves_an_emergency_above_it() {
+        let deadline = Policy::deadline(
+            std::time::Duration::from_millis(1),
+            std::time::Duration::from_millis(2),
+            std::time::Duration::from_millis(3),
+        );
+        assert_eq!(
+            [0, 80, 99, deadline.rank()].map(lent_by),
+            [0, 80, 99, luna_platform::thread::HIGHEST_USER_PRIORITY]
+        );
+    }
+
+    #[test]
+    fn a_thread_runs_at_what_is_lent_or_the_refusal_is_told() {
+        let own = current_policy();
+        let thread = HomeThread::new();
+        for (priority, more, highest) in [
+            (50, true, 50),
+            (30, true, 50),
+            (50, false, 30),
+            (60, true, 60),
+            (60, false, 30),
+            (30, false, 0),
+        ] {
+            thread.change(|lent| lent.count(priority, more));
+            assert_eq!(thread.lent(), highest);
+            let now = current_policy();
+            match refused_boosts() {
+                None if highest == 0 => assert_eq!(now, own),
+                None => assert_eq!(now, Policy::fifo(highest)),
+                Some(refused) => {
+                    assert_eq!(now, own);
+                    let text = refused.first.to_string();
+                    // Another test may have been the first.
+                    assert!(text.starts_with("no inherited priority "), "{text}");
+                }
+            }
+        }
+        thread.change(|lent| lent.count(50, true));
+        thread.leave();
+        assert_eq!(current_policy(), own);
+        thread.change(|lent| lent.count(60, true));
+        assert_eq!(
+            current_policy(),
+            own,
+            "a home that was left is told nothing"
+        );
+    }
+}

@@ -1,0 +1,312 @@
+//! The current process: the contract between channels and executors.
+//!
+//! Whoever runs processes sets a thread-local *current process* around each poll. Whoever makes processes wait (channels, barriers,
+//! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`Wakeup`]). On a thread that runs no
+//! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
+
+mod branch;
+mod branches;
+mod guest;
+mod heir;
+mod home_thread;
+mod inheritance;
+mod lone;
+mod poisoning;
+mod process;
+mod ready;
+mod references;
+mod renewal;
+mod run_queue;
+mod taped;
+mod turn;
+mod wakeup;
+
+pub use branch::{
+    branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch,
+    with_branch_below,
+};
+pub use branches::Branches;
+pub use guest::Guest;
+pub use heir::Heir;
+#[cfg(not(loom))]
+pub use home_thread::{RefusedBoosts, refused_boosts};
+pub use lone::Lone;
+pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
+pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
+pub use ready::{
+    OPERATIONS_PER_POLL, count_operation, give_way, gives_way, is_outranked, next_ready,
+    pretend_ready_levels, ready_again, ready_levels, spend_operation,
+};
+pub use renewal::Renewal;
+pub use taped::{branch_path, is_replayed, is_taped, tape, with_tape, without_tape};
+pub use turn::{
+    give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
+    unrecorded_turn, user, with_process,
+};
+pub use wakeup::{PlainReady, Ready, Wakeup};
+
+use crate::path;
+use crate::spare::Spare;
+use crate::tape::Tape;
+use crate::timer_queue::TimerQueue;
+use branch::{Branch, lowered};
+use home_thread::HomeThread;
+use luna_platform::sync::Arc;
+use run_queue::RunQueue;
+use std::cell::{Cell, RefCell};
+use std::marker::PhantomData;
+use std::ptr::NonNull;
+
+/// What a thread that runs processes keeps beside the current one.
+///
+/// What each turn and each operation touches comes first, at the beginning of a cache line: so it lies on one, whatever other thread-locals a program has.
+#[repr(C, align(64))]
+struct Thread {
+    process: Cell<Option<NonNull<Process>>>,
+    branch: Cell<Branch>,
+    home: Cell<Option<Home>>,
+    operations_left: Cell<u32>,
+    branch_ended: Cell<bool>,
+    may_block: Cell<bool>,
+    on_path: Cell<bool>,
+    abandons: Cell<bool>,
+    queue: RunQueue,
+    tape: Cell<Option<NonNull<dyn Tape>>>,
+}
+
+thread_local! {
+    static THREAD: Thread = const {
+        Thread {
+            process: Cell::new(None),
+            home: Cell::new(None),
+            queue: RunQueue::new(),
+            operations_left: Cell::new(0),
+            branch: Cell::new(Branch::WHOLE),
+            branch_ended: Cell::new(false),
+            may_block: Cell::new(true),
+            on_path: Cell::new(false),
+            abandons: Cell::new(false),
+            tape: Cell::new(None),
+        }
+    };
+    static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
+    static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
+    /// What the processes of this thread that have ended had of the same.
+    static SPARE_HOME_THREADS: Spare<HomeThread> = const { Spare::new() };
+}
+
+/// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
+/// since it runs one alone.
+///
+/// # Panics
+///
+/// If another thread is this home: what is done without atomics at home relies on there being one. If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
+/// Ask [`home`] first where the outside decides.
+pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
+    assert!(self::home().is_none(), "this thread runs processes already");
+    entered::enter(home);
+    luna_platform::fence::prepare();
+    THREAD.with(|thread| {
+        thread.home.set(Some(home));
+        thread.may_block.set(may_block);
+    });
+    TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
+    // What a plain thread was lent counts while it is a home too: two records of one thread would each restore what the other had set.
+    let thread = match home_thread::known_plain() {
+        Some(plain) => {
+            plain.refresh();
+            plain
+        }
+        None => HomeThread::new(),
+    };
+    SPARE_HOME_THREADS.with(|spare| spare.keep(&thread));
+    HOME_THREAD.with(|slot| *slot.borrow_mut() = Some(thread));
+    HomeGuard {
+        home,
+        stays_on_its_thread: PhantomData,
+    }
+}
+
+/// Ends what [`enter_home`] began: on the same thread, so it is not `Send`.
+///
+/// ```compile_fail,E0277
+/// fn can_be_sent(_: impl Send) {}
+/// use luna_platform::{current, sync::Arc, timer_queue::TimerQueue};
+/// can_be_sent(current::enter_home(current::Home::new(), Arc::new(TimerQueue::new()), false));
+/// ```
+#[derive(Debug)]
+#[must_use = "the thread stops being a home when the guard is dropped"]
+pub struct HomeGuard {
+    home: Home,
+    stays_on_its_thread: PhantomData<*const ()>,
+}
+
+impl Drop for HomeGuard {
+    fn drop(&mut self) {
+        THREAD.with(|thread| {
+            thread.home.set(None);
+            thread.may_block.set(true);
+            thread.queue.pretend(0);
+        });
+        set_on_path(false);
+        TIMERS.with(|slot| slot.borrow_mut().take());
+        SPARE_HOME_THREADS.with(Spare::release);
+        if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
+            && !thread.is_plain()
+        {
+            thread.leave();
+        }
+        entered::leave(self.home);
+    }
+}
+
+/// Which homes threads are now.
+#[cfg(not(loom))]
+mod entered {
+    use super::Home;
+    use luna_platform::lock::PiLock;
+
+    static ENTERED: PiLock<Vec<Home>> = PiLock::new(Vec::new());
+
+    pub(super) fn enter(home: Home) {
+        let mut entered = ENTERED.lock();
+        let is_free = !entered.contains(&home);
+        if is_free {
+            entered.push(home);
+        }
+        drop(entered);
+        assert!(is_free, "another thread is this home");
+    }
+
+    pub(super) fn leave(home: Home) {
+        ENTERED.lock().retain(|&other| other != home);
+    }
+}
+
+/// A model's threads share their locals, and none is a home.
+#[cfg(loom)]
+mod entered {
+    pub(super) fn enter(_: super::Home) {}
+
+    pub(super) fn leave(_: super::Home) {}
+}
+
+/// The home that this thread is, if it runs processes.
+#[inline]
+pub fn home() -> Option<Home> {
+    THREAD.with(|thread| thread.home.get())
+}
+
+/// The number of the home that this thread is; 0 if it runs no processes.
+#[inline(always)]
+pub(crate) fn home_number() -> u64 {
+    THREAD.with(|thread| thread.home.get().map_or(0, Home::number))
+}
+
+/// What is known of the thread of `home`, if this is it.
+fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
+    if self::home() != Some(home) {
+        return None;
+    }
+    HOME_THREAD.with(|slot| {
+        let slot = slot.borrow();
+        let thread = slot.as_ref()?;
+        Some(SPARE_HOME_THREADS.with(|spare| spare.another(thread)))
+    })
+}
+
+/// Ends a reference that [`home_thread_of`] gave.
+fn give_back_home_thread(thread: std::sync::Arc<HomeThread>) {
+    // A thread that is ending keeps none any more.
+    let _ = SPARE_HOME_THREADS.try_with(move |spare| spare.give_back(thread));
+}
+
+/// The calling thread, for what it was lent itself: as a home, or as a plain one. None while it ends, and in a model.
+fn this_thread() -> Option<std::sync::Arc<HomeThread>> {
+    #[cfg(not(loom))]
+    return HOME_THREAD
+        .try_with(|slot| slot.borrow().clone())
+        .ok()?
+        .or_else(home_thread::plain);
+    #[cfg(loom)]
+    None
+}
+
+/// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
+pub fn may_block() -> bool {
+    THREAD.with(|thread| thread.may_block.get())
+}
+
+/// The timers of this thread, if it runs processes.
+pub fn timers() -> Option<Arc<TimerQueue>> {
+    TIMERS.with(|slot| slot.borrow().clone())
+}
+
+/// Has the executor that this thread is look at the clock before its next poll.
+pub fn ask_look() {
+    TIMERS.with_borrow(|timers| {
+        if let Some(timers) = timers {
+            timers.ask_look();
+        }
+    });
+}
+
+/// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is any deadline.
+#[cfg(not(loom))]
+pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
+    let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
+    let next = next.unwrap_or(luna_platform::clock::Instant::NEVER);
+    next == luna_platform::clock::Instant::NEVER
+        || luna_platform::clock::Instant::now() + time < next
+}
+
+/// Whether `timers` are other ones than those of this thread, which runs processes.
+pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
+    TIMERS.with(|slot| {
+        slot.borrow()
+            .as_ref()
+            .is_some_and(|own| !Arc::ptr_eq(own, timers))
+    })
+}
+
+/// Calls `f`, which drops a process' body, or a branch of it, that has not come to its end: it was cancelled, a sibling has failed, or it panicked.
+/// What it held knows by that ([`is_abandoned`]) that it was left in the middle.
+pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(bool);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            THREAD.with(|thread| thread.abandons.set(self.0));
+        }
+    }
+    let _restore = Restore(THREAD.with(|thread| thread.abandons.replace(true)));
+    f()
+}
+
+/// Whether what is dropped now belongs to a body or branch that has not come to its end.
+#[inline]
+pub fn is_abandoned() -> bool {
+    THREAD
+        .try_with(|thread| thread.abandons.get())
+        .unwrap_or(false)
+}
+
+/// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules them.
+#[inline]
+pub fn on_path() -> bool {
+    // An allocator asks this too, also while the thread's locals are being torn down.
+    THREAD
+        .try_with(|thread| thread.on_path.get())
+        .unwrap_or(false)
+}
+
+/// Says whether this thread is on the real-time path from now on; gives what was said before.
+pub fn set_on_path(on_path: bool) -> bool {
+    // Whoever watches the path is told while the thread counts as off it.
+    let before = THREAD.with(|thread| thread.on_path.replace(false));
+    path::switched(on_path);
+    THREAD.with(|thread| thread.on_path.set(on_path));
+    before
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests;

@@ -1,0 +1,225 @@
+//! Counting who refers to a process, without atomics on the process' own thread.
+//!
+//! A future that waits can be moved out of its process and outlive it (boxed and sent elsewhere, say), and its node with it. So what a
+//! node says about whom to wake must keep the process' memory. Counting it with one atomic would cost two read-modify-write
+//! operations for each wait; nearly all of them come and go on one thread. This is biased reference counting (J. Choi,
+//! T. Shull, J. Torrellas, PACT 2018), made simpler by what is known here: references begin on the home's thread, or as copies of others, and the
+//! home knows when its process has ended.
+
+use luna_platform::sync::atomic::{AtomicI64, Ordering};
+use std::cell::Cell;
+
+/// Added when the process has ended: the count alone cannot reach it before.
+const ENDED: i64 = 1 << 40;
+
+/// In the place of a count that no process reaches.
+const HAS_ENDED: i64 = i64::MIN;
+
+/// # Invariants
+///
+/// `here` is touched on the home's thread alone, and is [`HAS_ENDED`] from the end on. Until the end, `here + elsewhere` is the number of references, where
+/// `elsewhere` is those that were copied minus those that ended on other threads; after it, `elsewhere - ENDED` is.
+#[derive(Debug)]
+pub(super) struct References {
+    here: Cell<i64>,
+    elsewhere: AtomicI64,
+}
+
+impl References {
+    pub(super) fn new() -> Self {
+        Self {
+            here: Cell::new(0),
+            elsewhere: AtomicI64::new(0),
+        }
+    }
+
+    /// Counts one more. On the home's thread, before the end.
+    #[inline]
+    pub(super) fn add(&self) {
+        self.here.set(self.here.get() + 1);
+    }
+
+    /// Counts one more, on any thread, for somebody who holds one already.
+    #[inline]
+    pub(super) fn add_elsewhere(&self) {
+        // Relaxed: the one that is held keeps the process, and was passed on by other means.
+        self.elsewhere.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts one less; `true` if it was the last one of a process that has ended. `is_home`: this is the home's thread.
+    #[inline]
+    #[must_use = "the last one frees the process"]
+    pub(super) fn remove(&self, is_home: bool) -> bool {
+        if is_home && self.remove_here() {
+            return false;
+        }
+        // AcqRel: whoever frees the process does so after all that others did with it.
+        self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
+    }
+
+    /// Counts one less before the process' end, on the home's thread. `false`: it has ended, and [`remove`](Self::remove) is to be called.
+    #[inline(always)]
+    pub(super) fn remove_here(&self) -> bool {
+        let here = self.here.get();
+        if here != HAS_ENDED {
+            self.here.set(here - 1);
+        }
+        here != HAS_ENDED
+    }
+
+    /// Ends the process, on the home's thread, once; `true` if nobody refers to it.
+    #[must_use = "if nobody refers to it, the process is to be freed"]
+    pub(super) fn end(&self) -> bool {
+        let here = self.here.replace(HAS_ENDED);
+        // Often nobody does, which costs no more than a look. It may be an old value that is read, but not one from before a copy of what has gone at home: who copies a
+        // reference does so before it goes. So each that is counted as gone was counted as there, and if the sum is 0 there is none, and nobody who could make another.
+        // Acquire: as in `remove`.
+        if self.elsewhere.load(Ordering::Acquire) + here == 0 {
+            return true;
+        }
+        let added = here + ENDED;
+        self.elsewhere.fetch_add(added, Ordering::AcqRel) + added == ENDED
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_one_after_the_end_is_told() {
+        let references = References::new();
+        references.add();
+        references.add();
+        assert!(!references.remove(true));
+        assert!(!references.end());
+        assert!(references.remove(true));
+    }
+
+    #[test]
+    fn a_copy_counts_before_the_end_and_after_it() {
+        let references = References::new();
+        references.add();
+        references.add_elsewhere();
+        assert!(!references.remove(true));
+        assert!(!references.end());
+        references.add_elsewhere();
+        assert!(!references.remove(false));
+        assert!(references.remove(true));
+    }
+
+    #[test]
+    fn more_may_end_elsewhere_than_are_counted_there() {
+        let references = References::new();
+        references.add();
+        references.add();
+        assert!(!references.remove(false));
+        assert!(!references.remove(false));
+        assert!(references.end());
+    }
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests {
+    use super::*;
+    use loom::sync::Arc;
+    use loom::sync::atomic::AtomicUsize;
+
+    /// The cells are the home's: the other thread does not touch them.
+    struct Shared(References);
+    // SAFETY: the test keeps to the type's invariants.
+    unsafe impl Send for Shared {}
+    // SAFETY: as above.
+    unsafe impl Sync for Shared {}
+
+    /// What goes elsewhere was copied there before, and its original goes at home.
+    #[test]
+    fn a_copy_that_is_alive_is_never_overlooked() {
+        loom::model(|| {
+            let shared = Arc::new((
+                Shared(References::new()),
+                AtomicUsize::new(0),
+                AtomicUsize::new(2),
+            ));
+            let copied = Arc::new(AtomicUsize::new(0));
+            shared.0.0.add();
+            let other = {
+                let (shared, copied) = (shared.clone(), copied.clone());
+                loom::thread::spawn(move || {
+                    // A copy of the home's, which lives until the home is told.
+                    shared.0.0.add_elsewhere();
+                    copied.store(1, Ordering::Release);
+                    shared.2.fetch_sub(1, Ordering::SeqCst);
+                    if shared.0.0.remove(false) {
+                        assert_eq!(shared.2.load(Ordering::SeqCst), 0);
+                        shared.1.fetch_add(1, Ordering::SeqCst);
+                    }
+                })
+            };
+            // The original goes once it is no longer borrowed; if it still is, it goes after the end.
+            let may_go = copied.load(Ordering::Acquire) == 1;
+            let go = |shared: &(Shared, AtomicUsize, AtomicUsize)| {
+                shared.2.fetch_sub(1, Ordering::SeqCst);
+                shared.0.0.remove(true)
+            };
+            let went = may_go && go(&shared);
+            assert!(!went, "the process has not ended");
+            if shared.0.0.end() {
+                assert_eq!(
+                    shared.2.load(Ordering::SeqCst),
+                    0,
+                    "freed while referred to"
+                );
+                shared.1.fetch_add(1, Ordering::SeqCst);
+            }
+            if !may_go {
+                other.join().unwrap();
+                if go(&shared) {
+                    shared.1.fetch_add(1, Ordering::SeqCst);
+                }
+            } else {
+                other.join().unwrap();
+            }
+            assert_eq!(shared.1.load(Ordering::SeqCst), 1);
+        });
+    }
+
+    #[test]
+    fn exactly_one_frees_and_only_when_all_have_gone() {
+        loom::model(|| {
+            let shared = Arc::new((
+                Shared(References::new()),
+                AtomicUsize::new(0),
+                AtomicUsize::new(3),
+            ));
+            for _ in 0..3 {
+                shared.0.0.add();
+            }
+            let gone = |shared: &(Shared, AtomicUsize, AtomicUsize), is_home| {
+                shared.2.fetch_sub(1, Ordering::SeqCst);
+                if shared.0.0.remove(is_home) {
+                    assert_eq!(
+                        shared.2.load(Ordering::SeqCst),
+                        0,
+                        "freed while referred to"
+                    );
+                    shared.1.fetch_add(1, Ordering::SeqCst);
+                }
+            };
+            let others: Vec<_> = (0..2)
+                .map(|_| {
+                    let shared = shared.clone();
+                    loom::thread::spawn(move || gone(&shared, false))
+                })
+                .collect();
+            if shared.0.0.end() {
+                shared.1.fetch_add(1, Ordering::SeqCst);
+            }
+            gone(&shared, true);
+            for other in others {
+                other.join().unwrap();
+            }
+            assert_eq!(shared.1.load(Ordering::SeqCst), 1);
+        });
+    }
+}

@@ -1,0 +1,87 @@
+//! How a wake handle comes into a node without user code under the node's lock: see the rule at the head of [`wakeup`](super::wakeup).
+
+use super::Wakeup;
+use std::task::Context;
+
+/// A wake handle on its way into the node of an operation that waits. It is made without the lock that guards the node. What is left of it is dropped with this: where this is declared
+/// first, that is the caller's last step.
+///
+/// ```
+/// use luna_core::current::{Renewal, Wakeup};
+/// use luna_platform::lock::PiLock;
+/// use std::task::{Context, Waker};
+///
+/// let stored: PiLock<Option<Wakeup>> = PiLock::new(None);
+/// let cx = Context::from_waker(Waker::noop());
+/// let mut renewal = Renewal::of(&cx);
+/// renewal.put(|renewal| renewal.store(&mut stored.lock()));
+/// assert!(stored.lock().as_ref().unwrap().is_of(&cx));
+/// ```
+#[derive(Debug)]
+#[must_use = "nothing is stored until `put` is called"]
+pub struct Renewal<'a, 'b> {
+    cx: &'a Context<'b>,
+    /// What is to be stored, or what was stored before.
+    handle: Option<Wakeup>,
+    is_missing: bool,
+}
+
+impl<'a, 'b> Renewal<'a, 'b> {
+    /// No waker is cloned until it is known to be needed.
+    #[inline]
+    pub fn of(cx: &'a Context<'b>) -> Self {
+        Self {
+            cx,
+            handle: None,
+            is_missing: false,
+        }
+    }
+
+    /// For a node that has no handle: a waker is cloned now.
+    pub fn made(cx: &'a Context<'b>) -> Self {
+        Self {
+            handle: Some(Wakeup::of(cx)),
+            ..Self::of(cx)
+        }
+    }
+
+    /// Calls `locked`, which takes the lock, looks whether the operation waits, and [stores](Self::store) or [takes](Self::take) the handle if so. It is called a second time if a waker has to be
+    /// cloned in between. Gives what the last call gave.
+    #[inline]
+    pub fn put<R>(&mut self, mut locked: impl FnMut(&mut Self) -> R) -> R {
+        // One call of the closure in the code, so that it is inlined.
+        loop {
+            let result = locked(self);
+            if !self.is_missing {
+                return result;
+            }
+            self.make();
+        }
+    }
+
+    #[cold]
+    fn make(&mut self) {
+        self.is_missing = false;
+        self.handle = Some(Wakeup::of(self.cx));
+    }
+
+    /// Sees to it that `stored` wakes who polls with the context. Called under the lock that guards it.
+    #[inline]
+    pub fn store(&mut self, stored: &mut Option<Wakeup>) {
+        if stored.as_ref().is_some_and(|stored| stored.is_of(self.cx)) {
+            return;
+        }
+        if let Some(handle) = self.take() {
+            self.handle = stored.replace(handle);
+        }
+    }
+
+    /// The handle, for a node that is about to be listed. With `None` the caller lists nothing and returns: it is called again.
+    #[inline]
+    pub fn take(&mut self) -> Option<Wakeup> {
+        let handle = self.handle.take();
+        let handle = handle.or_else(|| Wakeup::without_waker(self.cx));
+        self.is_missing = handle.is_none();
+        handle
+    }
+}

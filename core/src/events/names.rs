@@ -1,0 +1,195 @@
+//! Names, from who makes what has one to who records.
+
+use super::on::place;
+use super::ring::{Reader, Writer, ring_of};
+use super::{Kind, is_on};
+use crate::current;
+use luna_platform::clock::Counter;
+use luna_platform::lock::PiLock;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Weak};
+
+/// Something with a name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Name {
+    /// What it is.
+    pub kind: Kind,
+    /// Its number.
+    pub number: u32,
+    /// The number of what it belongs to; 0 if nothing.
+    pub parent: u32,
+    /// Its name.
+    pub text: String,
+    /// A process': the number of its executor, and its level there; of a process that is in another recording, or in none, nothing.
+    pub runs_on: Option<(u32, u8)>,
+}
+
+/// What was named since it was last asked.
+#[derive(Debug)]
+pub struct Names {
+    id: u64,
+    last: PiLock<Link>,
+}
+
+/// Made before the lock is taken: under it an executor may wait for who only names something.
+#[derive(Debug)]
+struct Node {
+    name: Name,
+    before: Link,
+}
+
+type Link = Option<Box<Node>>;
+
+static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
+static LISTENING: AtomicUsize = AtomicUsize::new(0);
+
+/// Who listens learns of each process, channel, barrier, lock and loop of the program that is named from now on, until it is dropped.
+///
+/// ```
+/// use luna_core::events::{self, Kind};
+///
+/// let names = events::listen();
+/// events::name(Kind::Channel, 4_000_000_001, 0, || "setpoint".to_owned());
+/// assert!(names.take().iter().any(|name| name.text == "setpoint"));
+/// ```
+pub fn listen() -> Arc<Names> {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    let names = Arc::new(Names {
+        id: NEXT.fetch_add(1, Ordering::Relaxed),
+        last: PiLock::new(None),
+    });
+    let mut listeners = LISTENERS.lock();
+    listeners.retain(|one| one.strong_count() > 0);
+    listeners.push(Arc::downgrade(&names));
+    LISTENING.fetch_add(1, Ordering::Relaxed);
+    names
+}
+
+impl Names {
+    /// Who listens by this: nobody else in the program has or had it. Never 0.
+    pub fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// As [`ring`](super::ring), of a thread or executor that is recorded for who listens by this.
+    ///
+    /// ```
+    /// use luna_core::events;
+    ///
+    /// let (one, other) = (events::listen(), events::listen());
+    /// let (writer, _reader) = one.ring(16, 0, None);
+    /// events::attach(writer);
+    /// assert!(events::is_for(one.id()) && !events::is_for(other.id()));
+    /// # events::detach();
+    /// ```
+    pub fn ring(&self, room: usize, number: u32, counter: Option<Counter>) -> (Writer, Reader) {
+        ring_of(self.id, room, number, counter)
+    }
+
+    /// What was named since the last call.
+    pub fn take(&self) -> Vec<Name> {
+        let mut next = self.last.lock().take();
+        let mut names = Vec::new();
+        while let Some(node) = next {
+            names.push(node.name);
+            next = node.before;
+        }
+        names.reverse();
+        names
+    }
+
+    /// Names something to this listener alone.
+    pub fn name(&self, kind: Kind, number: u32, text: String) {
+        self.put(Box::new(Node {
+            name: Name {
+                kind,
+                number,
+                parent: 0,
+                text,
+                runs_on: None,
+            },
+            before: None,
+        }));
+    }
+
+    /// No allocation. O(1).
+    fn put(&self, mut node: Box<Node>) {
+        let mut last = self.last.lock();
+        node.before = last.take();
+        *last = Some(node);
+    }
+}
+
+impl Drop for Names {
+    fn drop(&mut self) {
+        LISTENING.fetch_sub(1, Ordering::Relaxed);
+        // One after the other, not each by the one behind it: they may be many.
+        drop(self.take());
+    }
+}
+
+/// Names something, to all who listen. Not for the real-time path: it locks and allocates, if anybody does.
+#[inline]
+pub fn name(kind: Kind, number: u32, parent: u32, text: impl FnOnce() -> String) {
+    if LISTENING.load(Ordering::Relaxed) > 0 {
+        named(kind, number, parent, text(), None);
+    }
+}
+
+/// Names a process, on the thread that it runs on. As [`name`]; where it runs only who records this thread learns.
+#[inline]
+pub fn name_process(process: u32, level: u8, text: impl FnOnce() -> String) {
+    if is_on() && LISTENING.load(Ordering::Relaxed) > 0 {
+        named(Kind::Process, process, 0, text(), Some(level));
+    }
+}
+
+/// Names the executor that the calling thread is, to who records it, if anybody does. As [`name`].
+#[inline]
+pub fn name_executor(text: impl FnOnce() -> String) {
+    if let Some((_, number)) = place() {
+        named(Kind::Executor, number, 0, text(), None);
+    }
+}
+
+#[cold]
+fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) {
+    let on_path = current::set_on_path(false);
+    let place = place();
+    let node = || {
+        Box::new(Node {
+            name: Name {
+                kind,
+                number,
+                parent,
+                text: text.clone(),
+                runs_on: None,
+            },
+            before: None,
+        })
+    };
+    // All of it is made before the lock is taken, and freed when it is not held any more. Who has begun to listen meanwhile stands last, and goes without.
+    let most = LISTENING.load(Ordering::Relaxed);
+    let mut room: Vec<Box<Node>> = (0..most).map(|_| node()).collect();
+    let mut heard = Vec::with_capacity(most);
+    {
+        let listeners = LISTENERS.lock();
+        for names in listeners.iter().filter_map(Weak::upgrade) {
+            let own = place.filter(|(whose, _)| *whose == names.id);
+            // An executor's number means something to its own recording alone.
+            if (kind != Kind::Executor || own.is_some())
+                && let Some(mut node) = room.pop()
+            {
+                node.name.runs_on = own
+                    .zip(level)
+                    .map(|((_, executor), level)| (executor, level));
+                names.put(node);
+            }
+            if heard.len() < most {
+                heard.push(names);
+            }
+        }
+    }
+    drop((room, heard));
+    current::set_on_path(on_path);
+}

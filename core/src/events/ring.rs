@@ -1,0 +1,337 @@
+//! The ring of a thread: one producer, one consumer, and nobody waits.
+
+#[cfg(not(loom))]
+use luna_platform::clock::Counter;
+use luna_platform::clock::Instant;
+use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use luna_platform::sync::{Arc, UnsafeCell};
+use std::cell::Cell;
+use std::fmt;
+
+/// A model has none.
+#[cfg(loom)]
+#[derive(Debug, Clone, Copy)]
+pub enum Counter {}
+
+#[cfg(loom)]
+impl Counter {
+    fn read(self) -> u64 {
+        match self {}
+    }
+}
+
+/// Codes up to here are events.
+const MOST_CODE: u16 = 0xFEFF;
+
+/// An event as it stands in the ring: code and subject, time stamp, two numbers.
+pub(super) type Entry = [u64; 4];
+
+/// Where events go that found no room: how many did.
+#[derive(Debug, Clone)]
+pub struct Losses(Arc<AtomicU64>);
+
+impl Losses {
+    /// How many events were lost until now.
+    pub fn get(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// # Invariants
+///
+/// `tail` and `limit` belong to the writer. An entry between `read` and `written` is the reader's, any other the writer's.
+pub(super) struct Ring {
+    /// How many entries were ever written.
+    tail: Cell<usize>,
+    /// Up to how many there is room, as far as the writer knows.
+    limit: Cell<usize>,
+    mask: usize,
+    entries: Box<[UnsafeCell<Entry>]>,
+    counter: Option<Counter>,
+    number: u32,
+    /// Who listens to the names beside it; 0 is nobody.
+    whose: u64,
+    lost: Arc<AtomicU64>,
+    has_writer: AtomicBool,
+    has_reader: AtomicBool,
+    written: Apart,
+    read: Apart,
+}
+
+/// On a cache line of its own, since another core writes it.
+#[repr(align(128))]
+struct Apart(AtomicUsize);
+
+// SAFETY: by the invariant each side touches what belongs to it, and what is shared is atomic.
+unsafe impl Sync for Ring {}
+// SAFETY: as above.
+unsafe impl Send for Ring {}
+
+/// A ring with room for so many events, rounded up to a power of two, of the thread or executor that has this number in its recording. Times are the counter's
+/// ticks, or without one the thread's clock's nanoseconds. Allocates, and touches each page.
+pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Reader) {
+    ring_of(0, room, number, counter)
+}
+
+/// As [`ring`], for who listens to names by this.
+pub(super) fn ring_of(
+    whose: u64,
+    room: usize,
+    number: u32,
+    counter: Option<Counter>,
+) -> (Writer, Reader) {
+    let room = room.clamp(2, 1 << 26).next_power_of_two();
+    let lost = Arc::new(AtomicU64::new(0));
+    let ring = Arc::new(Ring {
+        tail: Cell::new(0),
+        limit: Cell::new(room),
+        mask: room - 1,
+        // Not zeroes, which the system would give without giving memory.
+        entries: (0..room).map(|_| UnsafeCell::new([!0; 4])).collect(),
+        counter,
+        number,
+        whose,
+        lost,
+        has_writer: AtomicBool::new(true),
+        has_reader: AtomicBool::new(true),
+        written: Apart(AtomicUsize::new(0)),
+        read: Apart(AtomicUsize::new(0)),
+    });
+    (Writer(ring.clone()), Reader(ring))
+}
+
+impl Ring {
+    pub(super) fn number(&self) -> u32 {
+        self.number
+    }
+
+    #[cfg(not(loom))]
+    pub(super) fn whose(&self) -> u64 {
+        self.whose
+    }
+
+    /// Puts an event in, or counts it as lost. False if it was lost, and nobody reads what is here. Wait-free, O(1).
+    ///
+    /// # Safety
+    ///
+    /// The caller is the one writer's thread.
+    #[inline]
+    pub(super) unsafe fn put(&self, head: u64, arguments: [u64; 2]) -> bool {
+        let tail = self.tail.get();
+        if tail == self.limit.get() && !self.finds_room(tail) {
+            return self.lose(head);
+        }
+        let stamp = match self.counter {
+            Some(counter) => counter.read(),
+            None => Instant::now().as_nanos(),
+        };
+        let place = &self.entries[tail & self.mask];
+        // SAFETY: the contract, and the invariant: there is room, so it is the writer's.
+        place.with_mut(|place| unsafe { *place = [head, stamp, arguments[0], arguments[1]] });
+        self.tail.set(tail.wrapping_add(1));
+        // Release: who sees it sees the entry.
+        self.written
+            .0
+            .store(tail.wrapping_add(1), Ordering::Release);
+        true
+    }
+
+    #[cold]
+    fn finds_room(&self, tail: usize) -> bool {
+        // Acquire: what was read is free.
+        let read = self.read.0.load(Ordering::Acquire);
+        self.limit.set(read.wrapping_add(self.entries.len()));
+        tail != self.limit.get()
+    }
+
+    #[cold]
+    fn lose(&self, head: u64) -> bool {
+        // A part of a name is no event.
+        if (head >> 16) as u16 <= MOST_CODE {
+            // The writer alone counts.
+            let lost = self.lost.load(Ordering::Relaxed);
+            self.lost.store(lost + 1, Ordering::Relaxed);
+        }
+        self.has_reader.load(Ordering::Relaxed)
+    }
+}
+
+/// The writing end of a ring.
+pub struct Writer(Arc<Ring>);
+
+impl Writer {
+    /// Puts an event in, for a thread that has no ring itself.
+    pub fn put(&mut self, of: u16, subject: u32, arguments: [u64; 2]) {
+        let head = u64::from(subject) << 32 | u64::from(of) << 16;
+        // SAFETY: who has it exclusively is the one writer.
+        unsafe { self.0.put(head, arguments) };
+    }
+
+    pub(super) fn ring(&self) -> &Ring {
+        &self.0
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.0.has_writer.store(false, Ordering::Release);
+    }
+}
+
+impl fmt::Debug for Writer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Writer").field(&self.0.number).finish()
+    }
+}
+
+/// The reading end of a ring.
+pub struct Reader(Arc<Ring>);
+
+impl Reader {
+    /// The number of the thread or executor.
+    pub fn number(&self) -> u32 {
+        self.0.number
+    }
+
+    /// What counts those that are lost.
+    pub fn losses(&self) -> Losses {
+        Losses(self.0.lost.clone())
+    }
+
+    /// Moves up to `most` events out, each as four words: the code in bits 16 to 31 and the subject above, the time stamp, and two numbers.
+    pub fn take(&mut self, into: &mut Vec<u64>, most: usize) {
+        let ring = &*self.0;
+        let read = ring.read.0.load(Ordering::Relaxed);
+        // Acquire: the entries that it counts are there.
+        let written = ring.written.0.load(Ordering::Acquire);
+        let taken = written.wrapping_sub(read).min(most);
+        for at in 0..taken {
+            let place = &ring.entries[read.wrapping_add(at) & ring.mask];
+            // SAFETY: the invariant: it was written and not read, so it is this one's.
+            into.extend_from_slice(&place.with(|place| unsafe { *place }));
+        }
+        // Release: they are read.
+        ring.read
+            .0
+            .store(read.wrapping_add(taken), Ordering::Release);
+    }
+
+    /// Whether the writer is gone, and nothing is left.
+    pub fn is_over(&self) -> bool {
+        let ring = &*self.0;
+        // In this order: what was written before the end is seen.
+        !ring.has_writer.load(Ordering::Acquire)
+            && ring.written.0.load(Ordering::Relaxed) == ring.read.0.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.0.has_reader.store(false, Ordering::Relaxed);
+    }
+}
+
+impl fmt::Debug for Reader {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Reader").field(&self.0.number).finish()
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_finds_no_room_is_counted_and_the_rest_comes_in_order() {
+        let (writer, mut reader) = ring(5, 3, None);
+        let losses = reader.losses();
+        let mut taken = Vec::new();
+        for number in 0..30 {
+            // SAFETY: this is the writer's thread.
+            unsafe { writer.ring().put(number << 32, [number, 7]) };
+            if number % 10 == 9 {
+                reader.take(&mut taken, 100);
+            }
+        }
+        // Eight at a time, of ten.
+        assert_eq!(losses.get(), 6);
+        let numbers: Vec<u64> = taken.chunks(4).map(|entry| entry[2]).collect();
+        let expected = (0..30).filter(|number| number % 10 < 8);
+        assert!(expected.eq(numbers));
+        assert!(
+            taken
+                .chunks(4)
+                .all(|entry| entry[0] >> 32 == entry[2] && entry[3] == 7)
+        );
+        assert!(!reader.is_over());
+        drop(writer);
+        assert!(reader.is_over());
+    }
+
+    #[test]
+    fn a_writer_learns_that_nobody_reads_when_it_is_full() {
+        let (writer, reader) = ring(2, 0, None);
+        drop(reader);
+        // SAFETY: this is the writer's thread.
+        let put = || unsafe { writer.ring().put(0, [0, 0]) };
+        assert!(put() && put());
+        assert!(!put());
+    }
+
+    #[test]
+    fn two_threads_lose_none_unseen() {
+        let (writer, mut reader) = ring(64, 0, None);
+        let losses = reader.losses();
+        let mut taken = Vec::new();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                for number in 0..10_000 {
+                    // SAFETY: this is the writer's thread.
+                    unsafe { writer.ring().put(0, [number, !number]) };
+                }
+            });
+            while !reader.is_over() {
+                reader.take(&mut taken, 16);
+            }
+        });
+        assert_eq!(taken.len() as u64 / 4 + losses.get(), 10_000);
+        assert!(taken.chunks(4).all(|entry| entry[2] == !entry[3]));
+        assert!(taken.chunks(4).is_sorted_by(|one, next| one[2] < next[2]));
+    }
+}
+
+#[cfg(all(test, loom))]
+mod model {
+    use super::*;
+
+    /// Whoever comes when: what is read is whole and in order, and the rest is counted.
+    #[test]
+    fn events_come_out_whole_and_in_order_and_lost_ones_are_counted() {
+        loom::model(|| {
+            let (writer, mut reader) = ring(2, 0, None);
+            let losses = reader.losses();
+            let thread = loom::thread::spawn(move || {
+                for number in 1..=3 {
+                    // SAFETY: this is the writer's thread.
+                    unsafe { writer.ring().put(number, [number, number]) };
+                }
+            });
+            let mut taken = Vec::new();
+            reader.take(&mut taken, 1);
+            reader.take(&mut taken, 1);
+            let was_over = reader.is_over();
+            thread.join().unwrap();
+            assert!(!was_over || taken.len() as u64 / 4 + losses.get() == 3);
+            reader.take(&mut taken, 9);
+            assert!(reader.is_over());
+            let numbers: Vec<u64> = taken.chunks(4).map(|entry| entry[0]).collect();
+            assert!(
+                taken
+                    .chunks(4)
+                    .all(|entry| entry[0] == entry[2] && entry[0] == entry[3])
+            );
+            assert!(numbers.is_sorted());
+            assert_eq!(numbers.len() as u64 + losses.get(), 3);
+        });
+    }
+}

@@ -1,0 +1,188 @@
+//! What the process of the present turn waits for: noted by its operations as they return `Pending`, told at the end of the turn.
+//!
+//! Only one thing is told. Who waits for two waits for several, which nobody may take for one of them; so what waits for something that has no number notes that too. An
+//! operation that gives up in the turn, or is done in it all the same, takes its note back.
+
+use super::{Kind, code, is_on};
+use std::cell::Cell;
+use std::future::Future;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+thread_local! {
+    static WAITS: Cell<Noted> = const { Cell::new(Noted::NOTHING) };
+}
+
+/// What is noted: kind and number in one word.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Noted(u64);
+
+impl Noted {
+    const NOTHING: Noted = Noted(0);
+    const SEVERAL: Noted = Noted(u64::MAX);
+    /// For nothing: its body has failed.
+    const FAILED: Noted = Noted(u64::MAX - 1);
+    /// For one thing without a number.
+    const OTHER: Noted = Noted(u64::MAX - 2);
+
+    fn of((kind, number): (Kind, u32)) -> Self {
+        Noted((kind as u64) << 32 | u64::from(number))
+    }
+}
+
+/// Notes what the current process waits for, whose operation is about to return `Pending`: for the end of its turn.
+#[inline(always)]
+pub fn waits_for(what: impl FnOnce() -> (Kind, u32)) {
+    if is_on() {
+        note(Noted::of(what()));
+    }
+}
+
+/// Notes that the current process waits for something that has no number: a time, a file, the end of a process.
+#[inline(always)]
+pub fn waits_for_other() {
+    if is_on() {
+        note(Noted::OTHER);
+    }
+}
+
+/// Notes that the current process waits for several things.
+#[inline(always)]
+pub fn waits_for_several() {
+    if is_on() {
+        note(Noted::SEVERAL);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn note(new: Noted) {
+    let before = WAITS.get();
+    // Two without a number are not known to be the same.
+    let is_same = before == new && new != Noted::OTHER;
+    WAITS.set(if before == Noted::NOTHING || is_same {
+        new
+    } else {
+        Noted::SEVERAL
+    });
+}
+
+/// Takes a note back, of an operation that gives up; what waits for something without a number says `None`.
+#[inline(always)]
+pub fn waits_no_more(what: impl FnOnce() -> Option<(Kind, u32)>) {
+    if is_on() {
+        take_back(what().map_or(Noted::OTHER, Noted::of));
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn take_back(noted: Noted) {
+    // What is among several stays there: who else it is is not known.
+    if WAITS.get() == noted {
+        WAITS.set(Noted::NOTHING);
+    }
+}
+
+/// What `f` notes is not told: it is what an operation waits for beside what matters, such as its deadline.
+#[inline(always)]
+pub fn beside<R>(f: impl FnOnce() -> R) -> R {
+    if !is_on() {
+        return f();
+    }
+    let before = WAITS.get();
+    let result = f();
+    WAITS.set(before);
+    result
+}
+
+/// What a part of the current process does in its turn, and what that part waits for then: for [`code::WAITING`].
+pub(super) fn of_part<R>(f: impl FnOnce() -> R) -> (R, [u64; 2]) {
+    let before = WAITS.replace(Noted::NOTHING);
+    let result = f();
+    let waits = arguments();
+    let noted = WAITS.replace(before);
+    if noted != Noted::NOTHING {
+        note(noted);
+    }
+    (result, waits)
+}
+
+/// While `future` waits, whatever for, the current process waits for this.
+///
+/// ```
+/// use luna_core::events::{self, Kind};
+///
+/// let seven = events::waits_in((Kind::Loop, 7), async { 1 + 1 });
+/// # drop(seven);
+/// ```
+#[inline(always)]
+pub fn waits_in<F: Future>((kind, number): (Kind, u32), future: F) -> WaitsIn<F> {
+    WaitsIn {
+        kind,
+        number,
+        future,
+    }
+}
+
+/// See [`waits_in`].
+#[derive(Debug)]
+#[must_use = "a future does nothing unless awaited"]
+pub struct WaitsIn<F> {
+    kind: Kind,
+    number: u32,
+    future: F,
+}
+
+impl<F: Future> Future for WaitsIn<F> {
+    type Output = F::Output;
+
+    #[inline]
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
+        // SAFETY: the future is pinned with the whole, and nothing is moved.
+        let (what, future) = unsafe {
+            let this = self.get_unchecked_mut();
+            (
+                (this.kind, this.number),
+                Pin::new_unchecked(&mut this.future),
+            )
+        };
+        let polled = beside(|| future.poll(cx));
+        if polled.is_pending() {
+            waits_for(|| what);
+        }
+        polled
+    }
+}
+
+impl<F> Drop for WaitsIn<F> {
+    #[inline]
+    fn drop(&mut self) {
+        waits_no_more(|| Some((self.kind, self.number)));
+    }
+}
+
+/// A turn begins.
+#[inline]
+pub(super) fn clear() {
+    WAITS.set(Noted::NOTHING);
+}
+
+#[inline]
+pub(super) fn fail() {
+    WAITS.set(Noted::FAILED);
+}
+
+#[inline]
+pub(super) fn has_failed() -> bool {
+    WAITS.get() == Noted::FAILED
+}
+
+/// For [`code::WAITING`].
+#[inline]
+pub(super) fn arguments() -> [u64; 2] {
+    match WAITS.get() {
+        Noted::NOTHING | Noted::SEVERAL | Noted::FAILED | Noted::OTHER => [code::WAITS_UNKNOWN, 0],
+        Noted(word) => [word >> 32, word & u64::from(u32::MAX)],
+    }
+}

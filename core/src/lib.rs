@@ -1,0 +1,33 @@
+//! The core of LUNA: what channels and executors share, so that they work together without knowing each
+//! other.
+//!
+//! - [`current`]: the process that this thread polls, how it is woken, and its priority. This is the only
+//!   place that knows how a process becomes ready.
+//! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and deadlines.
+//! - [`home_lock`]: the lock of a channel, biased towards the executor that alone uses it.
+//! - [`reclaim`], [`spare`], [`latest_slots`], [`byte_ring`]: memory off the real-time path, and values that
+//!   one thread replaces while others read them.
+//! - [`relay`], [`summons`], [`park`], [`spin`]: how threads take turns, wait and look for each other.
+//! - [`events`], [`tape`], [`path`]: what is recorded of a run, replayed, and checked by tests.
+
+// The model is the same whichever tool checks it: shuttle has loom's names.
+#[cfg(shuttle)]
+extern crate shuttle as loom;
+
+pub mod byte_ring;
+pub mod current;
+pub mod events;
+mod fetch;
+pub mod home_lock;
+pub mod latest_slots;
+pub mod park;
+pub mod path;
+pub mod reclaim;
+pub mod relay;
+pub mod spare;
+pub mod spin;
+pub mod summons;
+pub mod tape;
+pub mod tick_list;
+pub mod timer_queue;
+pub mod wait_list;

@@ -1,0 +1,446 @@
+//! Blocking a thread until it is woken, and until a future is done.
+
+#[cfg(not(loom))]
+use crate::current;
+use crate::reclaim::Shared;
+use crate::spin;
+use luna_platform::bell::Bell;
+use luna_platform::clock::{Clock, Instant};
+use luna_platform::futex::Waited;
+use luna_platform::sync::atomic::{AtomicU32, Ordering};
+use std::mem::ManuallyDrop;
+use std::task::{RawWaker, RawWakerVTable, Waker};
+use std::time::Duration;
+#[cfg(not(loom))]
+use std::{
+    cell::Cell,
+    future::Future,
+    pin::{Pin, pin},
+    task::{Context, Poll},
+};
+
+const EMPTY: u32 = 0;
+/// The thread sleeps or is about to. It takes this away itself, when it is awake.
+const PARKED: u32 = 1;
+/// Somebody has woken it.
+const NOTIFIED: u32 = 2;
+
+/// Lets one thread sleep until others wake it. A wake that comes first is kept. Real-time path: yes; a system call only to sleep,
+/// and to wake a thread that does.
+///
+/// ```
+/// use luna_platform::clock::Instant;
+/// use luna_core::park::Parker;
+///
+/// let parker = Parker::new();
+/// parker.unpark();
+/// assert!(parker.park(Instant::NEVER)); // at once: the wake came first
+/// assert!(!parker.park(Instant::now())); // the deadline came
+/// ```
+#[derive(Debug)]
+pub struct Parker {
+    /// The word of the [`Bell`]'s protocol.
+    state: AtomicU32,
+    bell: Bell,
+}
+
+impl Parker {
+    /// A parker that nobody has woken.
+    #[expect(
+        clippy::new_without_default,
+        reason = "belongs to one thread: made on purpose, not by default"
+    )]
+    pub fn new() -> Self {
+        Self {
+            state: AtomicU32::new(EMPTY),
+            bell: Bell::new(),
+        }
+    }
+
+    /// What the thread sleeps in.
+    pub fn bell(&self) -> &Bell {
+        &self.bell
+    }
+
+    /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone. One whose clock is a virtual one sleeps
+    /// for as long on the machine's.
+    pub fn park(&self, deadline: Instant) -> bool {
+        self.park_between(deadline, || (), || ())
+    }
+
+    /// As [`park`](Self::park). Each time that it sleeps for that it calls `before` when wakers know it already, and `after` when it has
+    /// woken and the wake is not taken yet: [`is_woken`](Self::is_woken) turns false after `after` alone, and who sees that sees
+    /// what `after` did.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// use luna_core::park::Parker;
+    /// use std::cell::Cell;
+    ///
+    /// let (parker, asleep) = (Parker::new(), Cell::new(0));
+    /// let before = || asleep.set(asleep.get() + 1);
+    /// assert!(!parker.park_between(Instant::now(), before, || ())); // the deadline came
+    /// assert!(asleep.get() > 0);
+    /// ```
+    #[inline]
+    pub fn park_between(
+        &self,
+        deadline: Instant,
+        before: impl FnMut(),
+        after: impl FnMut(),
+    ) -> bool {
+        self.park_on_machine(Clock::deadline_of_machine(deadline), before, after)
+    }
+
+    /// As [`park_between`](Self::park_between), with a deadline on the machine's clock.
+    #[inline]
+    fn park_on_machine(
+        &self,
+        deadline: Instant,
+        mut before: impl FnMut(),
+        mut after: impl FnMut(),
+    ) -> bool {
+        loop {
+            self.bell.quiet();
+            let mut waited = Waited::Woken;
+            if self
+                .state
+                .compare_exchange(EMPTY, PARKED, Ordering::AcqRel, Ordering::Relaxed)
+                .is_ok()
+            {
+                before();
+                waited = self.bell.wait(deadline);
+                after();
+            }
+            // Acquire: who is woken sees what happened before the wake. Release: for `is_woken`.
+            if self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0 {
+                return true;
+            }
+            if waited == Waited::TimedOut {
+                return false;
+            }
+        }
+    }
+
+    /// As [`park`](Self::park), but looks for a wake for `time` before it would sleep ([`spin`]), and does not sleep: `None` if the time is
+    /// up. `also` is called at each look, for what the thread does besides.
+    ///
+    /// ```
+    /// use luna_platform::clock::Instant;
+    /// use luna_core::park::Parker;
+    /// use std::time::Duration;
+    ///
+    /// let (parker, time) = (Parker::new(), Duration::from_micros(1));
+    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), None);
+    /// assert_eq!(parker.spin(time, Instant::now(), || ()), Some(false));
+    /// parker.unpark();
+    /// assert_eq!(parker.spin(time, Instant::NEVER, || ()), Some(true));
+    /// ```
+    #[inline]
+    pub fn spin(&self, time: Duration, deadline: Instant, mut also: impl FnMut()) -> Option<bool> {
+        let look = || {
+            also();
+            self.state.load(Ordering::Relaxed) & NOTIFIED != 0
+        };
+        // Awake, so nobody has rung, and the word holds nothing else. Acquire and Release: as in `park_between`.
+        spin::until(look, time, deadline)
+            .then(|| self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0)
+    }
+
+    /// Whether there is a wake that the thread has not taken. From any thread; one load.
+    #[inline]
+    pub fn is_woken(&self) -> bool {
+        self.state.load(Ordering::Acquire) & NOTIFIED != 0
+    }
+
+    /// Wakes the thread, or lets its next `park` return at once. From any thread.
+    ///
+    /// Everybody who finds it parked rings, not the first alone: that one may be preempted before it does, and a more urgent one must not
+    /// have to wait for it.
+    #[inline]
+    pub fn unpark(&self) {
+        if self.state.fetch_or(NOTIFIED, Ordering::AcqRel) & PARKED != 0 {
+            self.bell.ring();
+        }
+    }
+}
+
+/// A waker that unparks. Whoever drops the last one may be on the real-time path, and the thread gone: what is to be freed then is left to
+/// [`reclaim`](crate::reclaim).
+///
+/// ```
+/// use luna_platform::clock::Instant;
+/// use luna_core::park::{self, Parker};
+/// use luna_core::reclaim::Shared;
+///
+/// let parker = Shared::new(Parker::new());
+/// park::waker(&parker).wake();
+/// assert!(parker.park(Instant::NEVER));
+/// ```
+pub fn waker(parker: &Shared<Parker>) -> Waker {
+    // SAFETY: the functions keep the contract of a waker: each waker is one owner, given away as a pointer and taken back by its drop or its
+    // wake; the parker can be unparked from any thread.
+    unsafe { Waker::new(parker.clone().into_raw(), &VTABLE) }
+}
+
+/// Whether `waker` is that of a parker, whose functions are not user code.
+pub(crate) fn is_own(waker: &Waker) -> bool {
+    std::ptr::eq(waker.vtable(), &VTABLE)
+}
+
+static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_ref, drop_waker);
+
+/// # Safety
+///
+/// As the others: `owner` is a waker's, which is there meanwhile.
+unsafe fn clone_waker(owner: *const ()) -> RawWaker {
+    // SAFETY: the contract; the waker keeps its owner.
+    let parker = ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) });
+    RawWaker::new((*parker).clone().into_raw(), &VTABLE)
+}
+
+/// # Safety
+///
+/// As above, and the waker is not used again.
+unsafe fn wake(owner: *const ()) {
+    // SAFETY: the contract; this is the end of the waker.
+    unsafe { Shared::<Parker>::from_raw(owner) }.unpark();
+}
+
+/// # Safety
+///
+/// As `clone_waker`.
+unsafe fn wake_by_ref(owner: *const ()) {
+    // SAFETY: the contract; the waker keeps its owner.
+    ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) }).unpark();
+}
+
+/// # Safety
+///
+/// As `wake`.
+unsafe fn drop_waker(owner: *const ()) {
+    // SAFETY: the contract; this is the end of the waker.
+    drop(unsafe { Shared::<Parker>::from_raw(owner) });
+}
+
+#[cfg(not(loom))]
+thread_local! {
+    /// A thread blocks in one call at a time; nested calls (a poll that blocks) make a parker of their own.
+    static PARKER: Cell<Option<Shared<Parker>>> = const { Cell::new(None) };
+}
+
+/// Makes what this thread's blocking calls need, so that the first one does not have to on the real-time path.
+///
+/// ```
+/// luna_core::park::prepare();
+/// assert_eq!(luna_core::park::block_on(async { 7 }), 7); // allocates nothing
+/// ```
+#[cfg(not(loom))]
+pub fn prepare() {
+    let parker = PARKER.take();
+    PARKER.set(Some(parker.unwrap_or_else(|| Shared::new(Parker::new()))));
+}
+
+/// Blocks this thread until `future` is done.
+///
+/// # Panics
+///
+/// On the thread of an executor, where it would stop all its processes: await there.
+///
+/// ```
+/// assert_eq!(luna_core::park::block_on(async { 1 + 1 }), 2);
+/// ```
+#[cfg(not(loom))]
+#[track_caller]
+pub fn block_on<F: Future>(future: F) -> F::Output {
+    match block_on_until(pin!(future), Instant::NEVER) {
+        Some(output) => output,
+        None => unreachable!("a wait without a deadline does not time out"),
+    }
+}
+
+/// Blocks this thread until `future` is done or `deadline` has come, however often it is woken. At the deadline the future is polled once more, so that
+/// what it says is exact. Where the clock is a virtual one the deadline comes once the machine's has moved as far. Panics as [`block_on`] does.
+#[cfg(not(loom))]
+#[track_caller]
+pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> Option<F::Output> {
+    assert!(
+        current::may_block(),
+        "a blocking call inside a process of an executor would stop the whole executor: await the operation instead, or run the \
+         process on an OS thread of its own"
+    );
+    // A replay, which has one thread, could not wait.
+    current::tape(|tape| tape.outside("a blocking operation"));
+    let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
+    let waker = waker(&parker);
+    let mut cx = Context::from_waker(&waker);
+    let mut on_machine = None;
+    let output = loop {
+        if let Poll::Ready(output) = future.as_mut().poll(&mut cx) {
+            break Some(output);
+        }
+        // Once: a virtual clock stands meanwhile, and each wake would give all the time anew.
+        let deadline = *on_machine.get_or_insert_with(|| Clock::deadline_of_machine(deadline));
+        let was_woken = parker.park_on_machine(deadline, || (), || ());
+        // A wake that is always there already must not hide the deadline.
+        if !was_woken || (deadline != Instant::NEVER && Instant::now_real() >= deadline) {
+            break match future.as_mut().poll(&mut cx) {
+                Poll::Ready(output) => Some(output),
+                Poll::Pending => None,
+            };
+        }
+    };
+    PARKER.set(Some(parker));
+    output
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    #[test]
+    fn a_wake_from_another_thread_ends_the_wait() {
+        let parker = Arc::new(Parker::new());
+        let other = parker.clone();
+        let thread = std::thread::spawn(move || other.unpark());
+        assert!(parker.park(Instant::NEVER));
+        thread.join().unwrap();
+    }
+
+    #[test]
+    fn block_on_until_gives_up_at_the_deadline() {
+        assert_eq!(
+            block_on_until(pin!(std::future::pending::<()>()), Instant::now()),
+            None
+        );
+        assert_eq!(
+            block_on_until(pin!(std::future::ready(7)), Instant::now()),
+            Some(7)
+        );
+    }
+
+    #[test]
+    fn wakes_do_not_hide_the_deadline() {
+        let mut polls = 0;
+        let busy = std::future::poll_fn(|cx| {
+            polls += 1;
+            assert!(polls < 10, "the deadline came before the first wake");
+            cx.waker().wake_by_ref();
+            Poll::<()>::Pending
+        });
+        assert_eq!(block_on_until(pin!(busy), Instant::now()), None);
+        assert_eq!(polls, 2);
+    }
+
+    #[test]
+    fn wakes_give_no_time_anew_where_the_clock_stands() {
+        const TIME: Duration = Duration::from_micros(100);
+        let clock = Clock::from(luna_platform::clock::VirtualClock::new());
+        let _inside = clock.enter();
+        let mut polls = 0;
+        let busy = std::future::poll_fn(|cx| {
+            polls += 1;
+            assert!(polls < 10, "the time is up at the first wakes");
+            let end = Instant::now_real() + TIME;
+            while Instant::now_real() < end {}
+            cx.waker().wake_by_ref();
+            Poll::<()>::Pending
+        });
+        assert_eq!(block_on_until(pin!(busy), Instant::now() + TIME), None);
+        assert!(polls <= 3, "{polls}");
+    }
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests {
+    //! On every interleaving: no wake is slept through, and who is woken sees what came before.
+
+    use super::*;
+    use loom::thread;
+    use luna_platform::sync::UnsafeCell;
+    use std::sync::Arc;
+
+    struct Exchange {
+        parker: Parker,
+        value: UnsafeCell<u32>,
+    }
+
+    // SAFETY: the tests access the cell before an unpark, or after the park that it ended; loom checks that they do.
+    unsafe impl Sync for Exchange {}
+
+    #[test]
+    fn a_wake_is_never_slept_through() {
+        loom::model(|| {
+            let shared = Arc::new(Exchange {
+                parker: Parker::new(),
+                value: UnsafeCell::new(0),
+            });
+            let other = shared.clone();
+            let waker = thread::spawn(move || {
+                // SAFETY: the other thread reads it after its park alone.
+                other.value.with_mut(|value| unsafe { *value = 7 });
+                other.parker.unpark();
+            });
+            assert!(shared.parker.park(Instant::NEVER));
+            // SAFETY: the park has seen the unpark, which came after the write.
+            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
+            waker.join().unwrap();
+        });
+    }
+
+    #[test]
+    fn a_wake_is_seen_while_the_thread_looks_for_it_or_ends_its_sleep() {
+        loom::model(|| {
+            let shared = Arc::new(Exchange {
+                parker: Parker::new(),
+                value: UnsafeCell::new(0),
+            });
+            let other = shared.clone();
+            let waker = thread::spawn(move || {
+                // SAFETY: the other thread reads it after it has seen the wake alone.
+                other.value.with_mut(|value| unsafe { *value = 7 });
+                other.parker.unpark();
+            });
+            let spun = shared.parker.spin(Duration::ZERO, Instant::NEVER, || ());
+            assert!(spun.unwrap_or_else(|| shared.parker.park(Instant::NEVER)));
+            // SAFETY: the wake was seen, which came after the write.
+            assert_eq!(shared.value.with(|value| unsafe { *value }), 7);
+            waker.join().unwrap();
+            assert_eq!(shared.parker.state.load(Ordering::Relaxed), EMPTY);
+        });
+    }
+
+    #[test]
+    fn two_wakes_end_one_park_or_two() {
+        loom::model(|| {
+            let parker = Arc::new(Parker::new());
+            let wakers = [parker.clone(), parker.clone()]
+                .map(|parker| thread::spawn(move || parker.unpark()));
+            assert!(parker.park(Instant::NEVER));
+            for waker in wakers {
+                waker.join().unwrap();
+            }
+            // The second wake was taken together with the first, or it is kept.
+            if parker.state.load(Ordering::Relaxed) == NOTIFIED {
+                assert!(parker.park(Instant::NEVER));
+            }
+            assert_eq!(parker.state.load(Ordering::Relaxed), EMPTY);
+        });
+    }
+
+    #[test]
+    fn a_late_ring_of_one_park_does_not_hide_that_of_the_next() {
+        loom::model(|| {
+            let parker = Arc::new(Parker::new());
+            let (one, two) = (parker.clone(), parker.clone());
+            let first = thread::spawn(move || one.unpark());
+            assert!(parker.park(Instant::NEVER));
+            // The first may have changed the word and still be about to ring.
+            let second = thread::spawn(move || two.unpark());
+            assert!(parker.park(Instant::NEVER));
+            first.join().unwrap();
+            second.join().unwrap();
+        });
+    }
+}

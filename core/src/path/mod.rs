@@ -1,0 +1,77 @@
+//! The real-time path, as a test can watch it: where a thread leaves it on purpose, and how the guard
+//! in tests (the crate `luna-path-guard`) learns of it.
+//!
+//! [`current::on_path`] says whether a thread is on the path. [`off_path`] leaves it for a while.
+//! [`name_process`] tells the guard the name of a process. [`expected`] names the reason of a system
+//! call. The guard is there in builds with `--cfg luna_path_guard` alone; in others these are inlined
+//! away.
+
+pub use luna_platform::path::*;
+
+#[cfg(all(luna_path_guard, not(loom)))]
+mod watched;
+
+#[cfg(all(luna_path_guard, not(loom)))]
+pub use watched::{Watcher, name_process, process_name, watch};
+
+#[cfg(all(luna_path_guard, not(loom)))]
+pub(crate) use watched::switched;
+
+use crate::current;
+
+/// Calls `f` off the real-time path: until it returns, this thread says of itself that it is not on it.
+///
+/// For what a process does on purpose although the path's rules forbid it: to allocate what it needs before its first cycle, or to print from a
+/// process that is alone on a thread without a deadline. It changes nothing about the time that `f` takes: the processes of the same executor wait
+/// for it. What is let go of meanwhile is freed at once. Outside of the path it is a plain call.
+///
+/// Real-time path: this is how it is left; O(1) apart from `f`. If `f` panics, the thread is on the path again.
+///
+/// ```
+/// use luna_core::{current, path};
+///
+/// current::set_on_path(true);
+/// let room = path::off_path(|| Vec::<u64>::with_capacity(1000));
+/// assert!(current::on_path());
+/// # current::set_on_path(false);
+/// # drop(room);
+/// ```
+pub fn off_path<R>(f: impl FnOnce() -> R) -> R {
+    struct Restore(bool);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            current::set_on_path(self.0);
+        }
+    }
+    let _restore = Restore(current::set_on_path(false));
+    f()
+}
+
+/// Tells the guard how a process is called: nothing without one.
+#[cfg(not(all(luna_path_guard, not(loom))))]
+#[inline(always)]
+pub fn name_process(_: current::ProcessId, _: &str) {}
+
+/// Tells the guard that this thread goes on the path or off it: nothing without one.
+#[cfg(not(all(luna_path_guard, not(loom))))]
+#[inline(always)]
+pub(crate) fn switched(_: bool) {}
+
+#[cfg(all(test, not(loom)))]
+mod tests {
+    use super::*;
+    use std::panic::catch_unwind;
+
+    #[test]
+    fn the_path_is_left_for_a_while_and_found_again() {
+        assert!(!off_path(current::on_path));
+        assert!(!current::on_path(), "who was not on it is not after");
+        current::set_on_path(true);
+        assert!(!off_path(
+            || off_path(current::on_path) || current::on_path()
+        ));
+        assert!(current::on_path());
+        assert!(catch_unwind(|| off_path(|| panic!("on purpose"))).is_err());
+        assert!(current::set_on_path(false));
+    }
+}

@@ -1,0 +1,65 @@
+//! What a guard sees of the path: in builds with `--cfg luna_path_guard`.
+
+use crate::current::{self, ProcessId};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+/// Who watches the path.
+pub trait Watcher: Sync {
+    /// This thread goes on the path, or off it. Called on the thread itself, while it counts as off the path.
+    fn switched(&self, on_path: bool);
+}
+
+static WATCHER: OnceLock<&'static dyn Watcher> = OnceLock::new();
+/// A plain lock: taken off the path alone.
+static NAMES: Mutex<BTreeMap<u32, String>> = Mutex::new(BTreeMap::new());
+
+/// From now on `watcher` is told of each thread that goes on the path or off it. The first one stays for good.
+///
+/// ```
+/// use luna_core::path::{self, Watcher};
+///
+/// struct Printing;
+/// impl Watcher for Printing {
+///     fn switched(&self, on_path: bool) {
+///         println!("on the path: {on_path}");
+///     }
+/// }
+/// path::watch(&Printing);
+/// luna_core::current::set_on_path(true);
+/// luna_core::current::set_on_path(false);
+/// ```
+pub fn watch(watcher: &'static dyn Watcher) {
+    // A second one would be as good as the first: there is one guard.
+    let _ = WATCHER.set(watcher);
+}
+
+/// Tells the watcher, if there is one.
+pub(crate) fn switched(on_path: bool) {
+    if let Some(watcher) = WATCHER.get() {
+        watcher.switched(on_path);
+    }
+}
+
+/// Says how a process is called, for whoever has its number alone. Allocates, off the path.
+pub fn name_process(process: ProcessId, name: &str) {
+    super::off_path(|| names().insert(process.get(), name.to_owned()));
+}
+
+/// How a process is called. Not for the real-time path.
+///
+/// ```
+/// use luna_core::{current::ProcessId, path};
+///
+/// let process = ProcessId::new();
+/// path::name_process(process, "pump");
+/// assert_eq!(path::process_name(process).as_deref(), Some("pump"));
+/// ```
+pub fn process_name(process: ProcessId) -> Option<String> {
+    debug_assert!(!current::on_path());
+    names().get(&process.get()).cloned()
+}
+
+fn names() -> MutexGuard<'static, BTreeMap<u32, String>> {
+    NAMES.lock().unwrap_or_else(PoisonError::into_inner)
+}

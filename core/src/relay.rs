@@ -1,0 +1,312 @@
+//! Who runs which of several jobs, each once and one after the other, by threads of which any may get stuck.
+//!
+//! The members of a crew all come to the same [`Relay`]. It says to one of them that it [runs](Leg::Run) the next job, and to the others that they [watch](Leg::Watch)
+//! that one. If it takes too long, a watcher [leaves it behind](Relay::leave_behind), and the next job is anybody's. One word, changed by compare-and-swap:
+//! so a job is run once, by one member, and either its runner has finished it or it was left behind, never both.
+//!
+//! ```
+//! use luna_core::relay::{Leg, Relay};
+//!
+//! let relay = Relay::new();
+//! let (brakes, lamp) = (relay.add().unwrap(), relay.add().unwrap());
+//! assert_eq!(relay.take(0), Leg::Rest); // not yet
+//! assert!(relay.begin() && !relay.begin());
+//! let Leg::Run(turn) = relay.take(0) else { panic!("it is free") };
+//! assert_eq!((turn.job(), relay.take(1)), (brakes, Leg::Watch(turn)));
+//! assert!(relay.leave_behind(turn)); // member 0 hangs
+//! let Leg::Run(turn) = relay.take(1) else { panic!("it is free") };
+//! assert_eq!(turn.job(), lamp);
+//! assert!(relay.finish(turn) && relay.is_done());
+//! ```
+
+use luna_platform::sync::atomic::{AtomicU64, Ordering};
+use std::fmt;
+
+/// The most jobs.
+pub const MOST_JOBS: usize = 1 << 12;
+
+/// Who does what, in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits last.
+///
+/// Phases only go from ready to begun to done, or from ready or done to closed; done goes to ready as a new round.
+pub struct Relay {
+    word: AtomicU64,
+}
+
+/// One member's run of one job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Turn {
+    round: u32,
+    job: u16,
+    member: u8,
+}
+
+impl Turn {
+    /// The number of the job.
+    pub fn job(self) -> usize {
+        self.job.into()
+    }
+
+    /// The member that runs it.
+    pub fn member(self) -> u8 {
+        self.member
+    }
+}
+
+/// What a member has to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Leg {
+    /// Run this job, and then [`finish`](Relay::finish) it.
+    Run(Turn),
+    /// See to it that this does not take too long.
+    Watch(Turn),
+    /// Nothing: it has not begun, or is over.
+    Rest,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Ready,
+    Begun,
+    Done,
+    Closed,
+}
+
+/// The word, unpacked.
+#[derive(Debug, Clone, Copy)]
+struct State {
+    round: u32,
+    /// The member plus one, 0 if none.
+    runner: u8,
+    next: u16,
+    jobs: u16,
+    phase: Phase,
+}
+
+impl State {
+    fn of(word: u64) -> Self {
+        Self {
+            round: (word >> 40) as u32,
+            runner: (word >> 32) as u8,
+            next: (word >> 18) as u16 & 0x3fff,
+            jobs: (word >> 4) as u16 & 0x3fff,
+            phase: match word & 0xf {
+                0 => Phase::Ready,
+                1 => Phase::Begun,
+                2 => Phase::Done,
+                _ => Phase::Closed,
+            },
+        }
+    }
+
+    fn word(self) -> u64 {
+        u64::from(self.round & 0xff_ffff) << 40
+            | u64::from(self.runner) << 32
+            | u64::from(self.next) << 18
+            | u64::from(self.jobs) << 4
+            | self.phase as u64
+    }
+
+    fn turn(self) -> Option<Turn> {
+        Some(Turn {
+            round: self.round,
+            job: self.next,
+            member: self.runner.checked_sub(1)?,
+        })
+    }
+
+    /// The job is over, however it went.
+    fn passed(mut self) -> Self {
+        self.runner = 0;
+        self.next += 1;
+        if self.next >= self.jobs {
+            self.phase = Phase::Done;
+        }
+        self
+    }
+}
+
+impl Relay {
+    /// No jobs yet.
+    #[cfg(not(loom))]
+    pub const fn new() -> Self {
+        Self {
+            word: AtomicU64::new(0),
+        }
+    }
+
+    /// No jobs yet.
+    #[cfg(loom)]
+    pub fn new() -> Self {
+        Self {
+            word: AtomicU64::new(0),
+        }
+    }
+
+    /// Adds a job; gives its number: 0, 1 and so on. It runs behind the others, also if they run already. None if it would never be run: all have been,
+    /// or it is closed, or there are [`MOST_JOBS`].
+    pub fn add(&self) -> Option<usize> {
+        let before = self.change(|mut state| {
+            let is_over = matches!(state.phase, Phase::Done | Phase::Closed);
+            if is_over || usize::from(state.jobs) >= MOST_JOBS {
+                return None;
+            }
+            state.jobs += 1;
+            Some(state)
+        });
+        before.ok().map(|state| state.jobs.into())
+    }
+
+    /// Takes the last number back, if none has been run: whoever numbers the jobs closes the gap. Says whether it did.
+    pub fn remove(&self) -> bool {
+        let removed = self.change(|mut state| {
+            (state.phase == Phase::Ready && state.jobs > 0).then(|| {
+                state.jobs -= 1;
+                state
+            })
+        });
+        removed.is_ok()
+    }
+
+    /// Begins; says whether this was the first to do so. Does nothing if it has begun, is done or closed. Async-signal-safe, as all of this.
+    pub fn begin(&self) -> bool {
+        let begun = self.change(|mut state| {
+            (state.phase == Phase::Ready).then(|| {
+                state.phase = match state.jobs {
+                    0 => Phase::Done,
+                    _ => Phase::Begun,
+                };
+                state
+            })
+        });
+        begun.is_ok()
+    }
+
+    /// Sees to it that it never begins; says whether that can be promised.
+    pub fn close(&self) -> bool {
+        let closed = self.change(|mut state| match state.phase {
+            Phase::Ready => {
+                state.phase = Phase::Closed;
+                Some(state)
+            }
+            _ => None,
+        });
+        closed.is_ok() || self.state().phase == Phase::Closed
+    }
+
+    /// As [`close`](Self::close), and if it is done it stays so: it does not begin [`again`](Self::again), and is no longer [done](Self::is_done).
+    pub fn retire(&self) -> bool {
+        let retired = self.change(|mut state| {
+            (state.phase != Phase::Begun).then(|| {
+                state.phase = Phase::Closed;
+                state
+            })
+        });
+        retired.is_ok()
+    }
+
+    /// Makes it as it was before it began, if it is done, with all its jobs. Says whether it did.
+    pub fn again(&self) -> bool {
+        let again = self.change(|mut state| {
+            (state.phase == Phase::Done).then(|| {
+                state.phase = Phase::Ready;
+                state.next = 0;
+                state.round = state.round.wrapping_add(1);
+                state
+            })
+        });
+        again.is_ok()
+    }
+
+    /// What `member`, at most 254, has to do now. O(1), repeated only if another changed something meanwhile.
+    pub fn take(&self, member: u8) -> Leg {
+        let taken = self.change(|mut state| {
+            (state.phase == Phase::Begun && state.runner == 0).then(|| {
+                state.runner = member + 1;
+                state
+            })
+        });
+        match taken {
+            Ok(mut state) => {
+                state.runner = member + 1;
+                state.turn().map_or(Leg::Rest, Leg::Run)
+            }
+            Err(state) if state.phase == Phase::Begun => state.turn().map_or(Leg::Rest, Leg::Watch),
+            Err(_) => Leg::Rest,
+        }
+    }
+
+    /// The runner has run its job. Says whether it counts; if not, it was left behind, and is no member any more.
+    pub fn finish(&self, turn: Turn) -> bool {
+        self.pass(turn)
+    }
+
+    /// The runner of `turn` is left behind: the next job is anybody's. Says whether this did it; if not, the runner has finished, or another was faster.
+    pub fn leave_behind(&self, turn: Turn) -> bool {
+        self.pass(turn)
+    }
+
+    fn pass(&self, turn: Turn) -> bool {
+        let passed = self.change(|state| {
+            (state.phase == Phase::Begun && state.turn() == Some(turn)).then(|| state.passed())
+        });
+        passed.is_ok()
+    }
+
+    /// Whether it has begun, be it done or not.
+    pub fn has_begun(&self) -> bool {
+        matches!(self.state().phase, Phase::Begun | Phase::Done)
+    }
+
+    /// Whether it has begun, and is not done.
+    pub fn is_under_way(&self) -> bool {
+        self.state().phase == Phase::Begun
+    }
+
+    /// Whether all jobs have been run or left behind.
+    pub fn is_done(&self) -> bool {
+        self.state().phase == Phase::Done
+    }
+
+    fn state(&self) -> State {
+        // Acquire: who sees a job done sees what it has written.
+        State::of(self.word.load(Ordering::Acquire))
+    }
+
+    /// Makes one step, if `step` says one. Gives what was before it, or what there is if there is none to make.
+    fn change(&self, step: impl Fn(State) -> Option<State>) -> Result<State, State> {
+        let mut word = self.word.load(Ordering::Acquire);
+        loop {
+            let state = State::of(word);
+            let Some(next) = step(state) else {
+                return Err(state);
+            };
+            match self
+                .word
+                .compare_exchange(word, next.word(), Ordering::AcqRel, Ordering::Acquire)
+            {
+                Ok(_) => return Ok(state),
+                Err(other) => word = other,
+            }
+        }
+    }
+}
+
+impl Default for Relay {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl fmt::Debug for Relay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.state().fmt(f)
+    }
+}
+
+#[cfg(all(test, not(loom)))]
+mod tests;
+
+#[cfg(all(test, loom))]
+mod event_count_loom_tests;
+#[cfg(all(test, loom))]
+mod loom_tests;

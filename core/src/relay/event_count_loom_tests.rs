@@ -1,0 +1,84 @@
+//! Events that one of a crew hears of alone, and jobs that it does: none is lost, and whoever runs one is watched.
+
+use crate::relay::{Leg, Relay};
+use luna_platform::clock::Instant;
+use luna_platform::event_count::EventCount;
+use luna_platform::sync::Arc;
+use luna_platform::sync::atomic::AtomicBool;
+
+struct Crew {
+    events: EventCount,
+    relay: Relay,
+}
+
+impl Crew {
+    /// A member that hangs in the job for ever, or leaves behind who does; says whether it hangs. It is interrupted as it is about to wait.
+    fn serve(&self, member: u8, interrupt: impl FnOnce()) -> bool {
+        let mut interrupt = Some(interrupt);
+        loop {
+            let seen = self.events.get();
+            match self.relay.take(member) {
+                Leg::Run(_) => return true,
+                Leg::Watch(turn) => {
+                    assert!(self.relay.leave_behind(turn));
+                    return false;
+                }
+                Leg::Rest => {
+                    if let Some(interrupt) = interrupt.take() {
+                        interrupt();
+                    }
+                    self.events.wait(seen, Instant::NEVER);
+                }
+            }
+        }
+    }
+}
+
+/// A handler interrupts the wait of one, who alone hears of it. Should it hang, the timer wakes the other.
+#[test]
+fn one_who_is_interrupted_acts_and_is_watched() {
+    loom::model(|| {
+        let crew = Arc::new(Crew {
+            events: EventCount::new(),
+            relay: Relay::new(),
+        });
+        crew.relay.add();
+        crew.events.join();
+        let other = crew.clone();
+        let second = loom::thread::spawn(move || other.serve(1, || ()));
+        let hangs = crew.serve(0, || {
+            crew.relay.begin();
+            crew.events.announce_here();
+        });
+        if hangs {
+            // The timer.
+            crew.events.announce();
+        }
+        assert_ne!(hangs, second.join().unwrap());
+        assert!(crew.relay.is_done());
+    });
+}
+
+/// A second crew joins while a member of the first is told alone: it hears of it all the same.
+#[test]
+fn a_crew_that_joins_meanwhile_hears_of_it() {
+    loom::model(|| {
+        let shared = Arc::new((EventCount::new(), AtomicBool::new(false)));
+        shared.0.join();
+        let other = shared.clone();
+        let joins = loom::thread::spawn(move || {
+            let (events, has_happened) = &*other;
+            events.join();
+            loop {
+                let seen = events.get();
+                if has_happened.load(Ordering::Acquire) {
+                    return;
+                }
+                events.wait(seen, Instant::NEVER);
+            }
+        });
+        shared.1.store(true, Ordering::Release);
+        shared.0.announce_here();
+        joins.join().unwrap();
+    });
+}

@@ -1,0 +1,127 @@
+//! Calls one thread that sleeps, and says whether it will come.
+//!
+//! For one that waits on the caller's core, with a higher priority: no other core has to be woken, and it runs before the call returns. Who is told that it does not come, since it is busy, turns to another.
+//!
+//! ```
+//! use luna_core::summons::Summons;
+//!
+//! static SUMMONS: Summons = Summons::new();
+//! assert!(!SUMMONS.call()); // it does not sleep yet
+//! let sleeper = std::thread::spawn(|| SUMMONS.sleep(|| false));
+//! while !SUMMONS.call() {}
+//! sleeper.join().unwrap();
+//! ```
+
+use crate::path::{self, Call};
+use luna_platform::clock::Instant;
+use luna_platform::futex::Futex;
+use luna_platform::sync::atomic::{Ordering, fence};
+
+/// It looks after its work.
+const BUSY: u32 = 0;
+/// It sleeps, or is about to.
+const ASLEEP: u32 = 1;
+/// It slept, and will be busy.
+const CALLED: u32 = 2;
+
+/// What one thread sleeps in, and others call it by.
+#[derive(Debug)]
+pub struct Summons {
+    state: Futex,
+}
+
+impl Summons {
+    /// Of a thread that does not sleep.
+    #[cfg(not(loom))]
+    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
+    pub const fn new() -> Self {
+        Self {
+            state: Futex::new(BUSY),
+        }
+    }
+
+    /// Of a thread that does not sleep.
+    #[cfg(loom)]
+    #[expect(clippy::new_without_default, reason = "belongs to one thread")]
+    pub fn new() -> Self {
+        Self {
+            state: Futex::new(BUSY),
+        }
+    }
+
+    /// Calls the thread; says whether it comes: then it sees all that was done before this. One system call, if it does. Async-signal-safe on Linux.
+    pub fn call(&self) -> bool {
+        // Against that of `sleep`: a thread that is told from here not to sleep sees why, though it does not come.
+        fence(Ordering::SeqCst);
+        let called =
+            self.state
+                .word()
+                .compare_exchange(ASLEEP, CALLED, Ordering::AcqRel, Ordering::Acquire);
+        if called.is_ok() {
+            path::expected(Call::Wake, || self.state.wake_one());
+        }
+        called.is_ok()
+    }
+
+    /// Sleeps until it is called, unless `is_wanted` says that there is something to do already. What was done before a [`call`](Self::call) that did not find it asleep is seen by that, or was by the
+    /// work before. By one thread at a time.
+    pub fn sleep(&self, is_wanted: impl FnOnce() -> bool) {
+        self.state.word().store(ASLEEP, Ordering::Release);
+        fence(Ordering::SeqCst);
+        if !is_wanted() {
+            while self.state.word().load(Ordering::Acquire) == ASLEEP {
+                self.state.wait(ASLEEP, Instant::NEVER);
+            }
+        }
+        self.state.word().swap(BUSY, Ordering::AcqRel);
+    }
+}
+
+#[cfg(all(test, loom))]
+mod loom_tests {
+    use super::*;
+    use luna_platform::sync::Arc;
+    use luna_platform::sync::atomic::{AtomicBool, AtomicUsize};
+
+    /// Of two who call, each is seen by the thread, or knows that it is not.
+    #[test]
+    fn who_is_told_that_it_comes_is_seen() {
+        loom::model(|| {
+            let shared = Arc::new((Summons::new(), AtomicUsize::new(0)));
+            let callers: Vec<_> = [1, 2]
+                .into_iter()
+                .map(|work| {
+                    let shared = shared.clone();
+                    loom::thread::spawn(move || {
+                        shared.1.fetch_or(work, Ordering::Relaxed);
+                        if shared.0.call() { work } else { 0 }
+                    })
+                })
+                .collect();
+            // It always wakes: if neither has found it asleep, it has found the work of both.
+            shared.0.sleep(|| shared.1.load(Ordering::Relaxed) == 3);
+            let seen = shared.1.load(Ordering::Relaxed);
+            let promised = callers
+                .into_iter()
+                .fold(0, |all, caller| all | caller.join().unwrap());
+            assert_eq!(seen & promised, promised);
+        });
+    }
+
+    /// The end is told to one that is busy or asleep: it never sleeps through it.
+    #[test]
+    fn it_does_not_sleep_through_what_it_waits_for() {
+        loom::model(|| {
+            let shared = Arc::new((Summons::new(), AtomicBool::new(false)));
+            let other = shared.clone();
+            let ends = loom::thread::spawn(move || {
+                other.1.store(true, Ordering::Relaxed);
+                other.0.call();
+            });
+            while !shared.1.load(Ordering::Relaxed) {
+                shared.0.sleep(|| shared.1.load(Ordering::Relaxed));
+            }
+            ends.join().unwrap();
+        });
+    }
+}

@@ -1,0 +1,334 @@
+//! Those who wait for the ticks of a thread that keeps time for others.
+//!
+//! That thread sleeps until a tick, then calls [`TickList::fire`] for it, and wakes those who were due when no lock is held any more. The nodes lie in the waiting
+//! futures: waiting, firing and cancelling allocate nothing.
+//!
+//! A wait that begins while its tick is being fired is not lost: the list remembers how far it was fired, and both are done under its lock. So either the
+//! wait is listed before, and fired; or it sees that its instant has passed, and does not begin.
+
+use crate::current::{self, Priority, Ready, Renewal, Wakeup};
+use crate::wait_list::{WaitList, WaitNode};
+use luna_platform::clock::Instant;
+use luna_platform::lock::PiLock;
+use luna_platform::sync::atomic::{AtomicBool, Ordering};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// Those who wait for the ticks of one timer: most urgent first, then first come first served.
+///
+/// Its lock is held for O(waiting) at most: by who fires, and by who begins a wait behind others of higher priority.
+///
+/// ```
+/// use luna_platform::clock::Instant;
+/// use luna_core::park;
+/// use luna_core::tick_list::{Due, TickList, Woken};
+///
+/// let list = TickList::new();
+/// let at = Instant::from_nanos(1_000);
+/// assert!(list.fire(at, &mut Due::with_room_for(1)), "nobody waits");
+/// // A wait that comes after its tick does not begin.
+/// assert_eq!(park::block_on(list.wait(at)), Woken::ByTick);
+/// list.close();
+/// let later = Instant::from_nanos(2_000);
+/// assert_eq!(park::block_on(list.wait(later)), Woken::ByEnd);
+/// ```
+#[derive(Debug)]
+pub struct TickList {
+    waiting: PiLock<Waiting>,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    list: WaitList,
+    /// Until here all were fired.
+    fired_until: Instant,
+    /// Nobody fires any more.
+    is_closed: bool,
+}
+
+/// Why a wait ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Woken {
+    /// Its tick has come.
+    ByTick,
+    /// The list was closed: nobody fires it any more, and its instant may lie ahead.
+    ByEnd,
+}
+
+/// Who is due, to be woken when no lock is held.
+#[derive(Debug)]
+pub struct Due {
+    who: Vec<(Priority, usize, Ready)>,
+    /// How many lists have added to it.
+    lists: usize,
+}
+
+impl Due {
+    /// Room for so many at a time: at least one. Allocates.
+    pub fn with_room_for(most: usize) -> Self {
+        Self {
+            who: Vec::with_capacity(most.max(1)),
+            lists: 0,
+        }
+    }
+
+    /// Wakes them in order of priority, those of one priority in the order in which they were added; gives their number. O(n) for one list, else O(n log n).
+    pub fn wake(&mut self) -> usize {
+        if std::mem::take(&mut self.lists) > 1 {
+            // Not the stable one, which allocates.
+            self.who.sort_unstable_by_key(|&(priority, number, _)| {
+                (std::cmp::Reverse(priority), number)
+            });
+        }
+        let number = self.who.len();
+        for (_, _, ready) in self.who.drain(..) {
+            ready.wake_contained();
+        }
+        number
+    }
+}
+
+impl TickList {
+    /// An empty list.
+    #[expect(
+        clippy::new_without_default,
+        reason = "a list belongs to a timer: made on purpose, not by default"
+    )]
+    pub fn new() -> Self {
+        Self {
+            waiting: PiLock::new(Waiting {
+                list: WaitList::new(),
+                fired_until: Instant::from_nanos(0),
+                is_closed: false,
+            }),
+        }
+    }
+
+    /// Takes off all whose instant is `now` or before, and adds them to `due`, most urgent first. `false` if there was not room for all: wake them and call again. O(waiting).
+    pub fn fire(&self, now: Instant, due: &mut Due) -> bool {
+        due.lists += 1;
+        let mut waiting = self.waiting.lock();
+        let mut next = waiting.list.first();
+        while let Some(node) = next {
+            // SAFETY: a node in the list is the first field of a live `Node`, and the list's lock is held.
+            unsafe {
+                next = waiting.list.after(node);
+                if node.cast::<Node>().as_ref().at > now {
+                    continue;
+                }
+                if due.who.len() == due.who.capacity() {
+                    return false;
+                }
+                let ready = waiting.take_off(node).map_or(Ready::NOBODY, Wakeup::take);
+                due.who
+                    .push((node.as_ref().priority(), due.who.len(), ready));
+                node.cast::<Node>().as_ref().leave(Left::Fired);
+            }
+        }
+        waiting.fired_until = waiting.fired_until.max(now);
+        true
+    }
+
+    /// Ends all waits, and each that is begun later: nobody fires any more. Not for the real-time path.
+    pub fn close(&self) {
+        self.waiting.lock().is_closed = true;
+        loop {
+            let mut waiting = self.waiting.lock();
+            let Some(node) = waiting.list.first() else {
+                return;
+            };
+            // SAFETY: as in `fire`.
+            let ready = unsafe {
+                let wakeup = waiting.take_off(node);
+                node.cast::<Node>().as_ref().leave(Left::Closed);
+                wakeup.map_or(Ready::NOBODY, Wakeup::take)
+            };
+            drop(waiting);
+            ready.wake_contained();
+        }
+    }
+
+    /// Waits until the list is fired at `at` or later. To whoever fires it at `at` it is to be known before.
+    ///
+    /// Real-time path: yes; O(those of lower priority that wait), no allocation, no system call but for a contended lock. Cancel-safe: dropping it ends the wait.
+    pub fn wait(&self, at: Instant) -> TickWait<'_> {
+        TickWait {
+            list: self,
+            is_listed: false,
+            node: UnsafeCell::new(Node {
+                node: WaitNode::new(),
+                at,
+                is_fired: AtomicBool::new(false),
+                is_closed: AtomicBool::new(false),
+            }),
+            _pinned: PhantomPinned,
+        }
+    }
+}
+
+impl Waiting {
+    /// Takes `node` off; gives what wakes its owner.
+    ///
+    /// # Safety
+    ///
+    /// It is in the list, whose lock is held.
+    #[must_use = "to be woken or dropped without the lock"]
+    unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Option<Wakeup> {
+        // SAFETY: the contract.
+        unsafe {
+            self.list.remove(node);
+            (*node.as_ptr()).wakeup_mut().take()
+        }
+    }
+}
+
+/// Why a node has left the list.
+enum Left {
+    Fired,
+    Closed,
+}
+
+/// One who waits.
+#[repr(C)]
+struct Node {
+    node: WaitNode,
+    at: Instant,
+    /// It has left the list: from then on it is its owner's alone.
+    is_fired: AtomicBool,
+    /// It left because the list was closed. Written before `is_fired`.
+    is_closed: AtomicBool,
+}
+
+impl Node {
+    /// Tells the owner that it is off the list. It may be gone from here on.
+    fn leave(&self, how: Left) {
+        if let Left::Closed = how {
+            self.is_closed.store(true, Ordering::Relaxed);
+        }
+        self.is_fired.store(true, Ordering::Release);
+    }
+
+    /// Whether it has left, and why. Acquire.
+    fn woken(&self) -> Option<Woken> {
+        self.is_fired.load(Ordering::Acquire).then(|| {
+            match self.is_closed.load(Ordering::Relaxed) {
+                true => Woken::ByEnd,
+                false => Woken::ByTick,
+            }
+        })
+    }
+}
+
+/// Waits for a tick: made by [`TickList::wait`].
+///
+/// # Invariants
+///
+/// `node` is in `list` exactly while `is_listed` and not `is_fired`; then the wait is pinned, and the list's lock guards the node but for its atomics.
+pub struct TickWait<'a> {
+    list: &'a TickList,
+    is_listed: bool,
+    node: UnsafeCell<Node>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a node in a list is touched under the list's lock alone, from whichever thread; its flags are atomic.
+unsafe impl Send for TickWait<'_> {}
+// SAFETY: `&TickWait` gives access to nothing but the flags.
+unsafe impl Sync for TickWait<'_> {}
+
+impl TickWait<'_> {
+    fn node(&self) -> NonNull<WaitNode> {
+        NonNull::new(self.node.get())
+            .expect("a cell's address is never null")
+            .cast()
+    }
+
+    fn woken(&self) -> Option<Woken> {
+        // SAFETY: the flags are atomics, which anybody may read; the other fields are not touched.
+        unsafe { (*self.node.get()).woken() }
+    }
+}
+
+impl Future for TickWait<'_> {
+    type Output = Woken;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Woken> {
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.get_unchecked_mut() };
+        if this.is_listed {
+            if let Some(woken) = this.woken() {
+                this.is_listed = false;
+                return Poll::Ready(woken);
+            }
+            let mut renewal = Renewal::of(cx);
+            let woken = renewal.put(|renewal| {
+                let _waiting = this.list.waiting.lock();
+                let woken = this.woken();
+                if woken.is_none() {
+                    // SAFETY: the lock that guards the node is held, and it is in the list.
+                    renewal.store(unsafe { (*this.node().as_ptr()).wakeup_mut() });
+                }
+                woken
+            });
+            // Fired just now: its wake is under way, and comes for nothing.
+            return woken.map_or(Poll::Pending, |woken| {
+                this.is_listed = false;
+                Poll::Ready(woken)
+            });
+        }
+        if !current::count_operation() {
+            // One of too many operations in a row that did not have to wait: the next poll begins a new count.
+            current::ready_again(cx, current::Place::Last);
+            return Poll::Pending;
+        }
+        let wakeup = Wakeup::of(cx);
+        let mut waiting = this.list.waiting.lock();
+        // SAFETY: the node is in no list, so it is this wait's alone.
+        let at = unsafe { (*this.node.get()).at };
+        if waiting.fired_until >= at || waiting.is_closed {
+            let woken = match waiting.fired_until >= at {
+                true => Woken::ByTick,
+                false => Woken::ByEnd,
+            };
+            return Poll::Ready(woken);
+        }
+        // SAFETY: the node is in no list; it is pinned, and leaves the list before it dies.
+        unsafe {
+            let node = this.node();
+            waiting.list.insert(node, current::priority(), wakeup);
+        }
+        this.is_listed = true;
+        Poll::Pending
+    }
+}
+
+impl Drop for TickWait<'_> {
+    fn drop(&mut self) {
+        if !self.is_listed {
+            return;
+        }
+        let mut waiting = self.list.waiting.lock();
+        if self.woken().is_none() {
+            // SAFETY: the lock is held, and what was listed and has not left is in the list.
+            let former = unsafe { waiting.take_off(self.node()) };
+            drop(waiting);
+            drop(former);
+        }
+    }
+}
+
+impl fmt::Debug for TickWait<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TickWait")
+            .field("is_listed", &self.is_listed)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,331 @@
+//! The deadlines that the processes of one thread wait for.
+//!
+//! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The nodes lie in the waiting
+//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps. A thread that does not look at its queue by itself
+//! is called by it when a deadline is armed that comes before all that the thread provides for ([`Attention`]).
+
+mod heap;
+
+use crate::current::{self, Ready, Renewal, Wakeup};
+use crate::events;
+use heap::{Heap, Node};
+use luna_platform::clock::Instant;
+use luna_platform::lock::PiLock;
+use luna_platform::sync::Arc;
+use luna_platform::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::cell::UnsafeCell;
+use std::fmt;
+use std::future::Future;
+use std::marker::PhantomPinned;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::task::{Context, Poll};
+
+/// The armed deadlines of one thread.
+///
+/// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from there, hence the lock;
+/// it is free in all other cases.
+pub struct TimerQueue {
+    heap: PiLock<Heap>,
+    /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the lock.
+    next: AtomicU64,
+    /// The owner looks in time for deadlines from this one on, as nanoseconds: the owner's thread alone reads and writes it.
+    provided: AtomicU64,
+    attention: Option<std::sync::Arc<dyn Attention>>,
+}
+
+/// The owner of a [`TimerQueue`], as the queue calls it.
+pub trait Attention: Send + Sync {
+    /// The owner is to look at its queue before it polls the next process. Called on its own thread, in the middle of a poll.
+    fn ask_look(&self);
+}
+
+impl TimerQueue {
+    /// An empty queue, whose owner looks at it before each poll.
+    #[expect(
+        clippy::new_without_default,
+        reason = "a queue belongs to a thread: made on purpose, not by default"
+    )]
+    pub fn new() -> Self {
+        Self::provided_from(Instant::from_nanos(0), None)
+    }
+
+    /// An empty queue, whose owner looks at it when it is called: until the owner has [provided](Self::provide) for something, by each deadline.
+    pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
+        Self::provided_from(Instant::NEVER, Some(attention))
+    }
+
+    fn provided_from(deadline: Instant, attention: Option<std::sync::Arc<dyn Attention>>) -> Self {
+        Self {
+            heap: PiLock::new(Heap::new()),
+            next: AtomicU64::new(u64::MAX),
+            provided: AtomicU64::new(deadline.as_nanos()),
+            attention,
+        }
+    }
+
+    /// Says that the owner looks in time for deadlines at `deadline` and later, so that it is called for earlier ones alone. On the owner's thread.
+    pub fn provide(&self, deadline: Instant) {
+        self.provided.store(deadline.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// What the owner provides for; or the deadline that it was called for since, which is earlier. On the owner's thread. O(1), one load.
+    pub fn provided(&self) -> Instant {
+        Instant::from_nanos(self.provided.load(Ordering::Relaxed))
+    }
+
+    /// Has the owner look before its next poll, if it does not before each one. On the owner's thread.
+    pub fn ask_look(&self) {
+        if self.provided().as_nanos() > 0
+            && let Some(attention) = &self.attention
+        {
+            attention.ask_look();
+        }
+    }
+
+    /// A deadline was armed: if it comes before all that the owner provides for, the owner is called.
+    #[inline]
+    fn announce(&self, deadline: Instant) {
+        if deadline < self.provided() {
+            self.provide(deadline);
+            self.ask_look_for_new();
+        }
+    }
+
+    #[cold]
+    fn ask_look_for_new(&self) {
+        if let Some(attention) = &self.attention {
+            attention.ask_look();
+        }
+    }
+
+    /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one load.
+    #[inline]
+    pub fn next_deadline(&self) -> Instant {
+        Instant::from_nanos(self.next.load(Ordering::Relaxed))
+    }
+
+    /// Readies all whose deadline is at `now` or before, in the order of their deadlines. O(k log n) for k of them.
+    pub fn expire(&self, now: Instant) {
+        while self.next_deadline() <= now {
+            let ready = {
+                let mut heap = self.heap.lock();
+                let Some(first) = heap.first() else {
+                    self.next.store(u64::MAX, Ordering::Relaxed);
+                    return;
+                };
+                // SAFETY: a node in the heap is live, and the heap's lock is held.
+                unsafe {
+                    if (*first.as_ptr()).deadline > now {
+                        self.publish_next(&heap);
+                        return;
+                    }
+                    heap.remove(first);
+                    self.publish_next(&heap);
+                    let node = &mut *first.as_ptr();
+                    let ready = node.wakeup.take().map_or(Ready::NOBODY, Wakeup::take);
+                    // The sleep may be gone from here on.
+                    node.fired.store(true, Ordering::Release);
+                    ready
+                }
+            };
+            // The last step of this deadline. A foreign waker that panics here ends the executor, which
+            // is an emergency: a process that nothing wakes would wait without a report.
+            ready.wake();
+        }
+    }
+
+    fn publish_next(&self, heap: &Heap) {
+        // SAFETY: the caller holds the heap's lock, and a node in it is live.
+        let next = heap
+            .first()
+            .map_or(Instant::NEVER, |node| unsafe { node.as_ref() }.deadline);
+        self.next.store(next.as_nanos(), Ordering::Relaxed);
+    }
+}
+
+/// Waits until an instant. Made by [`Sleep::until`].
+///
+/// Real-time path: yes; O(log n) for n sleeps of this thread, no allocation, no system call of its own. Cancel-safe: dropping it
+/// cancels it.
+///
+/// # Panics
+///
+/// When polled for the first time on a thread that runs no process of LUNA: there is no timer queue. Under another runtime
+/// use that runtime's timers.
+///
+/// # Invariants
+///
+/// `node` is in `queue`'s heap exactly while `armed`; then the sleep is pinned, and the heap's lock guards the node but for `fired`.
+pub struct Sleep {
+    deadline: Instant,
+    queue: Option<Arc<TimerQueue>>,
+    armed: bool,
+    node: UnsafeCell<Node>,
+    _pinned: PhantomPinned,
+}
+
+// SAFETY: a node in a heap is touched under the heap's lock alone, from whichever thread; `fired` is atomic.
+unsafe impl Send for Sleep {}
+// SAFETY: `&Sleep` gives access to the deadline only.
+unsafe impl Sync for Sleep {}
+
+impl Sleep {
+    /// Waits until `deadline`; one that has passed is ready at once.
+    pub fn until(deadline: Instant) -> Self {
+        Self {
+            deadline,
+            queue: None,
+            armed: false,
+            node: UnsafeCell::new(Node::new()),
+            _pinned: PhantomPinned,
+        }
+    }
+
+    /// The instant it waits for.
+    pub fn deadline(&self) -> Instant {
+        self.deadline
+    }
+
+    /// Whether its instant has come. O(1), one clock read.
+    pub fn has_come(&self) -> bool {
+        Instant::now() >= self.deadline
+    }
+
+    /// Waits for another instant from now on, as if it were made anew. O(log n).
+    pub fn reset(mut self: Pin<&mut Self>, deadline: Instant) {
+        let _former = self.as_mut().disarm();
+        // SAFETY: nothing is moved, and a disarmed node is in no heap.
+        unsafe { self.get_unchecked_mut() }.deadline = deadline;
+    }
+
+    /// Gives the handle that it was to be woken by, if there is one.
+    #[must_use = "its drop is user code, and the caller's last step"]
+    fn disarm(self: Pin<&mut Self>) -> Option<Wakeup> {
+        // SAFETY: nothing is moved.
+        let this = unsafe { self.get_unchecked_mut() };
+        if !this.armed {
+            return None;
+        }
+        this.armed = false;
+        events::waits_no_more(|| None);
+        let queue = this.queue.as_ref()?;
+        let mut heap = queue.heap.lock();
+        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+        // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if not, it is in it.
+        unsafe {
+            if (*node.as_ptr()).fired.load(Ordering::Relaxed) {
+                return None;
+            }
+            heap.remove(node);
+            queue.publish_next(&heap);
+            (*node.as_ptr()).wakeup.take()
+        }
+    }
+}
+
+impl Future for Sleep {
+    type Output = ();
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.as_mut().get_unchecked_mut() };
+        let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
+        let mut _former = None;
+        if this.armed {
+            // SAFETY: the node is this sleep's; `fired` may be read by anyone.
+            if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
+                this.armed = false;
+                this.deadline = Instant::from_nanos(0);
+                return Poll::Ready(());
+            }
+            match &this.queue {
+                // A deadline belongs to the thread that polls it: another one's may have ended.
+                Some(queue) if current::has_other_timers(queue) => {
+                    _former = self.as_mut().disarm();
+                }
+                Some(queue) => {
+                    let mut renewal = Renewal::of(cx);
+                    renewal.put(|renewal| {
+                        let _heap = queue.heap.lock();
+                        // SAFETY: the lock that guards the node is held.
+                        let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
+                        // One that has just fired is ready at its next poll.
+                        if wakeup.is_some() {
+                            renewal.store(wakeup);
+                        }
+                    });
+                    events::waits_for_other();
+                    return Poll::Pending;
+                }
+                None => return Poll::Pending,
+            }
+        }
+        // SAFETY: nothing is moved out.
+        let this = unsafe { self.as_mut().get_unchecked_mut() };
+        if this.queue.as_ref().is_some_and(current::has_other_timers) {
+            this.queue = None;
+        }
+        if Instant::now() >= this.deadline {
+            if !current::count_operation() {
+                // One of too many operations in a row that did not have to wait: the next poll begins a new count.
+                current::ready_again(cx, current::Place::Last);
+                return Poll::Pending;
+            }
+            return Poll::Ready(());
+        }
+        if this.queue.is_none() {
+            this.queue = Some(current::timers().expect(
+                "a LUNA timer was awaited on a thread that runs no LUNA process: await it inside luna::run, a process of a \
+                 System, or use your runtime's timers",
+            ));
+        }
+        if let Some(queue) = &this.queue {
+            let wakeup = Wakeup::of(cx);
+            let mut heap = queue.heap.lock();
+            // SAFETY: the node is in no heap, so it is this sleep's alone; it is pinned, and leaves the heap before it dies.
+            unsafe {
+                let fields = &mut *node.as_ptr();
+                fields.wakeup = Some(wakeup);
+                fields.fired.store(false, Ordering::Relaxed);
+                heap.insert(node, this.deadline);
+            }
+            this.armed = true;
+            queue.publish_next(&heap);
+            drop(heap);
+            queue.announce(this.deadline);
+        }
+        events::waits_for_other();
+        Poll::Pending
+    }
+}
+
+impl Drop for Sleep {
+    fn drop(&mut self) {
+        // SAFETY: a value that is being dropped does not move any more.
+        drop(unsafe { Pin::new_unchecked(self) }.disarm());
+    }
+}
+
+impl fmt::Debug for TimerQueue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("TimerQueue")
+            .field("next_deadline", &self.next_deadline())
+            .finish_non_exhaustive()
+    }
+}
+
+impl fmt::Debug for Sleep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Sleep")
+            .field("deadline", &self.deadline)
+            .field("armed", &self.armed)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The flag lies here so that the heap knows nothing of atomics.
+type Fired = AtomicBool;
+
+#[cfg(all(test, not(loom)))]
+mod tests;
