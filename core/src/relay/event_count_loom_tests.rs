@@ -4,7 +4,7 @@ use crate::relay::{Leg, Relay};
 use luna_platform::clock::Instant;
 use luna_platform::event_count::EventCount;
 use luna_platform::sync::Arc;
-use luna_platform::sync::atomic::AtomicBool;
+use luna_platform::sync::atomic::{AtomicBool, Ordering};
 
 struct Crew {
     events: EventCount,
