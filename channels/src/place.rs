@@ -5,7 +5,7 @@ use crate::spots::{Nodes, Side, Spots};
 use crate::taped::{Order, Taped};
 use luna_core::current::{Heir, ProcessId, User};
 use luna_core::events;
-use luna_core::home_lock::{BriefGuard, HomeGuard, HomeLock, InsideGuard};
+use luna_core::home_lock::{BriefGuard, BiasedGuard, HomeLock, InsideGuard};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;
@@ -224,13 +224,13 @@ impl Place {
 
     /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
-    pub(crate) fn lock(&self) -> HomeGuard<'_, Lists> {
+    pub(crate) fn lock(&self) -> BiasedGuard<'_, Lists> {
         self.lock.lock()
     }
 
     /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
     #[inline]
-    pub(crate) fn lock_lists(&self) -> HomeGuard<'_, Lists> {
+    pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, Lists> {
         let mut lists = self.lock.lock();
         self.clear_spots(&mut lists);
         lists

@@ -16,7 +16,7 @@
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
 use luna_core::current::{PlainReady, Process, Wakeup};
-use luna_core::home_lock::{HomeGuard, HomeLock, InsideGuard};
+use luna_core::home_lock::{BiasedGuard, HomeLock, InsideGuard};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -53,7 +53,7 @@ pub struct Selection {
     wakeup: UnsafeCell<Option<Wakeup>>,
     /// Held around each claim where `gated` is set, so that who claims several sees all of them open at one instant.
     gate: HomeLock<()>,
-    entered: UnsafeCell<Option<HomeGuard<'static, ()>>>,
+    entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
     /// A model is replayed, and addresses are not the same again.
     #[cfg(loom)]
     number: usize,
@@ -120,7 +120,7 @@ impl Selection {
 
     /// Enters the gate for one step. What it guards beside the state is its owner's affair.
     #[inline]
-    pub(crate) fn gate(&self) -> HomeGuard<'_, ()> {
+    pub(crate) fn gate(&self) -> BiasedGuard<'_, ()> {
         self.gate.lock()
     }
 

@@ -143,7 +143,7 @@ impl Uses {
 
 /// Unlocks when dropped. Stays on the thread that locked.
 #[must_use = "the lock is released when the guard is dropped"]
-pub struct HomeGuard<'a, T> {
+pub struct BiasedGuard<'a, T> {
     lock: &'a HomeLock<T>,
     held: Held<'a>,
     stays_on_its_thread: PhantomData<*const ()>,
@@ -185,7 +185,7 @@ impl<T> HomeLock<T> {
 
     /// Locks, waiting as long as another thread holds it.
     #[inline]
-    pub fn lock(&self) -> HomeGuard<'_, T> {
+    pub fn lock(&self) -> BiasedGuard<'_, T> {
         self.lock_as(current::home_number())
     }
 
@@ -288,7 +288,7 @@ impl<T> HomeLock<T> {
 
     /// Locks on the thread of home `me`, 0 if it is none.
     #[inline(always)]
-    fn lock_as(&self, me: u64) -> HomeGuard<'_, T> {
+    fn lock_as(&self, me: u64) -> BiasedGuard<'_, T> {
         loop {
             // SAFETY: the callers are on the thread of home `me`, or of none.
             if let Some(inside) = unsafe { self.lock_if_favoured(me) } {
@@ -302,8 +302,8 @@ impl<T> HomeLock<T> {
     }
 
     #[inline]
-    fn guard<'a>(&'a self, held: Held<'a>) -> HomeGuard<'a, T> {
-        HomeGuard {
+    fn guard<'a>(&'a self, held: Held<'a>) -> BiasedGuard<'a, T> {
+        BiasedGuard {
             lock: self,
             held,
             stays_on_its_thread: PhantomData,
@@ -367,7 +367,7 @@ impl<T> HomeLock<T> {
     }
 }
 
-impl<T> Drop for HomeGuard<'_, T> {
+impl<T> Drop for BiasedGuard<'_, T> {
     #[inline(always)]
     fn drop(&mut self) {
         match &mut self.held {
@@ -384,7 +384,7 @@ impl<T> Drop for HomeGuard<'_, T> {
 pub struct BriefGuard<'a, T>(Brief<'a, T>);
 
 enum Brief<'a, T> {
-    Locked(HomeGuard<'a, T>),
+    Locked(BiasedGuard<'a, T>),
     /// The home of that number is favoured again afterwards.
     Borrowed {
         lock: &'a HomeLock<T>,
@@ -475,7 +475,7 @@ impl<T: fmt::Debug> fmt::Debug for InsideGuard<'_, T> {
     }
 }
 
-impl<T> Deref for HomeGuard<'_, T> {
+impl<T> Deref for BiasedGuard<'_, T> {
     type Target = T;
     #[inline]
     fn deref(&self) -> &T {
@@ -484,7 +484,7 @@ impl<T> Deref for HomeGuard<'_, T> {
     }
 }
 
-impl<T> DerefMut for HomeGuard<'_, T> {
+impl<T> DerefMut for BiasedGuard<'_, T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut T {
         // SAFETY: as above, and the guard is borrowed exclusively.
@@ -500,7 +500,7 @@ impl<T> fmt::Debug for HomeLock<T> {
     }
 }
 
-impl<T: fmt::Debug> fmt::Debug for HomeGuard<'_, T> {
+impl<T: fmt::Debug> fmt::Debug for BiasedGuard<'_, T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         (**self).fmt(f)
     }

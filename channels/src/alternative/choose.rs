@@ -10,13 +10,13 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use arrayvec::ArrayVec;
 use luna_core::current::{Ready, Wakeup};
-use luna_core::home_lock::HomeGuard;
+use luna_core::home_lock::BiasedGuard;
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 use std::task::Context;
 
 /// The locks of an alternative's places.
-pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, HomeGuard<'a, Lists>), MOST_GUARDS>);
+pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, BiasedGuard<'a, Lists>), MOST_GUARDS>);
 
 impl Locks<'_> {
     /// Locks all places of `open`, each once. O(n) locks.

@@ -10,7 +10,7 @@ use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Heir, Priority, Ready, Wakeup};
 use luna_core::events;
-use luna_core::home_lock::HomeGuard;
+use luna_core::home_lock::BiasedGuard;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::sync::atomic::Ordering;
 use std::collections::VecDeque;
@@ -68,7 +68,7 @@ pub(crate) struct Section<'a, T, L> {
 }
 
 /// A section that holds the lock itself.
-pub(crate) type Locked<'a, T> = Section<'a, T, HomeGuard<'a, Lists>>;
+pub(crate) type Locked<'a, T> = Section<'a, T, BiasedGuard<'a, Lists>>;
 
 impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
     #[inline]
