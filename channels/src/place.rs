@@ -5,7 +5,7 @@ use crate::spots::{Nodes, Side, Spots};
 use crate::taped::{Order, Taped};
 use luna_core::current::{Heir, ProcessId, User};
 use luna_core::events;
-use luna_core::home_lock::{BriefGuard, BiasedGuard, HomeLock, InsideGuard};
+use luna_core::biased_lock::{BriefGuard, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;
@@ -139,7 +139,7 @@ impl LastUser {
 pub struct Place {
     /// On one line with the lock.
     pub(crate) spots: Spots,
-    lock: HomeLock<Lists>,
+    lock: BiasedLock<Lists>,
     pub(crate) identity: Identity,
 }
 
@@ -166,7 +166,7 @@ impl Place {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
             spots: Spots::new(),
-            lock: HomeLock::new(Lists {
+            lock: BiasedLock::new(Lists {
                 on_spots: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
@@ -261,7 +261,7 @@ impl Place {
         }
     }
 
-    /// Locks for the favoured home: see [`HomeLock::lock_if_favoured`].
+    /// Locks for the favoured home: see [`BiasedLock::lock_if_favoured`].
     ///
     /// # Safety
     ///
@@ -272,7 +272,7 @@ impl Place {
         unsafe { self.lock.lock_if_favoured(home) }
     }
 
-    /// Locks for the favoured home, if it does not hold the lock already: see [`HomeLock::lock_if_free`].
+    /// Locks for the favoured home, if it does not hold the lock already: see [`BiasedLock::lock_if_free`].
     ///
     /// # Safety
     ///
@@ -283,7 +283,7 @@ impl Place {
         unsafe { self.lock.lock_if_free(home) }
     }
 
-    /// The guard that was kept: see [`HomeLock::kept`].
+    /// The guard that was kept: see [`BiasedLock::kept`].
     ///
     /// # Safety
     ///
@@ -299,7 +299,7 @@ impl Place {
         self.lock.with_mut(f);
     }
 
-    /// Locks for a look now and then: see [`HomeLock::lock_briefly`].
+    /// Locks for a look now and then: see [`BiasedLock::lock_briefly`].
     pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, Lists> {
         self.lock.lock_briefly()
     }
@@ -319,7 +319,7 @@ mod tests {
             size_of::<crate::core::Channel<u64>>()
         );
         let behind = size_of::<Lists>() - offset_of!(Lists, tickets);
-        assert!(size_of::<HomeLock<Lists>>() - behind <= 64);
-        assert!(offset_of!(Place, lock) + size_of::<HomeLock<Lists>>() - behind <= 128);
+        assert!(size_of::<BiasedLock<Lists>>() - behind <= 64);
+        assert!(offset_of!(Place, lock) + size_of::<BiasedLock<Lists>>() - behind <= 128);
     }
 }

@@ -16,7 +16,7 @@
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
 use luna_core::current::{PlainReady, Process, Wakeup};
-use luna_core::home_lock::{BiasedGuard, HomeLock, InsideGuard};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -52,7 +52,7 @@ pub struct Selection {
     clock: AtomicUsize,
     wakeup: UnsafeCell<Option<Wakeup>>,
     /// Held around each claim where `gated` is set, so that who claims several sees all of them open at one instant.
-    gate: HomeLock<()>,
+    gate: BiasedLock<()>,
     entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
     /// A model is replayed, and addresses are not the same again.
     #[cfg(loom)]
@@ -69,7 +69,7 @@ impl Selection {
             first_late: AtomicU32::new(0),
             clock: AtomicUsize::new(0),
             wakeup: UnsafeCell::new(None),
-            gate: HomeLock::new(()),
+            gate: BiasedLock::new(()),
             entered: UnsafeCell::new(None),
             #[cfg(loom)]
             number: {

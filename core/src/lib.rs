@@ -4,7 +4,7 @@
 //! - [`current`]: the process that this thread polls, how it is woken, and its priority. This is the only
 //!   place that knows how a process becomes ready.
 //! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and deadlines.
-//! - [`home_lock`]: the lock of a channel, biased towards the executor that alone uses it.
+//! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
 //! - [`reclaim`], [`spare`], [`latest_slots`], [`byte_ring`]: memory off the real-time path, and values that
 //!   one thread replaces while others read them.
 //! - [`relay`], [`summons`], [`park`], [`spin`]: how threads take turns, wait and look for each other.
@@ -18,7 +18,7 @@ pub mod byte_ring;
 pub mod current;
 pub mod events;
 mod fetch;
-pub mod home_lock;
+pub mod biased_lock;
 pub mod latest_slots;
 pub mod park;
 pub mod path;

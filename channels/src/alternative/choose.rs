@@ -10,7 +10,7 @@ use crate::place::{Lists, Place};
 use crate::selection::Selection;
 use arrayvec::ArrayVec;
 use luna_core::current::{Ready, Wakeup};
-use luna_core::home_lock::BiasedGuard;
+use luna_core::biased_lock::BiasedGuard;
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 use std::task::Context;

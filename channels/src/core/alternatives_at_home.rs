@@ -11,7 +11,7 @@ use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{PlainReady, Process};
-use luna_core::home_lock::InsideGuard;
+use luna_core::biased_lock::InsideGuard;
 use std::ptr::NonNull;
 
 /// A partner at home.

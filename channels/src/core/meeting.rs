@@ -13,7 +13,7 @@ use super::AtHome;
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::waiter::Waiter;
 use luna_core::current::{self, Process};
-use luna_core::home_lock::InsideGuard;
+use luna_core::biased_lock::InsideGuard;
 use luna_core::wait_list::WaitNode;
 use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;

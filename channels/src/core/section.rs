@@ -10,7 +10,7 @@ use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Heir, Priority, Ready, Wakeup};
 use luna_core::events;
-use luna_core::home_lock::BiasedGuard;
+use luna_core::biased_lock::BiasedGuard;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::sync::atomic::Ordering;
 use std::collections::VecDeque;

@@ -314,7 +314,7 @@ impl Shared {
     }
 
     /// Serves the first who waits, if there are enough permits.
-    fn serve_first(&self, mut lists: luna_core::home_lock::BiasedGuard<'_, Lists>) -> bool {
+    fn serve_first(&self, mut lists: luna_core::biased_lock::BiasedGuard<'_, Lists>) -> bool {
         let Some(node) = lists.senders.first() else {
             return false;
         };

@@ -116,7 +116,7 @@ impl fmt::Debug for Guest {
 mod tests {
     use super::*;
     use crate::current::{LEVELS, Lone, ProcessId, enter_home, with_process};
-    use crate::home_lock::HomeLock;
+    use crate::biased_lock::BiasedLock;
     use std::task::Waker;
 
     fn guest() -> Guest {
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn a_lock_that_favours_one_is_taken_by_another_of_the_same_thread() {
         let (mut one, mut other) = (guest(), guest());
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         one.enter();
         (0..100).for_each(|_| *lock.lock() += 1);
         let was_favouring = lock.is_favouring();

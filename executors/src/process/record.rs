@@ -7,7 +7,7 @@ use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::events;
-use luna_core::home_lock::HomeLock;
+use luna_core::biased_lock::BiasedLock;
 use luna_core::path;
 use luna_core::tape::Taper;
 use luna_core::wait_list::WaitList;
@@ -146,7 +146,7 @@ pub(crate) struct Record {
     fate: AtomicU8,
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
-    pub(super) shown: HomeLock<Shown>,
+    pub(super) shown: BiasedLock<Shown>,
     /// If its polls are timed, be it for the overseer's sake.
     timing: Option<Box<Timing>>,
     /// Who ended before it, while it is listed.
@@ -232,9 +232,9 @@ impl Record {
             fate: AtomicU8::new(0),
             seen: Seen::nothing(),
             shown: if is_home {
-                HomeLock::favouring_this_home(shown)
+                BiasedLock::biased_to_this_executor(shown)
             } else {
-                HomeLock::new(shown)
+                BiasedLock::new(shown)
             },
             timing,
             after: AtomicPtr::new(ptr::null_mut()),

@@ -94,7 +94,7 @@ fn the_model_agrees_with_itself() {
 
 fn run_networks(placement: Placement) {
     // From the first operation on, so that both ways through a channel are gone, and each favour that ends does.
-    luna_core::home_lock::favour_after(1);
+    luna_core::biased_lock::bias_after(1);
     let bench = Bench::new();
     let mut fates = Fates::new();
     let mut tally = Tally::default();

@@ -3,7 +3,7 @@
 #[cfg(not(loom))]
 mod running {
     use crate::current::{self, Home, HomeGuard as Entered};
-    use crate::home_lock::{ALONE, HomeLock};
+    use crate::biased_lock::{ALONE, BiasedLock};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -13,7 +13,7 @@ mod running {
     }
 
     /// Takes the lock until it favours this thread's home. `false`: it favours nobody on this platform.
-    fn earn(lock: &HomeLock<u64>) -> bool {
+    fn earn(lock: &BiasedLock<u64>) -> bool {
         for _ in 0..ALONE {
             *lock.lock() += 1;
         }
@@ -27,7 +27,7 @@ mod running {
     #[test]
     fn a_home_alone_is_favoured_until_another_thread_comes_and_never_again() {
         let _home = enter();
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
         }
@@ -44,7 +44,7 @@ mod running {
     #[test]
     fn who_only_looks_leaves_the_favour() {
         let _home = enter();
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
         }
@@ -57,7 +57,7 @@ mod running {
 
     #[test]
     fn a_plain_thread_and_two_homes_in_turn_are_not_favoured() {
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         for _ in 0..2 * ALONE {
             *lock.lock() += 1;
         }
@@ -75,7 +75,7 @@ mod running {
     #[should_panic(expected = "that it holds already")]
     fn locked_twice_by_its_home_it_says_so() {
         let _home = enter();
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         if !earn(&lock) {
             panic!("that it holds already, it would say");
         }
@@ -88,7 +88,7 @@ mod running {
     #[test]
     fn locked_twice_while_its_favour_ends_it_says_so() {
         let _home = enter();
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
         }
@@ -114,7 +114,7 @@ mod running {
 
     #[test]
     fn two_homes_are_not_forgotten_for_a_plain_thread_in_between() {
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         for _ in 0..2 {
             {
                 let _home = enter();
@@ -149,7 +149,7 @@ mod running {
     #[test]
     fn a_guard_that_is_kept_holds_the_lock_until_it_is_given_again() {
         let _home = enter();
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         if !earn(&lock) {
             return;
         }
@@ -167,10 +167,10 @@ mod running {
     #[test]
     fn a_lock_that_favours_a_home_from_the_start_is_shared_when_another_comes() {
         let _home = enter();
-        if !earn(&HomeLock::new(0)) {
+        if !earn(&BiasedLock::new(0)) {
             return;
         }
-        let lock = HomeLock::new(0);
+        let lock = BiasedLock::new(0);
         let home = current::home_number();
         // SAFETY: this thread is the home, which another lock favoured, and nobody else knows this one.
         unsafe {
@@ -194,13 +194,13 @@ mod running {
 
     #[test]
     fn a_lock_that_is_made_by_a_home_favours_it_and_one_of_a_plain_thread_nobody() {
-        assert!(!HomeLock::favouring_this_home(0).is_favouring());
+        assert!(!BiasedLock::biased_to_this_executor(0).is_favouring());
         let _home = enter();
-        if !earn(&HomeLock::new(0)) {
-            assert!(!HomeLock::favouring_this_home(0).is_favouring());
+        if !earn(&BiasedLock::new(0)) {
+            assert!(!BiasedLock::biased_to_this_executor(0).is_favouring());
             return;
         }
-        let lock = HomeLock::favouring_this_home(0);
+        let lock = BiasedLock::biased_to_this_executor(0);
         assert!(lock.is_favouring());
         *lock.lock() += 1;
         assert!(lock.is_favouring());
@@ -217,7 +217,7 @@ mod running {
     fn who_finds_the_home_inside_waits_and_is_handed_over() {
         for _ in 0..20 {
             let _home = enter();
-            let lock = HomeLock::new(0);
+            let lock = BiasedLock::new(0);
             if !earn(&lock) {
                 return;
             }
@@ -254,7 +254,7 @@ mod running {
     fn nothing_is_lost_while_others_come_and_go() {
         const EACH: u64 = 20_000;
         for _ in 0..20 {
-            let lock = HomeLock::new(0);
+            let lock = BiasedLock::new(0);
             let began = AtomicBool::new(false);
             std::thread::scope(|scope| {
                 scope.spawn(|| {
@@ -286,14 +286,14 @@ mod running {
 
 #[cfg(all(loom, not(shuttle)))]
 mod model {
-    use crate::home_lock::{HomeLock, NOBODY};
+    use crate::biased_lock::{BiasedLock, NOBODY};
     use loom::sync::Arc;
     use luna_platform::sync::atomic::Ordering;
 
     const HOME: u64 = 7;
 
-    fn favouring() -> Arc<HomeLock<u32>> {
-        let lock = HomeLock::new(0);
+    fn favouring() -> Arc<BiasedLock<u32>> {
+        let lock = BiasedLock::new(0);
         lock.favoured.store(HOME, Ordering::SeqCst);
         Arc::new(lock)
     }

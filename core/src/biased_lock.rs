@@ -53,7 +53,7 @@ static USES_ALONE: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::ne
 /// Lets locks favour a home after so many uses: for tests that would else be over before any does.
 #[doc(hidden)]
 #[cfg(not(loom))]
-pub fn favour_after(uses: u8) {
+pub fn bias_after(uses: u8) {
     USES_ALONE.store(uses, Ordering::Relaxed);
 }
 
@@ -79,9 +79,9 @@ const NOBODY: u64 = u64::MAX;
 /// `lock` panics if the thread that calls it holds the lock already.
 ///
 /// ```
-/// use luna_core::home_lock::HomeLock;
+/// use luna_core::biased_lock::BiasedLock;
 ///
-/// let count = HomeLock::new(0);
+/// let count = BiasedLock::new(0);
 /// *count.lock() += 1;
 /// assert_eq!(*count.lock(), 1);
 /// ```
@@ -91,7 +91,7 @@ const NOBODY: u64 = u64::MAX;
 /// `favoured` is changed by who holds `shared` alone: from `NOBODY` to a home by that home's thread, and back by anybody. `value` is accessed by who holds
 /// `shared` while nobody is favoured and `inside` is free after the heavy fence, or by the favoured home's thread while it holds `inside`.
 #[repr(C)]
-pub struct HomeLock<T> {
+pub struct BiasedLock<T> {
     favoured: AtomicU64,
     inside: Inside,
     shared: PiLock<Uses>,
@@ -100,12 +100,12 @@ pub struct HomeLock<T> {
 
 // What it guards begins on the line of its words, and channels count on how much of it is left.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
-const _: () = assert!(std::mem::offset_of!(HomeLock<u64>, value) == 32);
+const _: () = assert!(std::mem::offset_of!(BiasedLock<u64>, value) == 32);
 
 // SAFETY: the lock hands out access to one thread at a time, so sharing it needs no more than that the value may change threads.
-unsafe impl<T: Send> Sync for HomeLock<T> {}
+unsafe impl<T: Send> Sync for BiasedLock<T> {}
 // SAFETY: a lock that is moved is not borrowed, so nobody holds it; it is as `Send` as its value.
-unsafe impl<T: Send> Send for HomeLock<T> {}
+unsafe impl<T: Send> Send for BiasedLock<T> {}
 
 /// Who has used the lock in shared mode lately. Packed, so that the lock's word lies beside `inside`, and leaves more of their line to what the lock guards.
 #[derive(Debug, Clone, Copy)]
@@ -144,7 +144,7 @@ impl Uses {
 /// Unlocks when dropped. Stays on the thread that locked.
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BiasedGuard<'a, T> {
-    lock: &'a HomeLock<T>,
+    lock: &'a BiasedLock<T>,
     held: Held<'a>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
@@ -155,7 +155,7 @@ enum Held<'a> {
     Shared(PiGuard<'a, Uses>),
 }
 
-impl<T> HomeLock<T> {
+impl<T> BiasedLock<T> {
     /// An unlocked lock around `value`, which favours nobody yet.
     pub fn new(value: T) -> Self {
         Self {
@@ -173,7 +173,7 @@ impl<T> HomeLock<T> {
     /// An unlocked lock around `value`, which favours the home that the calling thread is from the start, if it is one: of a thing that
     /// will be used there, and seldom elsewhere.
     #[inline]
-    pub fn favouring_this_home(value: T) -> Self {
+    pub fn biased_to_this_executor(value: T) -> Self {
         let lock = Self::new(value);
         let home = current::home_number();
         if home != 0 && fence::is_available() {
@@ -379,7 +379,7 @@ impl<T> Drop for BiasedGuard<'_, T> {
     }
 }
 
-/// The guard of a look: see [`HomeLock::lock_briefly`].
+/// The guard of a look: see [`BiasedLock::lock_briefly`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BriefGuard<'a, T>(Brief<'a, T>);
 
@@ -387,7 +387,7 @@ enum Brief<'a, T> {
     Locked(BiasedGuard<'a, T>),
     /// The home of that number is favoured again afterwards.
     Borrowed {
-        lock: &'a HomeLock<T>,
+        lock: &'a BiasedLock<T>,
         _uses: PiGuard<'a, Uses>,
         home: u64,
     },
@@ -429,16 +429,16 @@ impl<T: fmt::Debug> fmt::Debug for BriefGuard<'_, T> {
     }
 }
 
-/// The guard of the favoured home: see [`HomeLock::lock_if_favoured`].
+/// The guard of the favoured home: see [`BiasedLock::lock_if_favoured`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
-    lock: &'a HomeLock<T>,
+    lock: &'a BiasedLock<T>,
     home: u64,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
 impl<T> InsideGuard<'_, T> {
-    /// Keeps the lock: [`HomeLock::kept`] gives the guard again.
+    /// Keeps the lock: [`BiasedLock::kept`] gives the guard again.
     #[inline(always)]
     pub fn keep(self) {
         std::mem::forget(self);
@@ -492,9 +492,9 @@ impl<T> DerefMut for BiasedGuard<'_, T> {
     }
 }
 
-impl<T> fmt::Debug for HomeLock<T> {
+impl<T> fmt::Debug for BiasedLock<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("HomeLock")
+        f.debug_struct("BiasedLock")
             .field("is_favouring", &self.is_favouring())
             .finish_non_exhaustive()
     }
