@@ -105,7 +105,7 @@ impl Selection {
     ///
     /// As for `open`; and the selection was never opened, nobody else knows it, this thread is the home of `process`, and a place's lock favours it.
     #[inline]
-    pub(crate) unsafe fn open_at_home(&self, process: &Process) {
+    pub(crate) unsafe fn open_fast(&self, process: &Process) {
         // SAFETY: the contract.
         unsafe { self.gate.favour_from_the_start(process.home_number()) };
         self.gated.store(true, Ordering::Relaxed);

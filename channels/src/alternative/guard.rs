@@ -153,13 +153,13 @@ pub trait RawGuard {
     }
 
     /// Locks the guard's place if that favours this home, and says whether the guard can happen. Unless the answer is [`No`](Look::No), the lock is kept until
-    /// [`leave_home`](Self::leave_home), [`take_at_home`](Self::take_at_home) or [`list_at_home`](Self::list_at_home). For the ways that nearly all
+    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or [`list_fast`](Self::list_fast). For the ways that nearly all
     /// guards are: a guard need not know this way.
     ///
     /// # Safety
     ///
     /// As for `attempt`; and this thread is the home of that number.
-    unsafe fn look_at_home(self: Pin<&mut Self>, _home: u64) -> Look {
+    unsafe fn look_fast(self: Pin<&mut Self>, _home: u64) -> Look {
         Look::No
     }
 
@@ -175,7 +175,7 @@ pub trait RawGuard {
     /// # Safety
     ///
     /// The look has kept the lock, and said that the guard is ready. `process` has its plain turn.
-    unsafe fn take_at_home(self: Pin<&mut Self>, _process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, _process: &Process) -> Option<PlainReady> {
         None
     }
 
@@ -184,7 +184,7 @@ pub trait RawGuard {
     /// # Safety
     ///
     /// The look has kept the lock, and said that the guard is not ready. `process` has its plain turn. `selection` outlives the guard's being listed.
-    unsafe fn list_at_home(
+    unsafe fn list_fast(
         self: Pin<&mut Self>,
         _process: &Process,
         _selection: NonNull<Selection>,
@@ -197,7 +197,7 @@ pub trait RawGuard {
     /// # Safety
     ///
     /// As for `withdraw`; and this thread is the home of that number.
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _home: u64) {
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, _home: u64) {
         // SAFETY: the contract.
         unsafe { self.withdraw() };
     }

@@ -115,7 +115,7 @@ pub trait Guards {
     /// # Safety
     ///
     /// All guards are new, and this thread is the home that `looks` says.
-    unsafe fn look_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
+    unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
 
     /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Puts whom to
     /// ready into `ready`.
@@ -137,7 +137,7 @@ pub trait Guards {
     /// # Safety
     ///
     /// The looks have kept the locks, and said of none that it is ready. `process` has its plain turn. `selection` outlives the guards' being listed.
-    unsafe fn list_at_home(
+    unsafe fn list_fast(
         self: Pin<&mut Self>,
         number: u32,
         process: &Process,
@@ -149,7 +149,7 @@ pub trait Guards {
     /// # Safety
     ///
     /// The guards were listed, this thread is the home that `looks` says, and `looks` says which was chosen.
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
 
     /// What guard `index` gives, or `skip` if that many it has.
     ///
@@ -260,7 +260,7 @@ impl Guards for Nil {
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
 
     #[inline]
-    unsafe fn look_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
+    unsafe fn look_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
         true
     }
 
@@ -276,10 +276,10 @@ impl Guards for Nil {
     }
 
     #[inline]
-    unsafe fn list_at_home(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
 
     #[inline]
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
 
     unsafe fn output(self: Pin<&mut Self>, _: u32) -> Never {
         unreachable!("an alternative has chosen a guard that it does not have")
@@ -295,7 +295,7 @@ impl Guards for Skip {
     fn collect<'a>(self: Pin<&'a mut Self>, _: bool, _: u32, _: &mut Collected<'a>) {}
 
     #[inline]
-    unsafe fn look_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
+    unsafe fn look_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) -> bool {
         true
     }
 
@@ -311,10 +311,10 @@ impl Guards for Skip {
     }
 
     #[inline]
-    unsafe fn list_at_home(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
 
     #[inline]
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
 
     unsafe fn output(self: Pin<&mut Self>, _: u32) {}
 }
@@ -357,12 +357,12 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     }
 
     #[inline]
-    unsafe fn look_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool {
+    unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool {
         let (mut first, rest) = self.parts();
         if let Some(mut guard) = first.as_mut().as_pin_mut() {
             if guard.is_open() {
                 // SAFETY: the contract.
-                let look = unsafe { guard.as_mut().look_at_home(looks.home) };
+                let look = unsafe { guard.as_mut().look_fast(looks.home) };
                 if look == Look::No {
                     return false;
                 }
@@ -374,7 +374,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
             }
         }
         // SAFETY: the contract.
-        unsafe { rest.look_at_home(number + 1, looks) }
+        unsafe { rest.look_fast(number + 1, looks) }
     }
 
     #[inline]
@@ -394,7 +394,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
         unsafe {
             if let Some(first) = first.as_pin_mut() {
                 if number == chosen {
-                    *ready = first.take_at_home(process);
+                    *ready = first.take_fast(process);
                 } else {
                     first.leave_home(process.home_number());
                 }
@@ -404,7 +404,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
     }
 
     #[inline]
-    unsafe fn list_at_home(
+    unsafe fn list_fast(
         self: Pin<&mut Self>,
         number: u32,
         process: &Process,
@@ -414,14 +414,14 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
         // SAFETY: the contract.
         unsafe {
             if let Some(first) = first.as_pin_mut() {
-                first.list_at_home(process, selection, number);
+                first.list_fast(process, selection, number);
             }
-            rest.list_at_home(number + 1, process, selection);
+            rest.list_fast(number + 1, process, selection);
         }
     }
 
     #[inline]
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, number: u32, looks: &mut Looks) {
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) {
         let (first, rest) = self.parts();
         // SAFETY: the contract.
         unsafe {
@@ -430,11 +430,11 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
                 if is_chosen {
                     looks.is_over = first.is_over();
                 } else {
-                    first.as_mut().withdraw_at_home(looks.home);
+                    first.as_mut().withdraw_fast(looks.home);
                 }
                 looks.note_listed(is_chosen, first.stamp());
             }
-            rest.withdraw_at_home(number + 1, looks);
+            rest.withdraw_fast(number + 1, looks);
         }
     }
 

@@ -93,7 +93,7 @@ impl<S: Seeds> Future for Select<S> {
         self.as_mut().grow();
         if matches!(self.state, State::New | State::Listed)
             && let Some(process) = current::plain_turn(cx)
-            && let Some(polled) = self.as_mut().poll_at_home(process, cx)
+            && let Some(polled) = self.as_mut().poll_fast(process, cx)
         {
             return polled;
         }
@@ -122,7 +122,7 @@ impl<S: Seeds> Select<S> {
     /// It is decided as in [`choose`]: under the locks of all places whose guards are looked at. They are not taken in an order, and need not be. Who
     /// wants a lock that this thread is inside waits until it is left, and this thread waits for nobody in between.
     #[inline]
-    fn poll_at_home(
+    fn poll_fast(
         self: Pin<&mut Self>,
         process: &Process,
         cx: &Context<'_>,
@@ -137,7 +137,7 @@ impl<S: Seeds> Select<S> {
             let mut looks = Looks::new(home, this.fair, number);
             // SAFETY: the guards were listed, and this is the thread of the process' home. The chosen one is not withdrawn.
             unsafe {
-                guards.as_mut().withdraw_at_home(0, &mut looks);
+                guards.as_mut().withdraw_fast(0, &mut looks);
                 looks.stamp();
             }
             this.state = State::Chosen(number);
@@ -153,7 +153,7 @@ impl<S: Seeds> Select<S> {
         // SAFETY: the guards are new, and this is the thread of the process' home. Nothing between the looks and the leaving can panic or
         // calls anybody.
         unsafe {
-            let is_all = guards.as_mut().look_at_home(0, &mut looks);
+            let is_all = guards.as_mut().look_fast(0, &mut looks);
             let mut ready = None;
             if !is_all || looks.end == 0 {
                 guards.leave_home(0, looks.end, Looks::NONE, process, &mut ready);
@@ -169,10 +169,10 @@ impl<S: Seeds> Select<S> {
                 chosen.min(S::Guards::LEN as u32)
             } else {
                 // Before anybody finds a node that leads to it.
-                this.selection.open_at_home(process);
+                this.selection.open_fast(process);
                 guards
                     .as_mut()
-                    .list_at_home(0, process, NonNull::from(&this.selection));
+                    .list_fast(0, process, NonNull::from(&this.selection));
                 this.state = State::Listed;
                 this.polled_by = identity(cx);
                 events::waits_for_several();

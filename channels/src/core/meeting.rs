@@ -1,4 +1,4 @@
-//! How two processes of one executor meet: the part of [`at_home`](super::at_home) that does not depend on what is communicated.
+//! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does not depend on what is communicated.
 //!
 //! The channels of all types share one copy of it. A system has processes of many kinds, and its channels many types: with a copy for each, the code of a cycle is longer than the first
 //! cache of a processor, and a loop that sleeps between its cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
@@ -9,7 +9,7 @@
 //!             '--> a partner, the lock is kept --> the value is moved --> part_from_receiver, part_from_sender: settled, the lock is free, ready
 //! ```
 
-use super::AtHome;
+use super::FastPath;
 use crate::place::{LastUser, Lists, Place, user_number};
 use crate::waiter::Waiter;
 use luna_core::current::{self, Process};
@@ -153,7 +153,7 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
 pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
     place: &Place,
     receiver: NonNull<WaitNode>,
-) -> AtHome {
+) -> FastPath {
     // SAFETY: the contract: the partner was found by its plain wakeup, and under the lock nobody has taken that.
     unsafe {
         let process = current::this_process();
@@ -169,7 +169,7 @@ pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
         Waiter::settle_plain(receiver.cast::<Waiter<()>>());
         drop(lists);
         ready.wake();
-        AtHome::done(process)
+        FastPath::done(process)
     }
 }
 
@@ -182,7 +182,7 @@ pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
 pub(super) unsafe fn part_from_sender<const RECORDED: bool>(
     place: &Place,
     sender: NonNull<WaitNode>,
-) -> AtHome {
+) -> FastPath {
     // SAFETY: as above.
     unsafe {
         let process = current::this_process();
@@ -198,6 +198,6 @@ pub(super) unsafe fn part_from_sender<const RECORDED: bool>(
         Waiter::settle_plain(sender.cast::<Waiter<()>>());
         drop(lists);
         ready.wake();
-        AtHome::done(process)
+        FastPath::done(process)
     }
 }

@@ -15,13 +15,13 @@
 //! A partner that finds an alternative's node claims its [`Selection`](crate::selection::Selection) first. One whose alternative has chosen
 //! another guard is taken off the list and passed over: each such node costs one step, once.
 
-mod alternatives_at_home;
-mod at_home;
+mod fast_alternatives;
+mod fast_path;
 mod meeting;
 mod on_spots;
 mod section;
 
-pub(crate) use at_home::AtHome;
+pub(crate) use fast_path::FastPath;
 pub(crate) use on_spots::OnSpots;
 pub(crate) use section::{Locked, Received, Section, Sent};
 

@@ -84,7 +84,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     #[inline]
-    unsafe fn look_at_home(self: Pin<&mut Self>, home: u64) -> Look {
+    unsafe fn look_fast(self: Pin<&mut Self>, home: u64) -> Look {
         if M::HOLDS || M::INHERITS {
             return Look::No;
         }
@@ -99,7 +99,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     #[inline]
-    unsafe fn take_at_home(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: the contract: a new receive's node holds no value, and is known to its future alone.
@@ -109,7 +109,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     #[inline]
-    unsafe fn list_at_home(
+    unsafe fn list_fast(
         self: Pin<&mut Self>,
         process: &Process,
         selection: NonNull<Selection>,
@@ -125,7 +125,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     #[inline]
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, home: u64) {
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, home: u64) {
         if self.phase == Phase::Listed {
             let channel = self.receiver.channel();
             // SAFETY: the node was listed on the receivers' side.

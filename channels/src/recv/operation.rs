@@ -1,7 +1,7 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{AtHome, Ending, OnSpots, Received, Taken};
+use crate::core::{FastPath, Ending, OnSpots, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
@@ -271,10 +271,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     #[inline(never)]
     fn poll_away(
         &mut self,
-        at_home: AtHome,
+        fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<M::Received<'a, T>, RecvError>> {
-        if at_home == AtHome::GaveWay {
+        if fast_path == FastPath::GaveWay {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -494,18 +494,18 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
         if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
             let channel = this.receiver.channel();
             // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
-            let at_home = unsafe { channel.recv_at_home(this.node(), cx) };
+            let fast_path = unsafe { channel.recv_fast(this.node(), cx) };
             // As for a send: the two usual ways alone.
-            if at_home == AtHome::Waits {
+            if fast_path == FastPath::Waits {
                 this.phase = Phase::Listed;
                 return Poll::Pending;
             }
-            if at_home == AtHome::Done {
+            if fast_path == FastPath::Done {
                 this.phase = Phase::Settled(Outcome::Done);
                 return Poll::Ready(this.settled(Outcome::Done));
             }
             cold_path();
-            return this.poll_away(at_home, cx);
+            return this.poll_away(fast_path, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             return Poll::Ready(this.settled(Outcome::Done));

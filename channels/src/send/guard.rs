@@ -91,7 +91,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     #[inline]
-    unsafe fn look_at_home(self: Pin<&mut Self>, home: u64) -> Look {
+    unsafe fn look_fast(self: Pin<&mut Self>, home: u64) -> Look {
         if S::MAKE.is_some() {
             return Look::No;
         }
@@ -106,7 +106,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     #[inline]
-    unsafe fn take_at_home(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: the contract: a new send's node holds its value, since none is made, and is known to its future alone.
@@ -116,7 +116,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     #[inline]
-    unsafe fn list_at_home(
+    unsafe fn list_fast(
         self: Pin<&mut Self>,
         process: &Process,
         selection: NonNull<Selection>,
@@ -131,7 +131,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     #[inline]
-    unsafe fn withdraw_at_home(self: Pin<&mut Self>, home: u64) {
+    unsafe fn withdraw_fast(self: Pin<&mut Self>, home: u64) {
         if self.phase == Phase::Listed {
             let channel = self.sender.channel();
             // SAFETY: the node was listed on the senders' side.

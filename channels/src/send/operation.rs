@@ -1,7 +1,7 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{AtHome, Ending, OnSpots, Sent};
+use crate::core::{FastPath, Ending, OnSpots, Sent};
 use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
@@ -328,10 +328,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline(never)]
     fn poll_away(
         &mut self,
-        at_home: AtHome,
+        fast_path: FastPath,
         cx: &mut Context<'_>,
     ) -> Poll<Result<(), SendError<S::Unsent>>> {
-        if at_home == AtHome::GaveWay {
+        if fast_path == FastPath::GaveWay {
             self.phase = Phase::GaveWay;
             return Poll::Pending;
         }
@@ -518,18 +518,18 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
         if this.phase == Phase::New && this.offered().source.is_open() {
             let channel = this.sender.channel();
             // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
-            let at_home = unsafe { channel.send_at_home(this.place_of_offer(), cx) };
+            let fast_path = unsafe { channel.send_fast(this.place_of_offer(), cx) };
             // The two usual ways alone: with more the compiler jumps by a table, which a processor that has done something else meanwhile cannot foresee.
-            if at_home == AtHome::Done {
+            if fast_path == FastPath::Done {
                 this.phase = Phase::Over;
                 return Poll::Ready(Ok(()));
             }
-            if at_home == AtHome::Waits {
+            if fast_path == FastPath::Waits {
                 this.phase = Phase::Listed;
                 return Poll::Pending;
             }
             cold_path();
-            return this.poll_away(at_home, cx);
+            return this.poll_away(fast_path, cx);
         } else if this.phase == Phase::Listed && this.outcome() == Outcome::Done {
             this.waits_no_more();
             this.phase = Phase::Over;

@@ -111,22 +111,22 @@ fn run(server: Server) {
 }
 
 #[test]
-fn a_thread_comes_to_a_fair_alternative_at_home() {
+fn a_thread_comes_to_a_fair_alternative_on_the_fast_path() {
     run(Server::Fair);
 }
 
 #[test]
-fn a_thread_comes_to_a_prioritized_alternative_at_home() {
+fn a_thread_comes_to_a_prioritized_alternative_on_the_fast_path() {
     run(Server::Prioritized);
 }
 
 #[test]
-fn a_thread_comes_to_a_registered_alternative_at_home() {
+fn a_thread_comes_to_a_registered_alternative_on_the_fast_path() {
     run(Server::Registered);
 }
 
 #[test]
-fn a_thread_comes_to_an_alternative_that_offers_at_home() {
+fn a_thread_comes_to_an_alternative_that_offers_on_the_fast_path() {
     for _ in 0..ROUNDS {
         let executor = Executor::start(Attributes::new("home")).unwrap();
         let (left, from_left) = channel::<u64>();

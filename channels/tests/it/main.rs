@@ -7,7 +7,7 @@ mod common;
 
 mod alternatives;
 mod alternatives_anywhere;
-mod alternatives_at_home;
+mod fast_alternatives;
 mod alternatives_stress;
 mod auto_traits;
 mod barrier;

@@ -49,7 +49,7 @@ impl<T> Alternative<'_, T> {
     #[inline]
     fn poll_recv(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         if let Some(process) = current::unrecorded_turn(cx)
-            && let Some(polled) = self.poll_at_home::<false>(process, cx)
+            && let Some(polled) = self.poll_fast::<false>(process, cx)
         {
             return polled;
         }
@@ -63,11 +63,11 @@ impl<T> Alternative<'_, T> {
     #[cold]
     #[inline(never)]
     fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
-        let at_home = match current::plain_turn(cx) {
-            Some(process) => self.poll_at_home::<true>(process, cx),
+        let fast_path = match current::plain_turn(cx) {
+            Some(process) => self.poll_fast::<true>(process, cx),
             None => None,
         };
-        let polled = at_home.unwrap_or_else(|| self.poll_generally(cx));
+        let polled = fast_path.unwrap_or_else(|| self.poll_generally(cx));
         match &polled {
             Poll::Ready((index, _)) => self.tell(*index),
             Poll::Pending => events::waits_for_several(),

@@ -1,10 +1,10 @@
-//! What an alternative and its partners do at home: the steps of [`at_home`](super::at_home), where an alternative is on one side.
+//! What an alternative and its partners do at home: the steps of [`fast_path`](super::fast_path), where an alternative is on one side.
 //!
 //! An alternative takes the locks of all its places here too, by plain stores, and holds them until it has chosen or is listed everywhere: what is said of
 //! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
 
-use super::at_home::{give_to_first, take_from_first};
-use super::{AtHome, Channel};
+use super::fast_path::{give_to_first, take_from_first};
+use super::{FastPath, Channel};
 use crate::alternative::{Entry, Look};
 use crate::place::{LastUser, Lists, user_number};
 use crate::selection::Selection;
@@ -20,26 +20,26 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain but for one
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain but for one
     /// registered alternative.
     pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         offered: NonNull<Offered<T, S>>,
         process: &Process,
-    ) -> AtHome {
+    ) -> FastPath {
         if !lists.receivers.is_empty() || !lists.senders.is_empty() {
-            return AtHome::No;
+            return FastPath::No;
         }
         let Some(node) = lists.registered.first() else {
-            return AtHome::No;
+            return FastPath::No;
         };
         let entry = node.cast::<Entry<T>>();
         let receiver = node.cast::<Waiter<T>>();
         // SAFETY: a registered node is that of a live entry, which the lock guards.
         let claimed = unsafe { Entry::claim_or_announce(entry, process.home_number()) };
         match claimed {
-            None => AtHome::No,
+            None => FastPath::No,
             // SAFETY: the contract; the entry was just claimed, and holds no value before it is done.
             Some(Some(ready)) => unsafe {
                 lists.sender = LastUser::process(process.id());
@@ -61,28 +61,28 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_at_home`](Self::send_at_home), where `process` has its plain turn. The lists are this channel's, and plain.
+    /// As for [`send_fast`](Self::send_fast), where `process` has its plain turn. The lists are this channel's, and plain.
     #[inline(never)]
     pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         offered: NonNull<Offered<T, S>>,
         process: &Process,
-    ) -> AtHome {
+    ) -> FastPath {
         while let Some(first) = lists.receivers.first() {
             let receiver = first.cast::<Waiter<T>>();
             // SAFETY: the node is listed, and guarded by the lock; its selection is live. A receiver holds no value before it is done.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(receiver) else {
-                    return AtHome::No;
+                    return FastPath::No;
                 };
                 let selection = selection.as_ref();
                 if selection.is_open() {
                     let Some(gate) = selection.gate_if_favoured(process.home_number()) else {
-                        return AtHome::No;
+                        return FastPath::No;
                     };
                     let Some(ready) = selection.claim_plainly(guard) else {
-                        return AtHome::No;
+                        return FastPath::No;
                     };
                     drop(gate);
                     lists.sender = LastUser::process(process.id());
@@ -102,7 +102,7 @@ impl<T> Channel<T> {
             }
         }
         if !lists.senders.is_empty() {
-            return AtHome::No;
+            return FastPath::No;
         }
         // SAFETY: the contract; nobody is listed.
         unsafe { wait_as_sender(&mut lists, offered, process) }
@@ -112,29 +112,29 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
+    /// As for [`recv_fast`](Self::recv_fast), where `process` has its plain turn. The lists are this channel's, and plain, and nothing is stored.
     #[inline(never)]
     pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
         &self,
         mut lists: InsideGuard<'_, Lists>,
         node: NonNull<Waiter<T>>,
         process: &Process,
-    ) -> AtHome {
+    ) -> FastPath {
         while let Some(first) = lists.senders.first() {
             let sender = first.cast::<Waiter<T>>();
             // SAFETY: the node is listed, and guarded by the lock; its selection is live. One that was opened plainly is that of guards at home
             // alone, which hold their values.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(sender) else {
-                    return AtHome::No;
+                    return FastPath::No;
                 };
                 let selection = selection.as_ref();
                 if selection.is_open() {
                     let Some(gate) = selection.gate_if_favoured(process.home_number()) else {
-                        return AtHome::No;
+                        return FastPath::No;
                     };
                     let Some(ready) = selection.claim_plainly(guard) else {
-                        return AtHome::No;
+                        return FastPath::No;
                     };
                     drop(gate);
                     lists.receiver = LastUser::process(process.id());
@@ -153,7 +153,7 @@ impl<T> Channel<T> {
             }
         }
         if !lists.receivers.is_empty() {
-            return AtHome::No;
+            return FastPath::No;
         }
         lists.receiver = LastUser::process(process.id());
         // SAFETY: the contract; nobody is listed.
@@ -161,7 +161,7 @@ impl<T> Channel<T> {
             Waiter::begin_plain(node, process);
             lists.receivers.insert_alone(node.cast());
         }
-        AtHome::Waits
+        FastPath::Waits
     }
 }
 
@@ -377,13 +377,13 @@ unsafe fn look_at<T>(
 ///
 /// # Safety
 ///
-/// As for [`send_at_home`](Channel::send_at_home); and nobody is listed on either side.
+/// As for [`send_fast`](Channel::send_fast); and nobody is listed on either side.
 #[inline(always)]
 unsafe fn wait_as_sender<T, S: Source<T>>(
     lists: &mut Lists,
     offered: NonNull<Offered<T, S>>,
     process: &Process,
-) -> AtHome {
+) -> FastPath {
     lists.sender = LastUser::process(process.id());
     let node = offered.cast::<Waiter<T>>();
     // SAFETY: the contract.
@@ -391,7 +391,7 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
         Waiter::begin_plain(node, process);
         lists.senders.insert_alone(node.cast());
     }
-    AtHome::Waits
+    FastPath::Waits
 }
 
 /// Wakes the partner, and lets others run before `process` if they are to.
@@ -400,11 +400,11 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 ///
 /// The wakeup was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
-unsafe fn go_on(ready: PlainReady, process: &Process) -> AtHome {
+unsafe fn go_on(ready: PlainReady, process: &Process) -> FastPath {
     // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
     // plain turn.
     unsafe {
         ready.wake();
-        AtHome::done(process)
+        FastPath::done(process)
     }
 }

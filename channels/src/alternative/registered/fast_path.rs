@@ -11,7 +11,7 @@ use std::task::{Context, Poll};
 impl<T> Alternative<'_, T> {
     /// Polls in the plain turn of `process`. `None`: the general way is to be gone.
     #[inline]
-    pub(super) fn poll_at_home<const RECORDED: bool>(
+    pub(super) fn poll_fast<const RECORDED: bool>(
         &mut self,
         process: &Process,
         cx: &Context<'_>,
@@ -34,7 +34,7 @@ impl<T> Alternative<'_, T> {
             self.note_ready(taken);
         }
         let Some(index) = self.ready.first() else {
-            return self.wait_at_home(process, cx);
+            return self.wait_fast(process, cx);
         };
         let entry = self.entries[index]?.as_ptr();
         // SAFETY: the entry is this alternative's, and its channel is borrowed for longer than this alternative lives.
@@ -65,7 +65,7 @@ impl<T> Alternative<'_, T> {
     }
 
     /// Starts to wait, if nothing has become ready meanwhile.
-    fn wait_at_home(
+    fn wait_fast(
         &mut self,
         process: &Process,
         cx: &Context<'_>,

@@ -22,7 +22,7 @@ use std::task::Context;
 
 /// What an operation at home came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum AtHome {
+pub(crate) enum FastPath {
     /// The general way is to be gone: nothing has changed.
     No,
     /// The node is listed.
@@ -33,16 +33,16 @@ pub(crate) enum AtHome {
     GaveWay,
 }
 
-impl AtHome {
+impl FastPath {
     /// # Safety
     ///
     /// As for [`current::gives_way`].
     #[inline(always)]
-    pub(super) unsafe fn done(process: &Process) -> AtHome {
+    pub(super) unsafe fn done(process: &Process) -> FastPath {
         // SAFETY: the contract is the same.
         match unsafe { current::gives_way(process) } {
-            true => AtHome::GaveWay,
-            false => AtHome::Done,
+            true => FastPath::GaveWay,
+            false => FastPath::Done,
         }
     }
 }
@@ -110,13 +110,13 @@ impl<T> Channel<T> {
     ///
     /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
     #[inline(always)]
-    pub(crate) unsafe fn send_at_home<S: Source<T>>(
+    pub(crate) unsafe fn send_fast<S: Source<T>>(
         &self,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         if S::MAKE.is_some() {
-            return AtHome::No;
+            return FastPath::No;
         }
         // SAFETY: the contract.
         unsafe { self.send_in_turn::<S, false>(offered, cx) }
@@ -124,13 +124,13 @@ impl<T> Channel<T> {
 
     /// # Safety
     ///
-    /// As for [`send_at_home`](Self::send_at_home).
+    /// As for [`send_fast`](Self::send_fast).
     #[inline(always)]
     unsafe fn send_in_turn<S: Source<T>, const RECORDED: bool>(
         &self,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         // SAFETY: the contract. A receiver that is found holds no value, and its node is accessible while the lock is held.
         unsafe {
             match come_to_send::<RECORDED>(&self.place, offered.cast(), cx) {
@@ -139,14 +139,14 @@ impl<T> Channel<T> {
                     Waiter::put_value_of(receiver.cast::<Waiter<T>>(), value);
                     part_from_receiver::<RECORDED>(&self.place, receiver)
                 }
-                Found::Nobody => AtHome::Waits,
-                Found::Buffer => self.store_at_home::<RECORDED>(offered.cast()),
+                Found::Nobody => FastPath::Waits,
+                Found::Buffer => self.store_fast::<RECORDED>(offered.cast()),
                 found => self.send_otherwise::<S, RECORDED>(found, offered, cx),
             }
         }
     }
 
-    /// As [`send_at_home`](Self::send_at_home), for a process that is recorded. What it waits for is noted.
+    /// As [`send_fast`](Self::send_fast), for a process that is recorded. What it waits for is noted.
     ///
     /// # Safety
     ///
@@ -156,10 +156,10 @@ impl<T> Channel<T> {
         &self,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         // SAFETY: the contract.
         let came_to = unsafe { self.send_in_turn::<S, true>(offered, cx) };
-        if came_to == AtHome::Waits {
+        if came_to == FastPath::Waits {
             self.place.waits();
         }
         came_to
@@ -169,19 +169,19 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`send_at_home`](Self::send_at_home); `found` is what the sender has found.
+    /// As for [`send_fast`](Self::send_fast); `found` is what the sender has found.
     #[inline(never)]
     unsafe fn send_otherwise<S: Source<T>, const RECORDED: bool>(
         &self,
         found: Found,
         offered: NonNull<Offered<T, S>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
                 // SAFETY: the contract: nothing has changed.
                 true => unsafe { self.send_recorded(offered, cx) },
-                false => AtHome::No,
+                false => FastPath::No,
             };
         }
         // SAFETY: the contract: this is a process' turn, and it has the lock.
@@ -193,7 +193,7 @@ impl<T> Channel<T> {
                 (true, _) if lists.is_rendezvous => {
                     self.send_to_guard::<S, RECORDED>(lists, offered, process)
                 }
-                _ => AtHome::No,
+                _ => FastPath::No,
             }
         }
     }
@@ -202,9 +202,9 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` holds a value; as for [`send_at_home`](Self::send_at_home).
+    /// `node` holds a value; as for [`send_fast`](Self::send_fast).
     #[inline(never)]
-    unsafe fn store_at_home<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> AtHome {
+    unsafe fn store_fast<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
         // SAFETY: the contract: this is a process' turn, and it has the lock.
         unsafe {
             let process = current::this_process();
@@ -218,15 +218,15 @@ impl<T> Channel<T> {
                 self.store.with_mut(|store| (*store).push_back(value));
                 lists.is_storing = true;
                 drop(lists);
-                return AtHome::done(process);
+                return FastPath::done(process);
             }
             if !lists.senders.is_empty() {
-                return AtHome::No;
+                return FastPath::No;
             }
             lists.sender = LastUser::process(process.id());
             Waiter::begin_plain(node, process);
             lists.senders.insert_alone(node.cast());
-            AtHome::Waits
+            FastPath::Waits
         }
     }
 
@@ -236,20 +236,20 @@ impl<T> Channel<T> {
     ///
     /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
     #[inline(always)]
-    pub(crate) unsafe fn recv_at_home(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
+    pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
         // SAFETY: the contract.
         unsafe { self.recv_in_turn::<false>(node, cx) }
     }
 
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home).
+    /// As for [`recv_fast`](Self::recv_fast).
     #[inline(always)]
     unsafe fn recv_in_turn<const RECORDED: bool>(
         &self,
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         // SAFETY: the contract. A sender that is found holds its value, and its node is accessible while the lock is held.
         unsafe {
             match come_to_receive::<RECORDED>(&self.place, node.cast(), cx) {
@@ -258,23 +258,23 @@ impl<T> Channel<T> {
                     Waiter::put_value_of(node, value);
                     part_from_sender::<RECORDED>(&self.place, sender)
                 }
-                Found::Nobody => AtHome::Waits,
+                Found::Nobody => FastPath::Waits,
                 Found::Buffer => self.recv_stored::<RECORDED>(node),
                 found => self.recv_otherwise::<RECORDED>(found, node, cx),
             }
         }
     }
 
-    /// As [`recv_at_home`](Self::recv_at_home), for a process that is recorded. What it waits for is noted.
+    /// As [`recv_fast`](Self::recv_fast), for a process that is recorded. What it waits for is noted.
     ///
     /// # Safety
     ///
     /// As there.
     #[cold]
-    unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> AtHome {
+    unsafe fn recv_recorded(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
         // SAFETY: the contract.
         let came_to = unsafe { self.recv_in_turn::<true>(node, cx) };
-        if came_to == AtHome::Waits {
+        if came_to == FastPath::Waits {
             self.place.waits();
         }
         came_to
@@ -284,19 +284,19 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home); `found` is what the receiver has found.
+    /// As for [`recv_fast`](Self::recv_fast); `found` is what the receiver has found.
     #[inline(never)]
     unsafe fn recv_otherwise<const RECORDED: bool>(
         &self,
         found: Found,
         node: NonNull<Waiter<T>>,
         cx: &Context<'_>,
-    ) -> AtHome {
+    ) -> FastPath {
         if found != Found::More {
             return match !RECORDED && events::is_on() {
                 // SAFETY: the contract: nothing has changed.
                 true => unsafe { self.recv_recorded(node, cx) },
-                false => AtHome::No,
+                false => FastPath::No,
             };
         }
         // SAFETY: the contract: this is a process' turn, and it has the lock.
@@ -305,7 +305,7 @@ impl<T> Channel<T> {
             let lists = self.place.kept(process.home_number());
             match lists.is_rendezvous {
                 true => self.recv_from_guard::<RECORDED>(lists, node, process),
-                false => AtHome::No,
+                false => FastPath::No,
             }
         }
     }
@@ -314,9 +314,9 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_at_home`](Self::recv_at_home), by who has found a [buffer](Found::Buffer).
+    /// As for [`recv_fast`](Self::recv_fast), by who has found a [buffer](Found::Buffer).
     #[inline(never)]
-    unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> AtHome {
+    unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
         // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.
         unsafe {
             let process = current::this_process();
@@ -324,18 +324,18 @@ impl<T> Channel<T> {
             let stored = self.store.with(|store| (*store).len());
             // More than there is room for is what came back from futures that were dropped.
             if stored > self.capacity() {
-                return AtHome::No;
+                return FastPath::No;
             }
             let mut moves_up = None;
             if let Some(first) = lists.senders.first() {
                 let Some(ready) = Waiter::take_plain_wakeup(first.cast::<Waiter<T>>()) else {
-                    return AtHome::No;
+                    return FastPath::No;
                 };
                 moves_up = Some((first, ready));
             }
             lists.receiver = LastUser::process(process.id());
             let Some(value) = self.store.with_mut(|store| (*store).pop_front()) else {
-                return AtHome::No;
+                return FastPath::No;
             };
             Waiter::put_value_of(node, value);
             if RECORDED {
@@ -344,7 +344,7 @@ impl<T> Channel<T> {
             let Some((first, ready)) = moves_up else {
                 lists.is_storing = stored > 1;
                 drop(lists);
-                return AtHome::done(process);
+                return FastPath::done(process);
             };
             let sender = first.cast::<Waiter<T>>();
             if RECORDED {
@@ -356,7 +356,7 @@ impl<T> Channel<T> {
             Waiter::settle_plain(sender);
             drop(lists);
             ready.wake();
-            AtHome::done(process)
+            FastPath::done(process)
         }
     }
 }
