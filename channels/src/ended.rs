@@ -1,6 +1,6 @@
 //! Waiting for the end of a channel, without offering to communicate.
 
-use crate::place::{Ending, Lists, Place};
+use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::taped;
 use luna_core::current::{self, Ready, Renewal, Wakeup};
 use luna_core::events;
@@ -43,7 +43,7 @@ impl Watcher {
 }
 
 /// Takes the most urgent one out who waits for the ending that there is, and says whom to ready. O(those who wait on).
-pub(crate) fn take_watcher(lists: &mut Lists) -> Option<Ready> {
+pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<Ready> {
     let ending = lists.ending;
     let mut next = lists.watching.first();
     while let Some(node) = next {
@@ -79,7 +79,7 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> Ready {
 /// Once it was polled it is pinned, and leaves the list before it goes.
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
-    place: &'a Place,
+    place: &'a WaitPoint,
     /// What it came to, while its process is held by its tape.
     given: Option<ChannelEnd>,
     /// Its process' tape knows of it.
@@ -96,7 +96,7 @@ unsafe impl Send for Ended<'_> {}
 unsafe impl Sync for Ended<'_> {}
 
 impl<'a> Ended<'a> {
-    pub(crate) fn new(place: &'a Place, of_poison_alone: bool) -> Self {
+    pub(crate) fn new(place: &'a WaitPoint, of_poison_alone: bool) -> Self {
         Self {
             place,
             given: None,

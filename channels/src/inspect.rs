@@ -3,7 +3,7 @@
 //! Not for the real-time path: [`places`] looks at each channel under its lock, one after the other, so what it gives is no snapshot of
 //! one instant, unless everybody waits.
 
-use crate::place::{Ending, Lists, Place};
+use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::waiter::Waiter;
 use luna_core::current::User;
 use luna_core::events;
@@ -144,13 +144,13 @@ unsafe impl Sync for Identity {}
 /// A place's neighbours in the register, and how to count what it stores.
 #[derive(Debug)]
 struct Links {
-    before: Option<NonNull<Place>>,
-    after: Option<NonNull<Place>>,
+    before: Option<NonNull<WaitPoint>>,
+    after: Option<NonNull<WaitPoint>>,
     stored: CountStored,
 }
 
 /// How many values a place stores, called under its lock.
-pub(crate) type CountStored = unsafe fn(NonNull<Place>) -> Stored;
+pub(crate) type CountStored = unsafe fn(NonNull<WaitPoint>) -> Stored;
 
 /// What a place stores, and for how much it has room.
 #[derive(Debug, Default)]
@@ -272,8 +272,8 @@ impl Identity {
 ///
 /// A doubly linked chain of live places that stay where they are, whose numbers rise.
 struct Places {
-    first: Option<NonNull<Place>>,
-    last: Option<NonNull<Place>>,
+    first: Option<NonNull<WaitPoint>>,
+    last: Option<NonNull<WaitPoint>>,
 }
 
 // SAFETY: a place is shared by its lock, and listed only while it lives.
@@ -289,7 +289,7 @@ impl Places {
     /// # Safety
     ///
     /// The place is listed here, or is the caller's alone; the lock of all places is held while the pointer is used.
-    unsafe fn links(place: NonNull<Place>) -> *mut Links {
+    unsafe fn links(place: NonNull<WaitPoint>) -> *mut Links {
         // SAFETY: the contract.
         unsafe { place.as_ref() }.identity.links.get()
     }
@@ -299,7 +299,7 @@ impl Places {
     /// # Safety
     ///
     /// `before` is listed here.
-    unsafe fn after(&mut self, before: Option<NonNull<Place>>) -> &mut Option<NonNull<Place>> {
+    unsafe fn after(&mut self, before: Option<NonNull<WaitPoint>>) -> &mut Option<NonNull<WaitPoint>> {
         match before {
             // SAFETY: the contract.
             Some(before) => unsafe { &mut (*Self::links(before)).after },
@@ -312,7 +312,7 @@ impl Places {
     /// # Safety
     ///
     /// `after` is listed here.
-    unsafe fn before(&mut self, after: Option<NonNull<Place>>) -> &mut Option<NonNull<Place>> {
+    unsafe fn before(&mut self, after: Option<NonNull<WaitPoint>>) -> &mut Option<NonNull<WaitPoint>> {
         match after {
             // SAFETY: the contract.
             Some(after) => unsafe { &mut (*Self::links(after)).before },
@@ -320,15 +320,15 @@ impl Places {
         }
     }
 
-    /// Lists a place behind those with lower numbers: the last, unless others are being made on other threads.
+    /// WaitQueues a place behind those with lower numbers: the last, unless others are being made on other threads.
     ///
     /// # Safety
     ///
     /// It is listed nowhere, stays where it is, and is removed before it goes.
-    unsafe fn insert(&mut self, place: NonNull<Place>, stored: CountStored) {
+    unsafe fn insert(&mut self, place: NonNull<WaitPoint>, stored: CountStored) {
         // SAFETY: the contract, and the invariant for those that are listed.
         unsafe {
-            let id = |place: NonNull<Place>| place.as_ref().identity.id;
+            let id = |place: NonNull<WaitPoint>| place.as_ref().identity.id;
             let mut before = self.last;
             while let Some(other) = before
                 && id(other) > id(place)
@@ -348,7 +348,7 @@ impl Places {
     /// # Safety
     ///
     /// It is listed here.
-    unsafe fn remove(&mut self, place: NonNull<Place>) {
+    unsafe fn remove(&mut self, place: NonNull<WaitPoint>) {
         // SAFETY: the contract, and the invariant for its neighbours.
         unsafe {
             let Links { before, after, .. } = *Self::links(place);
@@ -363,7 +363,7 @@ impl Places {
 /// # Safety
 ///
 /// The place stays where it is, and lives until it is unregistered. `stored` can be called for it, by this pointer, under its lock.
-pub(crate) unsafe fn register(place: NonNull<Place>, stored: CountStored) {
+pub(crate) unsafe fn register(place: NonNull<WaitPoint>, stored: CountStored) {
     // A model makes and drops thousands of channels, whose locks belong to one run of it.
     if cfg!(loom) {
         return;
@@ -378,7 +378,7 @@ pub(crate) unsafe fn register(place: NonNull<Place>, stored: CountStored) {
 /// # Safety
 ///
 /// It was registered, and is unregistered once.
-pub(crate) unsafe fn unregister(place: &Place) {
+pub(crate) unsafe fn unregister(place: &WaitPoint) {
     if cfg!(loom) {
         return;
     }
@@ -446,7 +446,7 @@ fn stopped() -> Option<PlaceView> {
 /// # Safety
 ///
 /// The place lives, and `stored` was registered with it.
-unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
+unsafe fn view(registered: NonNull<WaitPoint>, stored: CountStored) -> PlaceView {
     // SAFETY: the contract.
     let place = unsafe { registered.as_ref() };
     let mut waiting = Vec::new();
@@ -480,7 +480,7 @@ unsafe fn view(registered: NonNull<Place>, stored: CountStored) -> PlaceView {
 }
 
 /// Copies who waits, if there is room for all.
-fn copy_waiting(lists: &mut Lists, kind: Kind, into: &mut Vec<Waiting>) -> bool {
+fn copy_waiting(lists: &mut WaitQueues, kind: Kind, into: &mut Vec<Waiting>) -> bool {
     let (first, second) = match kind {
         Kind::Barrier => (Role::Party, Role::Party),
         Kind::Mutex => (Role::Locker, Role::Locker),

@@ -45,7 +45,7 @@ mod extended;
 mod finally;
 pub mod inspect;
 pub mod lock_sync;
-mod place;
+mod wait_point;
 mod recv;
 mod selection;
 mod send;

@@ -13,7 +13,7 @@
 //!
 //! On the spots nobody is ordered, so they are used only as long as there is nobody to order: one who waits on a side, at a channel of which nothing is asked
 //! but to send and to receive. Whoever comes for anything else (a second one of a side, an alternative, the end) lists who waits there first, when it
-//! takes the lock ([`Place::lock_lists`](crate::place::Place::lock_lists)); from there on all is as if there were no spots. The short way at home does not look at
+//! takes the lock ([`WaitPoint::lock_lists`](crate::wait_point::Place::lock_lists)); from there on all is as if there were no spots. The short way at home does not look at
 //! them: the home that a lock favours is alone with it, and what waits on a spot is a poll of that thread which has not come back.
 
 use luna_core::wait_list::WaitNode;

@@ -2,10 +2,10 @@
 //!
 //! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
 //! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
-//! ([`Lists::is_unusual`](crate::place::Lists)).
+//! ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
 
 use crate::core::Channel;
-use crate::place::Lists;
+use crate::wait_point::WaitQueues;
 use luna_core::current;
 use luna_core::tape::{Event, OUTSIDER, Tape, Turn, What};
 use luna_platform::clock::Instant;
@@ -59,7 +59,7 @@ impl Taped {
     }
 }
 
-impl Lists {
+impl WaitQueues {
     /// Notes that the current process, which has a tape, comes as a sender or as a receiver.
     #[cold]
     pub(crate) fn note_taped(&mut self, is_sender: bool) {
@@ -312,7 +312,7 @@ pub(crate) fn has_timed_out() {
 }
 
 /// Tells that a lock was taken. The stamp is taken now, when the process has it: those of who has it are in the order of their having it.
-pub(crate) fn has_acquired(lists: &mut Lists) {
+pub(crate) fn has_acquired(lists: &mut WaitQueues) {
     let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
     leave(event);
 }
@@ -351,11 +351,11 @@ impl<T> Channel<T> {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use crate::inspect::{Identity, PlaceKind};
-    use crate::place::Place;
+    use crate::wait_point::Place;
 
     #[track_caller]
     fn check(come: &[u64], capacity: usize, stamp: u64, keeps_newest: bool) -> Vec<usize> {
-        let place = Place::new(Identity::new(PlaceKind::Buffered(capacity)));
+        let place = WaitPoint::new(Identity::new(PlaceKind::Buffered(capacity)));
         let mut lists = place.lock();
         for (stored, &stamp) in come.iter().enumerate() {
             lists.note_stored(stamp, stored);

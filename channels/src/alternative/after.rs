@@ -1,7 +1,7 @@
 //! Delays, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::taped;
 use luna_core::current::{self, Ready};
@@ -115,7 +115,7 @@ impl After {
 }
 
 impl RawGuard for After {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         None
     }
 
@@ -123,7 +123,7 @@ impl RawGuard for After {
         Some(self.sleep.deadline())
     }
 
-    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut Lists>, _: &mut Context<'_>) -> Attempt {
+    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
         if self.sleep.has_come() {
             Attempt::Ready(Ready::NOBODY)
         } else {
@@ -131,7 +131,7 @@ impl RawGuard for After {
         }
     }
 
-    unsafe fn list(self: Pin<&mut Self>, _: &mut Lists, _: NonNull<Selection>, _: u32) {}
+    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<Selection>, _: u32) {}
 
     unsafe fn withdraw(self: Pin<&mut Self>) {}
 

@@ -6,7 +6,7 @@
 
 use super::guard::Attempt;
 use super::list::{MOST_GUARDS, Open};
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use arrayvec::ArrayVec;
 use luna_core::current::{Ready, Wakeup};
@@ -16,12 +16,12 @@ use std::ptr::NonNull;
 use std::task::Context;
 
 /// The locks of an alternative's places.
-pub(super) struct Locks<'a>(ArrayVec<(NonNull<Place>, BiasedGuard<'a, Lists>), MOST_GUARDS>);
+pub(super) struct Locks<'a>(ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MOST_GUARDS>);
 
 impl Locks<'_> {
     /// Locks all places of `open`, each once. O(n) locks.
     pub(super) fn take(open: &Open<'_>) -> Self {
-        let mut places: ArrayVec<NonNull<Place>, MOST_GUARDS> =
+        let mut places: ArrayVec<NonNull<WaitPoint>, MOST_GUARDS> =
             open.iter().filter_map(|(_, guard)| guard.place()).collect();
         places.sort_unstable_by_key(|&place| order(place));
         let mut locks = ArrayVec::new();
@@ -34,7 +34,7 @@ impl Locks<'_> {
         Locks(locks)
     }
 
-    fn lists(&mut self, place: Option<NonNull<Place>>) -> Option<&mut Lists> {
+    fn lists(&mut self, place: Option<NonNull<WaitPoint>>) -> Option<&mut WaitQueues> {
         let place = place?;
         let index = self
             .0
@@ -46,13 +46,13 @@ impl Locks<'_> {
 
 /// What the locks are ordered by.
 #[cfg(not(loom))]
-fn order(place: NonNull<Place>) -> NonNull<Place> {
+fn order(place: NonNull<WaitPoint>) -> NonNull<WaitPoint> {
     place
 }
 
 /// In a model not by address, but by age: loom repeats a run to go on from the middle of it, and addresses differ from run to run.
 #[cfg(loom)]
-fn order(place: NonNull<Place>) -> u64 {
+fn order(place: NonNull<WaitPoint>) -> u64 {
     // SAFETY: a place outlives its guards.
     unsafe { place.as_ref() }.identity.id()
 }

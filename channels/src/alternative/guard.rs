@@ -1,6 +1,6 @@
 //! What an alternative may offer.
 
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use luna_core::current::{PlainReady, Process, Ready};
@@ -73,7 +73,7 @@ pub enum Look {
 /// bound: an alternative calls them in their order.
 pub trait RawGuard {
     /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
-    fn place(&self) -> Option<NonNull<Place>>;
+    fn place(&self) -> Option<NonNull<WaitPoint>>;
 
     /// Whether the guard can happen at all. Asked only while it is new.
     fn is_open(&self) -> bool {
@@ -102,18 +102,18 @@ pub trait RawGuard {
     /// `lists` are those of its place. The guard is new: it is listed nowhere and has not happened.
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt;
 
-    /// Lists the guard in its place, as number `guard` of `selection`.
+    /// WaitQueues the guard in its place, as number `guard` of `selection`.
     ///
     /// # Safety
     ///
     /// As for `attempt`; and `selection` outlives the guard's being listed.
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     );
@@ -179,7 +179,7 @@ pub trait RawGuard {
         None
     }
 
-    /// Lists the guard as number `guard` of `selection`, and releases the lock.
+    /// WaitQueues the guard as number `guard` of `selection`, and releases the lock.
     ///
     /// # Safety
     ///

@@ -132,7 +132,7 @@ pub trait Guards {
         ready: &mut Option<PlainReady>,
     );
 
-    /// Lists the guards, the first of which has this number, and releases the locks.
+    /// WaitQueues the guards, the first of which has this number, and releases the locks.
     ///
     /// # Safety
     ///

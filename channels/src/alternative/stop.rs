@@ -48,7 +48,7 @@ impl Stop {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// Lists the current process. O(1), or O(those who have stopped at lower priority).
+    /// WaitQueues the current process. O(1), or O(those who have stopped at lower priority).
     ///
     /// # Safety
     ///

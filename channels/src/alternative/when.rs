@@ -1,7 +1,7 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::taped;
@@ -144,7 +144,7 @@ impl<D: Due> When<D> {
 }
 
 impl<D: Due> RawGuard for When<D> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         None
     }
 
@@ -152,7 +152,7 @@ impl<D: Due> RawGuard for When<D> {
         self.due.stamp()
     }
 
-    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut Lists>, _: &mut Context<'_>) -> Attempt {
+    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
         if self.is_due() {
             Attempt::Ready(Ready::NOBODY)
         } else {
@@ -160,7 +160,7 @@ impl<D: Due> RawGuard for When<D> {
         }
     }
 
-    unsafe fn list(self: Pin<&mut Self>, _: &mut Lists, _: NonNull<Selection>, _: u32) {}
+    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<Selection>, _: u32) {}
 
     unsafe fn withdraw(self: Pin<&mut Self>) {}
 

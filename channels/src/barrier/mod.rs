@@ -20,7 +20,7 @@ pub use sync::SyncOp;
 
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::place::{Lists, PlaceApart};
+use crate::wait_point::{WaitQueues, PlaceApart};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Waiter;
@@ -236,7 +236,7 @@ impl Shared {
     ///
     /// `lists` are those of this barrier.
     #[inline]
-    unsafe fn round<R>(&self, _lists: &Lists, f: impl FnOnce(&mut Round) -> R) -> R {
+    unsafe fn round<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut Round) -> R) -> R {
         // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
         self.round.with_mut(|round| f(unsafe { &mut *round }))
     }
@@ -277,7 +277,7 @@ impl Shared {
     /// # Safety
     ///
     /// `lists` are those of this barrier.
-    unsafe fn complete_with(&self, lists: &mut Lists, more: usize) -> bool {
+    unsafe fn complete_with(&self, lists: &mut WaitQueues, more: usize) -> bool {
         // SAFETY: the contract.
         let (missing, offering) = unsafe {
             self.round(lists, |round| {
@@ -293,7 +293,7 @@ impl Shared {
         if offering > 0 && !unsafe { self.claim_offering(lists, more) } {
             return false;
         }
-        let Lists {
+        let WaitQueues {
             senders,
             receivers,
             held,
@@ -318,7 +318,7 @@ impl Shared {
     /// # Safety
     ///
     /// `lists` are those of this barrier.
-    unsafe fn claim_offering(&self, lists: &mut Lists, more: usize) -> bool {
+    unsafe fn claim_offering(&self, lists: &mut WaitQueues, more: usize) -> bool {
         // SAFETY: the contract; nodes in the list are live waiters of alternatives, whose selections the invariant speaks of.
         unsafe {
             let mut open = 0;

@@ -2,7 +2,7 @@
 
 use super::{Barrier, Shared};
 use crate::alternative::{Attempt, Guard, RawGuard};
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
@@ -303,7 +303,7 @@ impl Future for SyncOp<'_> {
 }
 
 impl RawGuard for SyncOp<'_> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         Some(NonNull::from(&*self.shared().place))
     }
 
@@ -317,7 +317,7 @@ impl RawGuard for SyncOp<'_> {
 
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         _: &mut Context<'_>,
     ) -> Attempt {
         // SAFETY: nothing is moved.
@@ -337,7 +337,7 @@ impl RawGuard for SyncOp<'_> {
 
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     ) {

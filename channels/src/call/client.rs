@@ -3,7 +3,7 @@
 use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::error::SendError;
-use crate::place::{Ending, Lists, Place};
+use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::send::{SendOp, Sender};
 use crate::source::Offered;
@@ -214,7 +214,7 @@ impl<Q, A> Future for CallOp<'_, Q, A> {
 }
 
 impl<Q, A> RawGuard for CallOp<'_, Q, A> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         self.send.place()
     }
 
@@ -224,7 +224,7 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
 
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt {
         // SAFETY: the contract is the same.
@@ -233,7 +233,7 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
 
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     ) {

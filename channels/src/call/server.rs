@@ -6,7 +6,7 @@ use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::core::{Ending, Received};
 use crate::error::{RecvError, TryRecvError};
 use crate::extended::Mode;
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::recv::{Receiver, RecvOp};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
@@ -225,7 +225,7 @@ impl<'a, Q, A> Future for AcceptOp<'a, Q, A> {
 }
 
 impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         self.recv.place()
     }
 
@@ -235,7 +235,7 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
 
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt {
         // SAFETY: the contract is the same.
@@ -244,7 +244,7 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
 
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     ) {

@@ -2,7 +2,7 @@
 
 use crate::core::Channel;
 use crate::extended::{Mode, Noted};
-use crate::place::Ending;
+use crate::wait_point::Ending;
 use crate::recv::Receiver;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{Heir, Priority};

@@ -6,7 +6,7 @@
 use super::fast_path::{give_to_first, take_from_first};
 use super::{FastPath, Channel};
 use crate::alternative::{Entry, Look};
-use crate::place::{LastUser, Lists, user_number};
+use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
@@ -24,7 +24,7 @@ impl<T> Channel<T> {
     /// registered alternative.
     pub(super) unsafe fn send_to_registered<S: Source<T>, const RECORDED: bool>(
         &self,
-        mut lists: InsideGuard<'_, Lists>,
+        mut lists: InsideGuard<'_, WaitQueues>,
         offered: NonNull<Offered<T, S>>,
         process: &Process,
     ) -> FastPath {
@@ -65,7 +65,7 @@ impl<T> Channel<T> {
     #[inline(never)]
     pub(super) unsafe fn send_to_guard<S: Source<T>, const RECORDED: bool>(
         &self,
-        mut lists: InsideGuard<'_, Lists>,
+        mut lists: InsideGuard<'_, WaitQueues>,
         offered: NonNull<Offered<T, S>>,
         process: &Process,
     ) -> FastPath {
@@ -116,7 +116,7 @@ impl<T> Channel<T> {
     #[inline(never)]
     pub(super) unsafe fn recv_from_guard<const RECORDED: bool>(
         &self,
-        mut lists: InsideGuard<'_, Lists>,
+        mut lists: InsideGuard<'_, WaitQueues>,
         node: NonNull<Waiter<T>>,
         process: &Process,
     ) -> FastPath {
@@ -283,7 +283,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Lists the node of a guard, on the side that `of_sender` says, and releases the lock that was kept.
+    /// WaitQueues the node of a guard, on the side that `of_sender` says, and releases the lock that was kept.
     ///
     /// # Safety
     ///
@@ -360,7 +360,7 @@ impl<T> Channel<T> {
 #[inline(always)]
 unsafe fn look_at<T>(
     first: Option<NonNull<luna_core::wait_list::WaitNode>>,
-    lists: InsideGuard<'_, Lists>,
+    lists: InsideGuard<'_, WaitQueues>,
 ) -> Look {
     let look = match first {
         None => Look::NotReady,
@@ -373,14 +373,14 @@ unsafe fn look_at<T>(
     look
 }
 
-/// Lists a sender.
+/// WaitQueues a sender.
 ///
 /// # Safety
 ///
 /// As for [`send_fast`](Channel::send_fast); and nobody is listed on either side.
 #[inline(always)]
 unsafe fn wait_as_sender<T, S: Source<T>>(
-    lists: &mut Lists,
+    lists: &mut WaitQueues,
     offered: NonNull<Offered<T, S>>,
     process: &Process,
 ) -> FastPath {

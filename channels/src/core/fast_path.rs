@@ -11,7 +11,7 @@
 
 use super::Channel;
 use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
-use crate::place::{LastUser, Lists, Place, user_number};
+use crate::wait_point::{LastUser, WaitQueues, WaitPoint, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
 use luna_core::current::{self, PlainReady, Process};
@@ -55,8 +55,8 @@ impl FastPath {
 /// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
 #[inline(always)]
 pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
-    place: &Place,
-    lists: &mut Lists,
+    place: &WaitPoint,
+    lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
     offered: NonNull<Waiter<T>>,
     process: &Process,
@@ -83,8 +83,8 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
 /// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
 #[inline(always)]
 pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
-    place: &Place,
-    lists: &mut Lists,
+    place: &WaitPoint,
+    lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
     process: &Process,
 ) -> Option<(T, PlainReady)> {

@@ -10,7 +10,7 @@
 //! ```
 
 use super::FastPath;
-use crate::place::{LastUser, Lists, Place, user_number};
+use crate::wait_point::{LastUser, WaitQueues, WaitPoint, user_number};
 use crate::waiter::Waiter;
 use luna_core::current::{self, Process};
 use luna_core::biased_lock::InsideGuard;
@@ -46,9 +46,9 @@ fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
 /// The process whose plain turn this is, and who waits in the place, if its lock favours the home of that process.
 #[inline(always)]
 fn enter<'a, const RECORDED: bool>(
-    place: &'a Place,
+    place: &'a WaitPoint,
     cx: &'a Context<'_>,
-) -> Option<(&'a Process, InsideGuard<'a, Lists>)> {
+) -> Option<(&'a Process, InsideGuard<'a, WaitQueues>)> {
     let Some(process) = turn::<RECORDED>(cx) else {
         cold_path();
         return None;
@@ -68,7 +68,7 @@ fn enter<'a, const RECORDED: bool>(
 /// `node` is that of a send to the channel around `place` that is not listed. Nobody else accesses it, and it stays where it is until it is settled or withdrawn.
 #[inline(never)]
 pub(super) unsafe fn come_to_send<const RECORDED: bool>(
-    place: &Place,
+    place: &WaitPoint,
     node: NonNull<Waiter<()>>,
     cx: &Context<'_>,
 ) -> Found {
@@ -109,7 +109,7 @@ pub(super) unsafe fn come_to_send<const RECORDED: bool>(
 /// As for [`come_to_send`], of a receive.
 #[inline(never)]
 pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
-    place: &Place,
+    place: &WaitPoint,
     node: NonNull<Waiter<()>>,
     cx: &Context<'_>,
 ) -> Found {
@@ -151,7 +151,7 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
 /// It is the [partner](Found::Partner) that the process whose turn this is has found in `place`, whose lock it has kept.
 #[inline(never)]
 pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
-    place: &Place,
+    place: &WaitPoint,
     receiver: NonNull<WaitNode>,
 ) -> FastPath {
     // SAFETY: the contract: the partner was found by its plain wakeup, and under the lock nobody has taken that.
@@ -180,7 +180,7 @@ pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
 /// As for [`part_from_receiver`].
 #[inline(never)]
 pub(super) unsafe fn part_from_sender<const RECORDED: bool>(
-    place: &Place,
+    place: &WaitPoint,
     sender: NonNull<WaitNode>,
 ) -> FastPath {
     // SAFETY: as above.

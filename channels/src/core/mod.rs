@@ -30,8 +30,8 @@ use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
 use crate::finally::Finally;
 use crate::inspect::{Identity, Stored};
-pub(crate) use crate::place::Ending;
-use crate::place::{Lists, Place};
+pub(crate) use crate::wait_point::Ending;
+use crate::wait_point::{WaitQueues, WaitPoint};
 pub(crate) use crate::taken::Taken;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Renewal, Wakeup};
@@ -54,7 +54,7 @@ const SPARE: usize = 2;
 #[repr(C, align(64))]
 pub(crate) struct Channel<T> {
     /// First, so that its lock lies at the beginning of a cache line.
-    place: Place,
+    place: WaitPoint,
     retired: Retired,
     senders: AtomicU32,
     receivers: AtomicU32,
@@ -72,7 +72,7 @@ pub(crate) struct Channel<T> {
 impl<T> Channel<T> {
     /// A new channel on the heap, with one end of each kind.
     pub(crate) fn allocate(buffer: Buffer, identity: Identity) -> NonNull<Channel<T>> {
-        let mut place = Place::new(identity);
+        let mut place = WaitPoint::new(identity);
         place.with_mut(|lists| {
             lists.is_rendezvous = buffer.capacity == 0;
             // One that drops, or grows, has more to do.
@@ -116,7 +116,7 @@ impl<T> Channel<T> {
     /// # Safety
     ///
     /// `place` is that of a live channel of values of this type, by a pointer to the whole, and its lock is held.
-    unsafe fn stored(place: NonNull<Place>) -> Stored {
+    unsafe fn stored(place: NonNull<WaitPoint>) -> Stored {
         // SAFETY: the contract; the place is the channel's first field.
         let channel = unsafe { place.cast::<Channel<T>>().as_ref() };
         Stored {
@@ -141,7 +141,7 @@ impl<T> Channel<T> {
     }
 
     #[inline]
-    pub(crate) fn place(&self) -> &Place {
+    pub(crate) fn place(&self) -> &WaitPoint {
         &self.place
     }
 
@@ -161,8 +161,8 @@ impl<T> Channel<T> {
     #[inline]
     pub(crate) unsafe fn section<'a>(
         &'a self,
-        lists: &'a mut Lists,
-    ) -> Section<'a, T, &'a mut Lists> {
+        lists: &'a mut WaitQueues,
+    ) -> Section<'a, T, &'a mut WaitQueues> {
         Section {
             channel: self,
             lists,
@@ -306,7 +306,7 @@ impl<T> Channel<T> {
         drop(overwritten);
     }
 
-    /// Lists an alternative's entry for this channel; says whether the channel is ready, in which case the entry counts as announced.
+    /// WaitQueues an alternative's entry for this channel; says whether the channel is ready, in which case the entry counts as announced.
     ///
     /// # Safety
     ///

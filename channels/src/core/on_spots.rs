@@ -1,7 +1,7 @@
 //! What two do who are awake at the same time, on different threads: see [`spots`](crate::spots).
 
 use super::{Channel, Locked, Section};
-use crate::place::{LastUser, user_number};
+use crate::wait_point::{LastUser, user_number};
 use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
 use crate::waiter::{Outcome, Waiter};

@@ -4,7 +4,7 @@ use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::buffer::WhenFull;
 use crate::call::lend_to_receiver;
-use crate::place::{LastUser, Lists, user_number};
+use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::source::{Offered, Source};
 use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
@@ -68,9 +68,9 @@ pub(crate) struct Section<'a, T, L> {
 }
 
 /// A section that holds the lock itself.
-pub(crate) type Locked<'a, T> = Section<'a, T, BiasedGuard<'a, Lists>>;
+pub(crate) type Locked<'a, T> = Section<'a, T, BiasedGuard<'a, WaitQueues>>;
 
-impl<T, L: Deref<Target = Lists> + DerefMut> Section<'_, T, L> {
+impl<T, L: Deref<Target = WaitQueues> + DerefMut> Section<'_, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;

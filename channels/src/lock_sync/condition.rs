@@ -7,7 +7,7 @@ use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::place::{LastUser, Lists, PlaceApart};
+use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
 use luna_core::current::{self, User};
 use luna_core::reclaim::{self, Retired};
 use luna_core::wait_list::WaitNode;
@@ -266,7 +266,7 @@ impl Condition {
         }
     }
 
-    fn note_notifier(&self, lists: &mut Lists) {
+    fn note_notifier(&self, lists: &mut WaitQueues) {
         let user = current::user();
         lists.receiver = LastUser::of(user);
         self.note_user(user);

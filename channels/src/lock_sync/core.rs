@@ -4,7 +4,7 @@ use super::chain::{self, Changed};
 use super::entry::Entry;
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind};
-use crate::place::{LastUser, Lists, PlaceApart};
+use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Heir, Priority, Ready, Renewal, User, Wakeup};
 use luna_core::reclaim::{self, Retired};
@@ -124,7 +124,7 @@ impl Core {
         }
     }
 
-    fn state<R>(&self, _lists: &Lists, f: impl FnOnce(&mut State) -> R) -> R {
+    fn state<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut State) -> R) -> R {
         // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
         self.state.with_mut(|state| f(unsafe { &mut *state }))
     }
@@ -149,7 +149,7 @@ impl Core {
 
     fn take_locked(
         &self,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         heir: Option<Heir>,
         user: User,
     ) -> Result<(), Option<Heir>> {
@@ -285,7 +285,7 @@ impl Core {
     /// # Safety
     ///
     /// `lists` are this mutex's, which nobody holds; `entry` is in none.
-    unsafe fn hand_over(&self, lists: &mut Lists, entry: NonNull<Entry>) -> Admitted {
+    unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
         // SAFETY: the contract: the node is live until it is settled.
         unsafe {
             let heir = Entry::take_heir(entry);
@@ -346,7 +346,7 @@ impl Core {
     /// # Safety
     ///
     /// `entry` is in the list of senders of `lists`, which are this mutex's.
-    unsafe fn place_again(&self, lists: &mut Lists, entry: NonNull<Entry>) {
+    unsafe fn place_again(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) {
         let node = Entry::node(entry);
         // SAFETY: the contract.
         unsafe {
@@ -359,7 +359,7 @@ impl Core {
     }
 
     /// Lends the holder the priority of the first other one who waits. O(1), and O(those before who are branches of the holder itself).
-    fn relend(&self, lists: &Lists) -> Option<Changed> {
+    fn relend(&self, lists: &WaitQueues) -> Option<Changed> {
         self.state(lists, |state| {
             let heir = state.heir.as_mut()?;
             // As a whole: what waits may be another branch of the same process. Its own priority is not lent to it, since it may be one that it has inherited.
@@ -383,7 +383,7 @@ fn give_back(former: Option<Heir>) {
 }
 
 /// The priority of the first who waits and is not the holder itself.
-fn first_other(lists: &Lists, holder: &Heir) -> Priority {
+fn first_other(lists: &WaitQueues, holder: &Heir) -> Priority {
     let mut next = lists.senders.first();
     while let Some(node) = next {
         // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.

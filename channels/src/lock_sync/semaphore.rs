@@ -5,7 +5,7 @@ use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::place::{LastUser, Lists, PlaceApart};
+use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Priority, User};
@@ -255,7 +255,7 @@ impl Semaphore {
 }
 
 impl Shared {
-    fn permits<R>(&self, _lists: &Lists, f: impl FnOnce(&mut u64) -> R) -> R {
+    fn permits<R>(&self, _lists: &WaitQueues, f: impl FnOnce(&mut u64) -> R) -> R {
         // SAFETY: the lists show that the lock is held, and `f` cannot come here again, since it gets no lists.
         self.permits.with_mut(|permits| f(unsafe { &mut *permits }))
     }
@@ -268,7 +268,7 @@ impl Shared {
     }
 
     /// Takes permits for somebody of this priority, unless they are not there, or somebody waits who is as urgent.
-    pub(super) fn take(&self, lists: &mut Lists, count: u32, priority: Priority) -> bool {
+    pub(super) fn take(&self, lists: &mut WaitQueues, count: u32, priority: Priority) -> bool {
         let first = lists.senders.first();
         // SAFETY: a listed node is live, and the lock is held.
         let is_first = first.is_none_or(|first| priority > unsafe { first.as_ref() }.priority());
@@ -314,7 +314,7 @@ impl Shared {
     }
 
     /// Serves the first who waits, if there are enough permits.
-    fn serve_first(&self, mut lists: luna_core::biased_lock::BiasedGuard<'_, Lists>) -> bool {
+    fn serve_first(&self, mut lists: luna_core::biased_lock::BiasedGuard<'_, WaitQueues>) -> bool {
         let Some(node) = lists.senders.first() else {
             return false;
         };

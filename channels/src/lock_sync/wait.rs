@@ -6,7 +6,7 @@ use super::error::LockError;
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::finally::Finally;
-use crate::place::Lists;
+use crate::wait_point::WaitQueues;
 use crate::taped;
 use crate::waiter::Outcome;
 use luna_core::current::{self, Heir, Renewal, Wakeup};
@@ -75,7 +75,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         unsafe { NonNull::new_unchecked(self.entry.get()) }
     }
 
-    /// Lists it, and unlocks the mutex after: whoever notifies from then on finds it.
+    /// WaitQueues it, and unlocks the mutex after: whoever notifies from then on finds it.
     fn begin(&mut self, guard: MutexGuard<'a, T>, cx: &Context<'_>) {
         let heir = heir(self.of_thread);
         let priority = heir
@@ -130,7 +130,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
     /// # Safety
     ///
     /// `lists` are the condition's, and it has no cause.
-    unsafe fn take_off(&self, lists: &mut Lists) -> bool {
+    unsafe fn take_off(&self, lists: &mut WaitQueues) -> bool {
         // SAFETY: the contract, and the condition's invariant.
         unsafe {
             let was_notified = Entry::ticket(self.entry()) != lists.tickets;

@@ -6,7 +6,7 @@ use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Received};
 use crate::error::RecvError;
 use crate::extended::Mode;
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
@@ -17,7 +17,7 @@ use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         Some(NonNull::from(self.receiver.channel().place()))
     }
 
@@ -27,7 +27,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         _: &mut Context<'_>,
     ) -> Attempt {
         // SAFETY: nothing is moved.
@@ -61,7 +61,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     ) {

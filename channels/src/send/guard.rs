@@ -4,7 +4,7 @@ use super::operation::{Phase, SendOp};
 use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Sent};
 use crate::error::SendError;
-use crate::place::{Lists, Place};
+use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::source::Source;
 use crate::stamp::Stamp;
@@ -15,7 +15,7 @@ use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
 impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
-    fn place(&self) -> Option<NonNull<Place>> {
+    fn place(&self) -> Option<NonNull<WaitPoint>> {
         Some(NonNull::from(self.sender.channel().place()))
     }
 
@@ -30,7 +30,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
 
     unsafe fn attempt(
         self: Pin<&mut Self>,
-        lists: Option<&mut Lists>,
+        lists: Option<&mut WaitQueues>,
         cx: &mut Context<'_>,
     ) -> Attempt {
         // SAFETY: nothing is moved.
@@ -68,7 +68,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
 
     unsafe fn list(
         self: Pin<&mut Self>,
-        lists: &mut Lists,
+        lists: &mut WaitQueues,
         selection: NonNull<Selection>,
         guard: u32,
     ) {

@@ -25,14 +25,14 @@ pub(crate) enum Ending {
 /// only reads follows on the next, which is on both cores at the same time.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Lists {
+pub struct WaitQueues {
     /// Who last used each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
-    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](Lists::find_whether_plain).
+    /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](Lists::find_whether_plain).
+    /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_plain: bool,
     /// Whether it would be plain if one alternative were not registered, and has no buffer.
     pub(crate) is_plain_but_registered: bool,
@@ -64,7 +64,7 @@ pub struct Lists {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LastUser(u32);
 
-impl Lists {
+impl WaitQueues {
     /// Whether it is plain and has no buffer.
     #[inline]
     pub(crate) fn is_plain_rendezvous(&self) -> bool {
@@ -136,37 +136,37 @@ impl LastUser {
 /// Where processes meet. To lie at the beginning of a cache line, so that what a rendezvous writes lies on one.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Place {
+pub struct WaitPoint {
     /// On one line with the lock.
     pub(crate) spots: Spots,
-    lock: BiasedLock<Lists>,
+    lock: BiasedLock<WaitQueues>,
     pub(crate) identity: Identity,
 }
 
 /// A place with cache lines of its own.
 #[derive(Debug)]
 #[repr(C, align(64))]
-pub(crate) struct PlaceApart(Place);
+pub(crate) struct PlaceApart(WaitPoint);
 
 impl PlaceApart {
     pub(crate) fn new(identity: Identity) -> Self {
-        Self(Place::new(identity))
+        Self(WaitPoint::new(identity))
     }
 }
 
 impl Deref for PlaceApart {
-    type Target = Place;
+    type Target = WaitPoint;
     #[inline(always)]
-    fn deref(&self) -> &Place {
+    fn deref(&self) -> &WaitPoint {
         &self.0
     }
 }
 
-impl Place {
+impl WaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
             spots: Spots::new(),
-            lock: BiasedLock::new(Lists {
+            lock: BiasedLock::new(WaitQueues {
                 on_spots: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
@@ -224,28 +224,28 @@ impl Place {
 
     /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
-    pub(crate) fn lock(&self) -> BiasedGuard<'_, Lists> {
+    pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         self.lock.lock()
     }
 
     /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
     #[inline]
-    pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, Lists> {
+    pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();
         self.clear_spots(&mut lists);
         lists
     }
 
-    /// Lists who waits on the spots. O(1), since nobody else is listed then. `lists` are this place's.
+    /// WaitQueues who waits on the spots. O(1), since nobody else is listed then. `lists` are this place's.
     #[inline]
-    pub(crate) fn clear_spots(&self, lists: &mut Lists) {
+    pub(crate) fn clear_spots(&self, lists: &mut WaitQueues) {
         if self.spots.is_anybody_waiting() {
             self.list_from_spots(lists);
         }
     }
 
     #[cold]
-    fn list_from_spots(&self, lists: &mut Lists) {
+    fn list_from_spots(&self, lists: &mut WaitQueues) {
         for side in [Side::Sender, Side::Receiver] {
             if self.spots.is_waiting(side)
                 && let Some(node) = lists.on_spots.get(side)
@@ -267,7 +267,7 @@ impl Place {
     ///
     /// This thread is the home of that number.
     #[inline(always)]
-    pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, Lists>> {
+    pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
         unsafe { self.lock.lock_if_favoured(home) }
     }
@@ -278,7 +278,7 @@ impl Place {
     ///
     /// This thread is the home of that number.
     #[inline(always)]
-    pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, Lists>> {
+    pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
         unsafe { self.lock.lock_if_free(home) }
     }
@@ -289,18 +289,18 @@ impl Place {
     ///
     /// As there.
     #[inline(always)]
-    pub(crate) unsafe fn kept(&self, home: u64) -> InsideGuard<'_, Lists> {
+    pub(crate) unsafe fn kept(&self, home: u64) -> InsideGuard<'_, WaitQueues> {
         // SAFETY: the contract.
         unsafe { self.lock.kept(home) }
     }
 
     /// What the lock guards, of a place that nobody else knows yet.
-    pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut Lists)) {
+    pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut WaitQueues)) {
         self.lock.with_mut(f);
     }
 
     /// Locks for a look now and then: see [`BiasedLock::lock_briefly`].
-    pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, Lists> {
+    pub(crate) fn lock_briefly(&self) -> BriefGuard<'_, WaitQueues> {
         self.lock.lock_briefly()
     }
 }
@@ -318,8 +318,8 @@ mod tests {
             "{}",
             size_of::<crate::core::Channel<u64>>()
         );
-        let behind = size_of::<Lists>() - offset_of!(Lists, tickets);
-        assert!(size_of::<BiasedLock<Lists>>() - behind <= 64);
-        assert!(offset_of!(Place, lock) + size_of::<BiasedLock<Lists>>() - behind <= 128);
+        let behind = size_of::<WaitQueues>() - offset_of!(WaitQueues, tickets);
+        assert!(size_of::<BiasedLock<WaitQueues>>() - behind <= 64);
+        assert!(offset_of!(WaitPoint, lock) + size_of::<BiasedLock<WaitQueues>>() - behind <= 128);
     }
 }
