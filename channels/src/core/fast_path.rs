@@ -1,6 +1,6 @@
 //! What two processes of one executor do, when nothing is asked of their channel but to send and to receive: nearly every communication.
 //!
-//! It comes to what [`Section`](super::Section) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
+//! It comes to what [`ChannelGuard`](super::ChannelGuard) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
 //! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, no buffer overwrites. Whenever one of these
 //! does not hold, nothing has been changed, and the general way is gone.
 //!

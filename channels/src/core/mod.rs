@@ -19,11 +19,11 @@ mod fast_alternatives;
 mod fast_path;
 mod meeting;
 mod on_spots;
-mod section;
+mod guard;
 
 pub(crate) use fast_path::FastPath;
 pub(crate) use on_spots::OnSpots;
-pub(crate) use section::{Locked, Received, Section, Sent};
+pub(crate) use guard::{Locked, Received, ChannelGuard, Sent};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
@@ -147,7 +147,7 @@ impl<T> Channel<T> {
 
     #[inline]
     pub(crate) fn lock(&self) -> Locked<'_, T> {
-        Section {
+        ChannelGuard {
             channel: self,
             lists: self.place.lock_lists(),
         }
@@ -162,8 +162,8 @@ impl<T> Channel<T> {
     pub(crate) unsafe fn section<'a>(
         &'a self,
         lists: &'a mut WaitQueues,
-    ) -> Section<'a, T, &'a mut WaitQueues> {
-        Section {
+    ) -> ChannelGuard<'a, T, &'a mut WaitQueues> {
+        ChannelGuard {
             channel: self,
             lists,
         }

@@ -1,6 +1,6 @@
 //! What two do who are awake at the same time, on different threads: see [`spots`](crate::spots).
 
-use super::{Channel, Locked, Section};
+use super::{Channel, Locked, ChannelGuard};
 use crate::wait_point::{LastUser, user_number};
 use crate::source::{Offered, Source};
 use crate::spots::{Side, has_room};
@@ -77,7 +77,7 @@ impl<T> Channel<T> {
             }
         }
         self.place.clear_spots(&mut lists);
-        OnSpots::No(Section {
+        OnSpots::No(ChannelGuard {
             channel: self,
             lists,
         })
@@ -119,7 +119,7 @@ impl<T> Channel<T> {
             }
         }
         self.place.clear_spots(&mut lists);
-        OnSpots::No(Section {
+        OnSpots::No(ChannelGuard {
             channel: self,
             lists,
         })

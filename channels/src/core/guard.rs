@@ -61,16 +61,16 @@ impl Holding {
 }
 
 /// The channel with its lock held.
-pub(crate) struct Section<'a, T, L> {
+pub(crate) struct ChannelGuard<'a, T, L> {
     pub(super) channel: &'a Channel<T>,
     /// Those of `channel`.
     pub(crate) lists: L,
 }
 
 /// A section that holds the lock itself.
-pub(crate) type Locked<'a, T> = Section<'a, T, BiasedGuard<'a, WaitQueues>>;
+pub(crate) type Locked<'a, T> = ChannelGuard<'a, T, BiasedGuard<'a, WaitQueues>>;
 
-impl<T, L: Deref<Target = WaitQueues> + DerefMut> Section<'_, T, L> {
+impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     #[inline]
     pub(super) fn with_store<R>(&mut self, f: impl FnOnce(&mut VecDeque<T>) -> R) -> R {
         let lists = &mut *self.lists;
