@@ -2,7 +2,7 @@
 
 use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::taped;
-use luna_core::current::{self, Ready, Renewal, Wakeup};
+use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::tape::{Event, Turn, What};
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -43,7 +43,7 @@ impl Watcher {
 }
 
 /// Takes the most urgent one out who waits for the ending that there is, and says whom to ready. O(those who wait on).
-pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<Ready> {
+pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let ending = lists.ending;
     let mut next = lists.watching.first();
     while let Some(node) = next {
@@ -62,13 +62,13 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<Ready> {
 /// # Safety
 ///
 /// `watcher` is in `list`, whose lock is held.
-unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> Ready {
+unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake {
     // SAFETY: the contract.
     unsafe {
         list.remove(watcher.cast());
         (*watcher.as_ptr()).listed = false;
         let wakeup = (*watcher.as_ptr()).wait.wakeup_mut().take();
-        wakeup.map_or(Ready::NOBODY, Wakeup::take)
+        wakeup.map_or(PendingWake::NOBODY, WakeHandle::take)
     }
 }
 

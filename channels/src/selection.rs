@@ -15,7 +15,7 @@
 //! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
-use luna_core::current::{PlainReady, Process, Wakeup};
+use luna_core::current::{PlainPendingWake, Process, WakeHandle};
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
@@ -50,7 +50,7 @@ pub struct Selection {
     first_late: AtomicU32,
     /// Whose clock that is: a partner by another one cannot tell.
     clock: AtomicUsize,
-    wakeup: UnsafeCell<Option<Wakeup>>,
+    wakeup: UnsafeCell<Option<WakeHandle>>,
     /// Held around each claim where `gated` is set, so that who claims several sees all of them open at one instant.
     gate: BiasedLock<()>,
     entered: UnsafeCell<Option<BiasedGuard<'static, ()>>>,
@@ -86,7 +86,7 @@ impl Selection {
     /// # Safety
     ///
     /// The owner calls this, and the selection is closed.
-    pub(crate) unsafe fn open(&self, wakeup: Wakeup, several: bool, limit: Option<(Instant, u32)>) {
+    pub(crate) unsafe fn open(&self, wakeup: WakeHandle, several: bool, limit: Option<(Instant, u32)>) {
         self.gated.store(several, Ordering::Relaxed);
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         if let Some((instant, first_late)) = limit {
@@ -140,7 +140,7 @@ impl Selection {
     /// # Safety
     ///
     /// The owner calls this, the selection is closed, and the gate is held.
-    pub(crate) unsafe fn open_gated(&self, wakeup: Wakeup) {
+    pub(crate) unsafe fn open_gated(&self, wakeup: WakeHandle) {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         // SAFETY: of a closed selection it is the owner's; who has closed it for the owner has left the gate.
         self.wakeup.with_mut(|cell| unsafe { *cell = Some(wakeup) });
@@ -157,7 +157,7 @@ impl Selection {
     pub(crate) unsafe fn open_plainly(&self, process: &Process) {
         self.has_plain_wakeup.store(true, Ordering::Relaxed);
         // SAFETY: by the contract it is the current process, in a plain turn.
-        let wakeup = Some(unsafe { Wakeup::of_plain_turn(process) });
+        let wakeup = Some(unsafe { WakeHandle::of_plain_turn(process) });
         // SAFETY: as for `open_gated`. A wakeup that is left there is that of an opening which nobody has left: there is none.
         self.wakeup.with_mut(|cell| unsafe { *cell = wakeup });
         self.state.store(OPEN, Ordering::Release);
@@ -169,7 +169,7 @@ impl Selection {
     ///
     /// The gate is held by the home that it favours. This is a partner, as for [`claim`](Self::claim).
     #[inline(always)]
-    pub(crate) unsafe fn claim_plainly(&self, guard: u32) -> Option<PlainReady> {
+    pub(crate) unsafe fn claim_plainly(&self, guard: u32) -> Option<PlainPendingWake> {
         if !self.is_open() || !self.has_plain_wakeup.load(Ordering::Relaxed) || self.is_late(guard)
         {
             return None;
@@ -177,7 +177,7 @@ impl Selection {
         // SAFETY: the gate is held, and the state is `OPEN` and about to be left. The wakeup was made on this thread.
         let ready = self
             .wakeup
-            .with_mut(|cell| unsafe { Wakeup::take_plain(&mut *cell) })?;
+            .with_mut(|cell| unsafe { WakeHandle::take_plain(&mut *cell) })?;
         self.state
             .store(guard.saturating_add(CHOSEN), Ordering::Release);
         Some(ready)
@@ -189,7 +189,7 @@ impl Selection {
     ///
     /// The owner calls this, and nobody can claim the selection meanwhile: it is closed, or the owner holds the locks of all lists that its
     /// nodes are in.
-    pub(crate) unsafe fn replace_wakeup(&self, wakeup: Wakeup) -> Option<Wakeup> {
+    pub(crate) unsafe fn replace_wakeup(&self, wakeup: WakeHandle) -> Option<WakeHandle> {
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         // SAFETY: the contract leaves the owner alone with it.
         self.wakeup
@@ -212,7 +212,7 @@ impl Selection {
     ///
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
-    pub(crate) fn claim(&self, guard: u32) -> Option<Option<Wakeup>> {
+    pub(crate) fn claim(&self, guard: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN || self.is_late(guard) {
             return None;
         }
@@ -221,7 +221,7 @@ impl Selection {
 
     /// As [`claim`](Self::claim), by the owner for a guard of its own whose time has come. It need not be readied.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
-    pub(crate) fn claim_own(&self, guard: u32) -> Option<Wakeup> {
+    pub(crate) fn claim_own(&self, guard: u32) -> Option<WakeHandle> {
         self.leave_open(guard.saturating_add(CHOSEN)).flatten()
     }
 
@@ -237,13 +237,13 @@ impl Selection {
 
     /// Takes the choice back from everybody, if nothing is chosen yet: gives what would have readied the owner.
     #[must_use = "the handle's drop is user code, and the owner's last step"]
-    pub(crate) fn close(&self) -> Option<Option<Wakeup>> {
+    pub(crate) fn close(&self) -> Option<Option<WakeHandle>> {
         self.leave_open(CLOSED)
     }
 
     /// Leaves `OPEN` for `state`, if that is the state: gives the wakeup, if one is there.
     #[inline]
-    fn leave_open(&self, state: u32) -> Option<Option<Wakeup>> {
+    fn leave_open(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.gated.load(Ordering::Relaxed) {
             let _gate = self.gate.lock();
             // SAFETY: the gate is held.
@@ -262,7 +262,7 @@ impl Selection {
     ///
     /// The selection is gated, and the gate is held.
     #[inline]
-    unsafe fn leave_open_gated(&self, state: u32) -> Option<Option<Wakeup>> {
+    unsafe fn leave_open_gated(&self, state: u32) -> Option<Option<WakeHandle>> {
         if self.state.load(Ordering::Acquire) != OPEN {
             return None;
         }
@@ -309,7 +309,7 @@ impl Selection {
     /// # Safety
     ///
     /// This thread has entered it. With a guard, it was open then.
-    pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<Wakeup> {
+    pub(crate) unsafe fn leave(&self, guard: Option<u32>) -> Option<WakeHandle> {
         // SAFETY: the contract.
         let wakeup =
             guard.and_then(|guard| unsafe { self.leave_open_gated(guard.saturating_add(CHOSEN)) });

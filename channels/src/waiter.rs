@@ -1,7 +1,7 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::selection::Selection;
-use luna_core::current::{self, PlainReady, Process, Ready, User, Wakeup};
+use luna_core::current::{self, PlainPendingWake, Process, PendingWake, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
@@ -189,7 +189,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin_plain(node: NonNull<Waiter<T>>, process: &Process) {
         let user = User::Process(process.id());
         // SAFETY: by the contract it is the current process, in a plain turn.
-        let wakeup = unsafe { Wakeup::of_plain_turn(process) };
+        let wakeup = unsafe { WakeHandle::of_plain_turn(process) };
         // SAFETY: the contract.
         unsafe {
             (*node.as_ptr()).link.write(Link {
@@ -265,7 +265,7 @@ impl<T> Waiter<T> {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
-            (*link).begun == Begun::Plainly && Wakeup::is_plain((*link).wait.wakeup_mut())
+            (*link).begun == Begun::Plainly && WakeHandle::is_plain((*link).wait.wakeup_mut())
         }
     }
 
@@ -276,13 +276,13 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it.
     #[inline(always)]
-    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>) -> Option<PlainReady> {
+    pub(crate) unsafe fn take_plain_wakeup(node: NonNull<Waiter<T>>) -> Option<PlainPendingWake> {
         // SAFETY: the contract.
         unsafe {
             // Not a reference to the whole: its future may look at the outcome meanwhile.
             let link = Self::link(node);
             if (*link).begun == Begun::Plainly {
-                Wakeup::take_plain((*link).wait.wakeup_mut())
+                WakeHandle::take_plain((*link).wait.wakeup_mut())
             } else {
                 None
             }
@@ -294,7 +294,7 @@ impl<T> Waiter<T> {
     /// # Safety
     ///
     /// As for [`take_plain_wakeup`](Self::take_plain_wakeup).
-    pub(crate) unsafe fn change_wakeup<'a>(node: NonNull<Waiter<T>>) -> &'a mut Option<Wakeup> {
+    pub(crate) unsafe fn change_wakeup<'a>(node: NonNull<Waiter<T>>) -> &'a mut Option<WakeHandle> {
         // SAFETY: the contract.
         unsafe {
             let link = Self::link(node);
@@ -515,7 +515,7 @@ impl<T> Waiter<T> {
     ///
     /// `node` is live, and the lock is held that guards it.
     #[inline]
-    unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> Ready {
+    unsafe fn take_wakeup(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe {
             // loom does not watch the wakeup: to it, this is an access to the value beside it, which must be over when the outcome is set.
@@ -525,7 +525,7 @@ impl<T> Waiter<T> {
                 .wait
                 .wakeup_mut()
                 .take()
-                .map_or(Ready::NOBODY, Wakeup::take)
+                .map_or(PendingWake::NOBODY, WakeHandle::take)
         }
     }
 
@@ -536,7 +536,7 @@ impl<T> Waiter<T> {
     /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held, or it is stale; and what it says it holds is
     /// true of `outcome`.
     #[inline]
-    pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> Ready {
+    pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> PendingWake {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
             let ready = Self::take_wakeup(node);
@@ -553,7 +553,7 @@ impl<T> Waiter<T> {
     /// # Safety
     ///
     /// `node` is a held sender's, was just unlisted, and the lock is held that guards it.
-    pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> Ready {
+    pub(crate) unsafe fn release(node: NonNull<Waiter<T>>) -> PendingWake {
         // SAFETY: the contract.
         unsafe { Self::settle(node, Outcome::Done) }
     }

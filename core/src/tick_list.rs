@@ -6,7 +6,7 @@
 //! A wait that begins while its tick is being fired is not lost: the list remembers how far it was fired, and both are done under its lock. So either the
 //! wait is listed before, and fired; or it sees that its instant has passed, and does not begin.
 
-use crate::current::{self, Priority, Ready, Renewal, Wakeup};
+use crate::current::{self, Priority, PendingWake, Renewal, WakeHandle};
 use crate::wait_list::{WaitList, WaitNode};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
@@ -63,7 +63,7 @@ pub enum Woken {
 /// Who is due, to be woken when no lock is held.
 #[derive(Debug)]
 pub struct Due {
-    who: Vec<(Priority, usize, Ready)>,
+    who: Vec<(Priority, usize, PendingWake)>,
     /// How many lists have added to it.
     lists: usize,
 }
@@ -124,7 +124,7 @@ impl TickList {
                 if due.who.len() == due.who.capacity() {
                     return false;
                 }
-                let ready = waiting.take_off(node).map_or(Ready::NOBODY, Wakeup::take);
+                let ready = waiting.take_off(node).map_or(PendingWake::NOBODY, WakeHandle::take);
                 due.who
                     .push((node.as_ref().priority(), due.who.len(), ready));
                 node.cast::<Node>().as_ref().leave(Left::Fired);
@@ -146,7 +146,7 @@ impl TickList {
             let ready = unsafe {
                 let wakeup = waiting.take_off(node);
                 node.cast::<Node>().as_ref().leave(Left::Closed);
-                wakeup.map_or(Ready::NOBODY, Wakeup::take)
+                wakeup.map_or(PendingWake::NOBODY, WakeHandle::take)
             };
             drop(waiting);
             ready.wake_contained();
@@ -178,7 +178,7 @@ impl Waiting {
     ///
     /// It is in the list, whose lock is held.
     #[must_use = "to be woken or dropped without the lock"]
-    unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Option<Wakeup> {
+    unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Option<WakeHandle> {
         // SAFETY: the contract.
         unsafe {
             self.list.remove(node);
@@ -286,7 +286,7 @@ impl Future for TickWait<'_> {
             current::ready_again(cx, current::Place::Last);
             return Poll::Pending;
         }
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         let mut waiting = this.list.waiting.lock();
         // SAFETY: the node is in no list, so it is this wait's alone.
         let at = unsafe { (*this.node.get()).at };

@@ -3,7 +3,7 @@
 //! The nodes lie in the waiting futures, so waiting allocates nothing and a future that is dropped takes its node with it. The
 //! list belongs to a lock: every method is called with that lock held.
 
-use crate::current::{self, Priority, User, Wakeup};
+use crate::current::{self, Priority, User, WakeHandle};
 use std::ptr::NonNull;
 
 /// One who waits. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a list's node leads back to it.
@@ -13,7 +13,7 @@ pub struct WaitNode {
     after: Option<NonNull<WaitNode>>,
     priority: Priority,
     user: User,
-    wakeup: Option<Wakeup>,
+    wakeup: Option<WakeHandle>,
 }
 
 impl WaitNode {
@@ -33,7 +33,7 @@ impl WaitNode {
 
     /// A node for `user`, to be listed where nobody else is.
     #[inline(always)]
-    pub fn waiting(user: User, priority: Priority, wakeup: Wakeup) -> Self {
+    pub fn waiting(user: User, priority: Priority, wakeup: WakeHandle) -> Self {
         Self {
             before: None,
             after: None,
@@ -69,7 +69,7 @@ impl WaitNode {
 
     /// Whom to wake; to be changed only under the list's lock.
     #[inline]
-    pub fn wakeup_mut(&mut self) -> &mut Option<Wakeup> {
+    pub fn wakeup_mut(&mut self) -> &mut Option<WakeHandle> {
         &mut self.wakeup
     }
 }
@@ -134,7 +134,7 @@ impl WaitList {
         &mut self,
         node: NonNull<WaitNode>,
         priority: Priority,
-        wakeup: impl Into<Option<Wakeup>>,
+        wakeup: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: the contract.
         unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
@@ -250,7 +250,7 @@ impl WaitList {
         before: Option<NonNull<WaitNode>>,
         node: NonNull<WaitNode>,
         priority: Priority,
-        wakeup: impl Into<Option<Wakeup>>,
+        wakeup: impl Into<Option<WakeHandle>>,
     ) {
         // SAFETY: by the contract the node is live and ours.
         unsafe {
@@ -374,7 +374,7 @@ mod tests {
     }
 
     fn insert(list: &mut WaitList, node: &mut Box<WaitNode>, thread: u8, level: u8) {
-        let wakeup = Wakeup::of(&Context::from_waker(Waker::noop()));
+        let wakeup = WakeHandle::of(&Context::from_waker(Waker::noop()));
         // SAFETY: the boxes outlive the list and are in it once.
         unsafe {
             list.insert(

@@ -5,7 +5,7 @@
 
 use crate::calls::UnderWay;
 use luna_core::current;
-use luna_core::current::{Ready, Renewal, Wakeup};
+use luna_core::current::{PendingWake, Renewal, WakeHandle};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use luna_platform::lock::PiLock;
@@ -144,7 +144,7 @@ struct Call<T> {
 }
 
 enum CallState<T> {
-    Running(Option<Wakeup>),
+    Running(Option<WakeHandle>),
     Done(Result<T, Box<dyn Any + Send>>),
     Taken,
 }
@@ -197,7 +197,7 @@ where
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<T> {
         // Cloned before the call is taken: a panic leaves it as it was.
-        let wakeup = self.call.is_some().then(|| Wakeup::of(cx));
+        let wakeup = self.call.is_some().then(|| WakeHandle::of(cx));
         if let Some(call) = self.call.take() {
             current::tape(|tape| tape.outside("`blocking`"));
             let running = Arc::new(Call {
@@ -247,7 +247,7 @@ impl<T> Call<T> {
             let mut state = self.state.lock();
             match std::mem::replace(&mut *state, CallState::Done(result)) {
                 CallState::Running(Some(wakeup)) => wakeup.take(),
-                _ => Ready::NOBODY,
+                _ => PendingWake::NOBODY,
             }
         };
         ready.wake();

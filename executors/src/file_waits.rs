@@ -1,6 +1,6 @@
 //! Who waits for which file, found by the number of the file's descriptor.
 
-use luna_core::current::{Priority, Ready, Wakeup};
+use luna_core::current::{Priority, PendingWake, WakeHandle};
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
 use std::os::fd::{AsRawFd, RawFd};
@@ -67,7 +67,7 @@ impl Waits {
         &mut self,
         node: NonNull<Node>,
         priority: Priority,
-        wakeup: Wakeup,
+        wakeup: WakeHandle,
     ) {
         // SAFETY: the contract.
         unsafe {
@@ -90,14 +90,14 @@ impl Waits {
     }
 
     /// Removes the most urgent of those who wait for `fd` and are `meant`, and gives its wake.
-    pub(crate) fn take(&mut self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<Ready> {
+    pub(crate) fn take(&mut self, fd: RawFd, meant: impl Fn(&Node) -> bool) -> Option<PendingWake> {
         let node = self.find(fd, meant)?;
         // SAFETY: it was found here, so it is listed, and live.
         let wakeup = unsafe {
             self.remove(node);
             (*node.as_ptr()).wait.wakeup_mut().take()
         };
-        Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
+        Some(wakeup.map_or(PendingWake::NOBODY, WakeHandle::take))
     }
 
     /// The most urgent of those who wait for `fd` and are `meant`. O(those whose descriptors are equal modulo 256).

@@ -4,7 +4,7 @@ use crate::file_error::FileError;
 use crate::file_waits::Node;
 use crate::watch::ThreadFiles;
 use luna_core::current;
-use luna_core::current::Wakeup;
+use luna_core::current::WakeHandle;
 use luna_core::events;
 use luna_platform::reactor::Interest;
 use std::cell::UnsafeCell;
@@ -140,7 +140,7 @@ impl Future for FileReady<'_> {
             }
         }
         // SAFETY: the node is pinned and in no list; it is withdrawn before it dies.
-        match unsafe { here.enlist(node, this.file, Wakeup::of(cx)) } {
+        match unsafe { here.enlist(node, this.file, WakeHandle::of(cx)) } {
             Ok(()) => {
                 this.files = Some(here);
                 events::waits_for_other();

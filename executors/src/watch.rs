@@ -6,7 +6,7 @@
 
 use crate::file_error::FileError;
 use crate::file_waits::{Node, Waits, both};
-use luna_core::current::{self, Renewal, Wakeup};
+use luna_core::current::{self, Renewal, WakeHandle};
 use luna_platform::bell::{Bell, Hook, Watch};
 use luna_platform::clock::Instant;
 use luna_platform::futex::Waited;
@@ -148,7 +148,7 @@ impl ThreadFiles {
         &self,
         node: NonNull<Node>,
         file: BorrowedFd<'_>,
-        wakeup: Wakeup,
+        wakeup: WakeHandle,
     ) -> Result<(), FileError> {
         let fd = file.as_raw_fd();
         let mut waits = self.waits.lock();

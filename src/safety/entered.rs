@@ -2,7 +2,7 @@
 
 use super::emergency::Emergency;
 use super::state::{Degree, Level};
-use luna_core::current::{self, Ready, Wakeup};
+use luna_core::current::{self, PendingWake, WakeHandle};
 use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::lock::PiLock;
@@ -86,7 +86,7 @@ impl Waiting {
         }
     }
 
-    fn take(&self, round: u32) -> Option<Ready> {
+    fn take(&self, round: u32) -> Option<PendingWake> {
         let mut lists = self.0.lock();
         if lists.round != round {
             // Who has entered it since then wakes the rest.
@@ -99,7 +99,7 @@ impl Waiting {
             lists.called.remove_first(node);
             let wakeup = (*waiter).wait.wakeup_mut().take();
             (*waiter).is_listed.store(false, Ordering::Release);
-            Some(wakeup.map_or(Ready::NOBODY, Wakeup::take))
+            Some(wakeup.map_or(PendingWake::NOBODY, WakeHandle::take))
         }
     }
 }
@@ -186,7 +186,7 @@ impl Future for SafeStateEntered {
             events::waits_for_other();
             return Poll::Pending;
         }
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         let node = self.node();
         let mut lists = self.emergency.waiting.0.lock();
         // Whoever enters it says so before it takes the lock: one of the two sees the other.

@@ -4,7 +4,7 @@ use super::guard::{Attempt, Guard, RawGuard};
 use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::taped;
-use luna_core::current::{self, Ready};
+use luna_core::current::{self, PendingWake};
 use luna_core::tape::Event;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -125,7 +125,7 @@ impl RawGuard for After {
 
     unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
         if self.sleep.has_come() {
-            Attempt::Ready(Ready::NOBODY)
+            Attempt::Ready(PendingWake::NOBODY)
         } else {
             Attempt::NotReady
         }

@@ -9,7 +9,7 @@ use super::list::{MOST_GUARDS, Open};
 use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use arrayvec::ArrayVec;
-use luna_core::current::{Ready, Wakeup};
+use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::biased_lock::BiasedGuard;
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
@@ -59,8 +59,8 @@ fn order(place: NonNull<WaitPoint>) -> u64 {
 
 /// What the first look at the guards came to.
 pub(super) enum Choice {
-    /// Guard number `.0` has happened. Ready whom it says, now that the locks are released.
-    Made(u32, Ready),
+    /// Guard number `.0` has happened. PendingWake whom it says, now that the locks are released.
+    Made(u32, PendingWake),
     /// None can happen now; they are not listed.
     None,
     /// None could happen; all are listed.
@@ -76,7 +76,7 @@ pub(super) unsafe fn choose(
     open: &mut Open<'_>,
     selection: &Selection,
     fair: bool,
-    wakeup: &mut Option<Wakeup>,
+    wakeup: &mut Option<WakeHandle>,
     cx: &mut Context<'_>,
 ) -> Choice {
     let mut locks = Locks::take(open);

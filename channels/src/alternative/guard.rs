@@ -3,7 +3,7 @@
 use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
-use luna_core::current::{PlainReady, Process, Ready};
+use luna_core::current::{PlainPendingWake, Process, PendingWake};
 use luna_platform::clock::Instant;
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -55,7 +55,7 @@ pub enum Attempt {
     /// The guard cannot happen now.
     NotReady,
     /// It has happened; this is whom to ready when the locks are released.
-    Ready(Ready),
+    Ready(PendingWake),
 }
 
 /// What a look at a guard at home came to.
@@ -175,7 +175,7 @@ pub trait RawGuard {
     /// # Safety
     ///
     /// The look has kept the lock, and said that the guard is ready. `process` has its plain turn.
-    unsafe fn take_fast(self: Pin<&mut Self>, _process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, _process: &Process) -> Option<PlainPendingWake> {
         None
     }
 

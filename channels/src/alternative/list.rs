@@ -4,7 +4,7 @@ use super::guard::{Guard, Look, RawGuard};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use arrayvec::ArrayVec;
-use luna_core::current::{PlainReady, Process};
+use luna_core::current::{PlainPendingWake, Process};
 use std::pin::Pin;
 use std::ptr::NonNull;
 
@@ -129,7 +129,7 @@ pub trait Guards {
         end: u32,
         chosen: u32,
         process: &Process,
-        ready: &mut Option<PlainReady>,
+        ready: &mut Option<PlainPendingWake>,
     );
 
     /// WaitQueues the guards, the first of which has this number, and releases the locks.
@@ -271,7 +271,7 @@ impl Guards for Nil {
         _: u32,
         _: u32,
         _: &Process,
-        _: &mut Option<PlainReady>,
+        _: &mut Option<PlainPendingWake>,
     ) {
     }
 
@@ -306,7 +306,7 @@ impl Guards for Skip {
         _: u32,
         _: u32,
         _: &Process,
-        _: &mut Option<PlainReady>,
+        _: &mut Option<PlainPendingWake>,
     ) {
     }
 
@@ -384,7 +384,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
         end: u32,
         chosen: u32,
         process: &Process,
-        ready: &mut Option<PlainReady>,
+        ready: &mut Option<PlainPendingWake>,
     ) {
         if number == end {
             return;

@@ -7,7 +7,7 @@ use super::stop::Stop;
 use crate::finally::Finally;
 use crate::selection::Selection;
 use crate::taped;
-use luna_core::current::{self, Process, Wakeup};
+use luna_core::current::{self, Process, WakeHandle};
 use luna_core::events;
 use luna_core::tape::{Event, Turn, What};
 use std::fmt;
@@ -377,7 +377,7 @@ impl Polled<'_> {
     /// Looks at the guards for the first time: which has happened, or none, and all are listed.
     fn first_look(&mut self, skip: Option<u32>, cx: &mut Context<'_>) -> Poll<Option<u32>> {
         // Made before the locks are taken; dropped last, if a guard is chosen.
-        let mut wakeup = skip.is_none().then(|| Wakeup::of(cx));
+        let mut wakeup = skip.is_none().then(|| WakeHandle::of(cx));
         // SAFETY: in `New` nothing is listed and the selection is closed; it is pinned, and outlives its guards.
         let choice = unsafe { choose(&mut self.open, self.selection, self.fair, &mut wakeup, cx) };
         match (choice, skip) {
@@ -443,7 +443,7 @@ impl Polled<'_> {
     /// Sees to it that who polls now is readied. Rare: only combinators with wakers of their own come here. O(n) locks.
     #[cold]
     fn rewake(&mut self, cx: &mut Context<'_>) {
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         let _former;
         let _locks = Locks::take(&self.open);
         if self.selection.chosen().is_some() {

@@ -5,7 +5,7 @@ use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::taped;
-use luna_core::current::{self, Ready};
+use luna_core::current::{self, PendingWake};
 use luna_core::tape::Event;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
@@ -154,7 +154,7 @@ impl<D: Due> RawGuard for When<D> {
 
     unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
         if self.is_due() {
-            Attempt::Ready(Ready::NOBODY)
+            Attempt::Ready(PendingWake::NOBODY)
         } else {
             Attempt::NotReady
         }

@@ -10,7 +10,7 @@
 //! there on has come, and one that is polled first from there on is of the next round.
 
 use super::{Barrier, SyncOp};
-use luna_core::current::{self, Home, Wakeup};
+use luna_core::current::{self, Home, WakeHandle};
 use luna_core::reclaim::Shared;
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
@@ -121,7 +121,7 @@ impl Group {
 
     /// Goes to the barrier for all, or sees how that stands. Called on the group's thread, when the
     /// group is complete. Runs no user code.
-    fn come(&self, wakeup: Wakeup) -> After<'_> {
+    fn come(&self, wakeup: WakeHandle) -> After<'_> {
         // SAFETY: this is the group's thread. The operation borrows the barrier, which lies in the group's own allocation and is dropped after
         // it; it is not moved while it is there, and is taken out as soon as its round is complete.
         let came = unsafe {
@@ -215,7 +215,7 @@ struct After<'a> {
     completes: bool,
     /// The members whose round is complete are to be readied.
     is_complete: bool,
-    former: [Option<Wakeup>; 2],
+    former: [Option<WakeHandle>; 2],
 }
 
 impl After<'_> {
@@ -320,7 +320,7 @@ impl LocalSync<'_> {
             return false;
         }
         // Cloning a waker is user code: what it did is looked at afterwards.
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         if !is_due() {
             return false;
         }
@@ -333,7 +333,7 @@ impl LocalSync<'_> {
     /// Comes to the group. Cloning the waker is user code, and comes first.
     fn enter(&mut self, cx: &Context<'_>) {
         self.group.enter();
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         // SAFETY: this is the group's thread; the node is in no list, pinned, and taken off before
         // it goes.
         unsafe {
@@ -356,7 +356,7 @@ impl LocalSync<'_> {
         if wakeup().as_ref().is_some_and(|known| known.is_of(cx)) {
             return;
         }
-        let mut new = Some(Wakeup::of(cx));
+        let mut new = Some(WakeHandle::of(cx));
         // The clone may have completed the round.
         if !self.is_through() {
             std::mem::swap(wakeup(), &mut new);

@@ -6,7 +6,7 @@ use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Ready, Renewal, Wakeup};
+use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_platform::sync::atomic::Ordering;
 use std::cell::UnsafeCell;
 use std::fmt;
@@ -37,7 +37,7 @@ pub(super) struct Came {
     /// This party has completed it, and the others are to be [released](Shared::release).
     pub(super) completes: bool,
     /// Not needed any more.
-    pub(super) former: [Option<Wakeup>; 2],
+    pub(super) former: [Option<WakeHandle>; 2],
 }
 
 /// Coming to a barrier: see [`Barrier::sync`].
@@ -122,7 +122,7 @@ impl<'a> SyncOp<'a> {
     /// # Safety
     ///
     /// It is pinned, and in no alternative.
-    pub(super) unsafe fn come(&mut self, wakeup: Wakeup) -> Came {
+    pub(super) unsafe fn come(&mut self, wakeup: WakeHandle) -> Came {
         let shared = self.shared();
         let waits = |former| Came {
             is_complete: false,
@@ -194,7 +194,7 @@ impl<'a> SyncOp<'a> {
     }
 
     /// As [`leave`](Self::leave), without user code: gives what is to be dropped.
-    pub(super) fn take_back(&mut self) -> (bool, Option<Wakeup>) {
+    pub(super) fn take_back(&mut self) -> (bool, Option<WakeHandle>) {
         match self.phase {
             Phase::Listed => {}
             Phase::New => return (false, None),
@@ -329,7 +329,7 @@ impl RawGuard for SyncOp<'_> {
         // SAFETY: the contract: the lists are this barrier's.
         if unsafe { this.shared().complete_with(lists, 1) } {
             this.phase = Phase::Completed;
-            Attempt::Ready(Ready::NOBODY)
+            Attempt::Ready(PendingWake::NOBODY)
         } else {
             Attempt::NotReady
         }

@@ -10,7 +10,7 @@ use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::selection::Selection;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{PlainReady, Process};
+use luna_core::current::{PlainPendingWake, Process};
 use luna_core::biased_lock::InsideGuard;
 use std::ptr::NonNull;
 
@@ -228,7 +228,7 @@ impl<T> Channel<T> {
         process: &Process,
         still: impl FnOnce() -> bool,
         note: impl FnOnce(bool),
-    ) -> Option<(T, PlainReady)> {
+    ) -> Option<(T, PlainPendingWake)> {
         // SAFETY: the contract. Under the lock a listed node is one of this channel's, and a sender's holds its value.
         unsafe {
             let mut lists = self.place.lock_if_favoured(process.home_number())?;
@@ -252,7 +252,7 @@ impl<T> Channel<T> {
         &self,
         node: NonNull<Waiter<T>>,
         process: &Process,
-    ) -> Option<PlainReady> {
+    ) -> Option<PlainPendingWake> {
         // SAFETY: the contract; under the lock a listed node is one of this channel's, and a sender's holds its value.
         unsafe {
             let mut lists = self.place.kept(process.home_number());
@@ -274,7 +274,7 @@ impl<T> Channel<T> {
         &self,
         node: NonNull<Waiter<T>>,
         process: &Process,
-    ) -> Option<PlainReady> {
+    ) -> Option<PlainPendingWake> {
         // SAFETY: as above; a listed receiver's node holds no value.
         unsafe {
             let mut lists = self.place.kept(process.home_number());
@@ -400,7 +400,7 @@ unsafe fn wait_as_sender<T, S: Source<T>>(
 ///
 /// The wakeup was made on this thread, where this is the plain turn of `process`.
 #[inline(always)]
-unsafe fn go_on(ready: PlainReady, process: &Process) -> FastPath {
+unsafe fn go_on(ready: PlainPendingWake, process: &Process) -> FastPath {
     // SAFETY: by the contract the wakeup was made here, and `process` is the current one, in a
     // plain turn.
     unsafe {

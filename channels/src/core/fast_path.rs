@@ -14,7 +14,7 @@ use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, p
 use crate::wait_point::{LastUser, WaitQueues, WaitPoint, user_number};
 use crate::source::{Offered, Source};
 use crate::waiter::Waiter;
-use luna_core::current::{self, PlainReady, Process};
+use luna_core::current::{self, PlainPendingWake, Process};
 use luna_core::events;
 use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
@@ -60,7 +60,7 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     first: NonNull<WaitNode>,
     offered: NonNull<Waiter<T>>,
     process: &Process,
-) -> Option<PlainReady> {
+) -> Option<PlainPendingWake> {
     // SAFETY: the contract; a listed receiver's node holds no value.
     unsafe {
         let receiver = first.cast::<Waiter<T>>();
@@ -87,7 +87,7 @@ pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
     lists: &mut WaitQueues,
     first: NonNull<WaitNode>,
     process: &Process,
-) -> Option<(T, PlainReady)> {
+) -> Option<(T, PlainPendingWake)> {
     // SAFETY: the contract; a listed sender's node holds its value.
     unsafe {
         let sender = first.cast::<Waiter<T>>();

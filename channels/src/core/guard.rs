@@ -8,7 +8,7 @@ use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::source::{Offered, Source};
 use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Heir, Priority, Ready, Wakeup};
+use luna_core::current::{self, Heir, Priority, PendingWake, WakeHandle};
 use luna_core::events;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -19,26 +19,26 @@ use std::ptr::NonNull;
 use std::task::Context;
 /// A send under the lock came to this.
 pub(crate) enum Sent<T> {
-    /// A receiver has it, or the buffer. Ready the receiver; drop what was overwritten.
-    Done(Ready, Option<T>),
-    /// A receiver has it, and holds the sender, whose node is listed for that. Ready the receiver, and [give](Channel::update_wakeup) the node a wakeup if it has none.
-    Held(Ready),
+    /// A receiver has it, or the buffer. PendingWake the receiver; drop what was overwritten.
+    Done(PendingWake, Option<T>),
+    /// A receiver has it, and holds the sender, whose node is listed for that. PendingWake the receiver, and [give](Channel::update_wakeup) the node a wakeup if it has none.
+    Held(PendingWake),
     /// Nobody takes it now.
     Full,
     /// Nobody will ever take it.
     Ended(Ending),
-    /// The value could not be made. Ready who was to receive it, and poison the channel.
-    Broken(Ready),
+    /// The value could not be made. PendingWake who was to receive it, and poison the channel.
+    Broken(PendingWake),
 }
 
 /// A receive under the lock came to this.
 pub(crate) enum Received<T> {
     /// A value, whom to ready, and who is held.
-    Done(T, Ready, Holding),
+    Done(T, PendingWake, Holding),
     Empty,
     Ended(Ending),
-    /// The sender's value could not be made. Ready it, and poison the channel.
-    Broken(Ready),
+    /// The sender's value could not be made. PendingWake it, and poison the channel.
+    Broken(PendingWake),
 }
 
 /// The sender that is held in an extended rendezvous.
@@ -199,7 +199,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 ticket,
                 priority: (*Waiter::link(sender)).wait.priority(),
             };
-            Some(Received::Done(value, Ready::NOBODY, holding))
+            Some(Received::Done(value, PendingWake::NOBODY, holding))
         }
     }
 
@@ -340,7 +340,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
         // SAFETY: the contract.
         let Some(value) = (unsafe { Offered::take(offered) }) else {
-            return Sent::Broken(Ready::NOBODY);
+            return Sent::Broken(PendingWake::NOBODY);
         };
         if TAPED {
             let stamp = self.lists.stamp(Stamped::Storing);
@@ -361,7 +361,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             overwritten
         });
         self.announce();
-        Sent::Done(Ready::NOBODY, overwritten)
+        Sent::Done(PendingWake::NOBODY, overwritten)
     }
 
     /// Sends without a buffer, where receivers may hold their senders.
@@ -398,7 +398,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             (*Waiter::link(receiver)).ticket = ticket;
             let priority = current::priority();
             // A waker is not cloned under the lock: the future, which then finds none, brings it.
-            let wakeup = Wakeup::without_waker(cx);
+            let wakeup = WakeHandle::without_waker(cx);
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
             // Before it is readied.
@@ -465,7 +465,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
                 }
                 // What was received is received; the next one finds the sender gone and the channel as it is.
                 Some(Received::Broken(ready)) => ready,
-                _ => Ready::NOBODY,
+                _ => PendingWake::NOBODY,
             };
             return Received::Done(value, ready, Holding::NOBODY);
         }
@@ -502,7 +502,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         &mut self,
         node: NonNull<Waiter<T>>,
         priority: Priority,
-        wakeup: Option<Wakeup>,
+        wakeup: Option<WakeHandle>,
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe { self.lists.senders.insert(node.cast(), priority, wakeup) };
@@ -560,7 +560,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         &mut self,
         node: NonNull<Waiter<T>>,
         priority: Priority,
-        wakeup: Option<Wakeup>,
+        wakeup: Option<WakeHandle>,
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe {

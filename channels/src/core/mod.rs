@@ -34,7 +34,7 @@ pub(crate) use crate::wait_point::Ending;
 use crate::wait_point::{WaitQueues, WaitPoint};
 pub(crate) use crate::taken::Taken;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Renewal, Wakeup};
+use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::reclaim::{self, Retired};
 use luna_core::spin;
 use luna_platform::sync::UnsafeCell;
@@ -179,7 +179,7 @@ impl<T> Channel<T> {
         &self,
         node: NonNull<Waiter<T>>,
         of_sender: bool,
-    ) -> (Outcome, Option<Wakeup>) {
+    ) -> (Outcome, Option<WakeHandle>) {
         self.place.waits_no_more();
         let mut section = self.lock();
         // SAFETY: under the lock a waiting node is listed.

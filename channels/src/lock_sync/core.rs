@@ -6,7 +6,7 @@ use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind};
 use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Heir, Priority, Ready, Renewal, User, Wakeup};
+use luna_core::current::{self, Heir, Priority, PendingWake, Renewal, User, WakeHandle};
 use luna_core::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -82,7 +82,7 @@ impl Drop for CoreRef {
 /// What is due after one became the holder, or waits to.
 #[must_use = "the process stays asleep, and the chain as it was"]
 pub(super) struct Admitted {
-    ready: Ready,
+    ready: PendingWake,
     changed: Option<Changed>,
 }
 
@@ -240,7 +240,7 @@ impl Core {
     ///
     /// As for [`poll_listed`](Self::poll_listed).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
-    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<Wakeup>) {
+    pub(super) unsafe fn withdraw(&self, entry: NonNull<Entry>) -> (bool, Option<WakeHandle>) {
         self.place.waits_no_more();
         let mut lists = self.place.lock();
         // SAFETY: the contract; a node that waits is in the list.
@@ -317,7 +317,7 @@ impl Core {
                 .senders
                 .insert_again_at(Entry::node(entry), Entry::priority(entry));
             Admitted {
-                ready: Ready::NOBODY,
+                ready: PendingWake::NOBODY,
                 changed: self.relend(&lists),
             }
         }

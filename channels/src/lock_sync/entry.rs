@@ -2,7 +2,7 @@
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{Heir, Priority, Renewal, Wakeup};
+use luna_core::current::{Heir, Priority, Renewal, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
@@ -230,7 +230,7 @@ impl Entry {
     ///
     /// It was begun and is in no list any more, and the lock is held that guarded it.
     #[must_use = "its drop is user code, and the caller's last step"]
-    pub(super) unsafe fn take_wakeup(entry: NonNull<Entry>) -> Option<Wakeup> {
+    pub(super) unsafe fn take_wakeup(entry: NonNull<Entry>) -> Option<WakeHandle> {
         // SAFETY: the contract.
         unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
     }

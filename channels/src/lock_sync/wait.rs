@@ -9,7 +9,7 @@ use crate::finally::Finally;
 use crate::wait_point::WaitQueues;
 use crate::taped;
 use crate::waiter::Outcome;
-use luna_core::current::{self, Heir, Renewal, Wakeup};
+use luna_core::current::{self, Heir, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::tape::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
@@ -81,7 +81,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let priority = heir
             .as_ref()
             .map_or_else(current::priority, Heir::priority_before_blocking);
-        let wakeup = Wakeup::of(cx);
+        let wakeup = WakeHandle::of(cx);
         let entry = self.entry();
         self.condition.note_user(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and keeps the mutex by its handle.

@@ -10,7 +10,7 @@ use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::selection::Selection;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_core::current::{self, PlainReady, Process, Ready};
+use luna_core::current::{self, PlainPendingWake, Process, PendingWake};
 use std::mem::ManuallyDrop;
 use std::pin::Pin;
 use std::ptr::NonNull;
@@ -51,8 +51,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
                 this.keep(value, holding.ticket);
                 (Outcome::Done, ready)
             }
-            Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, Ready::NOBODY),
-            Received::Ended(_) => (Outcome::Closed, Ready::NOBODY),
+            Received::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NOBODY),
+            Received::Ended(_) => (Outcome::Closed, PendingWake::NOBODY),
             Received::Broken(ready) => (Outcome::Broken, ready),
         };
         this.phase = Phase::Settled(outcome);
@@ -99,7 +99,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     }
 
     #[inline]
-    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: the contract: a new receive's node holds no value, and is known to its future alone.

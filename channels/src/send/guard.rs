@@ -9,7 +9,7 @@ use crate::selection::Selection;
 use crate::source::Source;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
-use luna_core::current::{self, PlainReady, Process, Ready};
+use luna_core::current::{self, PlainPendingWake, Process, PendingWake};
 use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
@@ -58,8 +58,8 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
                 this.phase = Phase::Listed;
                 return Attempt::Ready(ready);
             }
-            Sent::Ended(Ending::Poisoned) => (Outcome::Poisoned, Ready::NOBODY),
-            Sent::Ended(_) => (Outcome::Closed, Ready::NOBODY),
+            Sent::Ended(Ending::Poisoned) => (Outcome::Poisoned, PendingWake::NOBODY),
+            Sent::Ended(_) => (Outcome::Closed, PendingWake::NOBODY),
             Sent::Broken(ready) => (Outcome::Broken, ready),
         };
         this.phase = Phase::Settled(outcome);
@@ -106,7 +106,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     }
 
     #[inline]
-    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainReady> {
+    unsafe fn take_fast(self: Pin<&mut Self>, process: &Process) -> Option<PlainPendingWake> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         // SAFETY: the contract: a new send's node holds its value, since none is made, and is known to its future alone.

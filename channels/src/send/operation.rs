@@ -8,7 +8,7 @@ use crate::source::{InNode, Offered, Source};
 use crate::spots::Side;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Wakeup};
+use luna_core::current::{self, WakeHandle};
 use luna_core::spin;
 use luna_core::tape::Event;
 use std::cell::UnsafeCell;
@@ -113,7 +113,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
 
     /// Takes one that waits, or is held, off its list: see [`Channel::withdraw`](crate::core::Channel::withdraw).
     #[must_use = "the handle's drop is user code, and the caller's last step"]
-    fn take_back(&self) -> (Outcome, Option<Wakeup>) {
+    fn take_back(&self) -> (Outcome, Option<WakeHandle>) {
         debug_assert!(self.is_listed());
         // SAFETY: the node was listed on the senders' side: no other is waited with.
         unsafe { self.sender.channel().withdraw(self.node(), true) }
@@ -466,7 +466,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 // A waker is not cloned under the lock, but brought when it is released.
                 let wakeup = match looks {
                     true => None,
-                    false => Wakeup::without_waker(cx),
+                    false => WakeHandle::without_waker(cx),
                 };
                 let has_wakeup = wakeup.is_some();
                 // SAFETY: the node still holds or can make its value; the future is pinned, and its drop withdraws the node.

@@ -13,7 +13,7 @@
 use super::home_thread::{self, HomeThread, LentThread};
 use super::inheritance::LEVEL;
 use super::process::{Place, Priority, Process};
-use super::wakeup::Reference;
+use super::wake_handle::Reference;
 use super::{home, process};
 use crate::wait_list::{WaitList, WaitNode};
 use std::cmp::Ordering;

@@ -1,7 +1,7 @@
 //! The current process: the contract between channels and executors.
 //!
 //! Whoever runs processes sets a thread-local *current process* around each poll. Whoever makes processes wait (channels, barriers,
-//! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`Wakeup`]). On a thread that runs no
+//! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`WakeHandle`]). On a thread that runs no
 //! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
 
 mod branch;
@@ -19,7 +19,7 @@ mod renewal;
 mod run_queue;
 mod taped;
 mod turn;
-mod wakeup;
+mod wake_handle;
 
 pub use branch::{
     branch_failed, end_branch, in_branch, stay_in_branch, take_branch_end, with_branch,
@@ -43,7 +43,7 @@ pub use turn::{
     give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
     unrecorded_turn, user, with_process,
 };
-pub use wakeup::{PlainReady, Ready, Wakeup};
+pub use wake_handle::{PlainPendingWake, PendingWake, WakeHandle};
 
 use crate::path;
 use crate::spare::Spare;

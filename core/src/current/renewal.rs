@@ -1,17 +1,17 @@
 //! How a wake handle comes into a node without user code under the node's lock: see the rule at the head of [`wakeup`](super::wakeup).
 
-use super::Wakeup;
+use super::WakeHandle;
 use std::task::Context;
 
 /// A wake handle on its way into the node of an operation that waits. It is made without the lock that guards the node. What is left of it is dropped with this: where this is declared
 /// first, that is the caller's last step.
 ///
 /// ```
-/// use luna_core::current::{Renewal, Wakeup};
+/// use luna_core::current::{Renewal, WakeHandle};
 /// use luna_platform::lock::PiLock;
 /// use std::task::{Context, Waker};
 ///
-/// let stored: PiLock<Option<Wakeup>> = PiLock::new(None);
+/// let stored: PiLock<Option<WakeHandle>> = PiLock::new(None);
 /// let cx = Context::from_waker(Waker::noop());
 /// let mut renewal = Renewal::of(&cx);
 /// renewal.put(|renewal| renewal.store(&mut stored.lock()));
@@ -22,7 +22,7 @@ use std::task::Context;
 pub struct Renewal<'a, 'b> {
     cx: &'a Context<'b>,
     /// What is to be stored, or what was stored before.
-    handle: Option<Wakeup>,
+    handle: Option<WakeHandle>,
     is_missing: bool,
 }
 
@@ -40,7 +40,7 @@ impl<'a, 'b> Renewal<'a, 'b> {
     /// For a node that has no handle: a waker is cloned now.
     pub fn made(cx: &'a Context<'b>) -> Self {
         Self {
-            handle: Some(Wakeup::of(cx)),
+            handle: Some(WakeHandle::of(cx)),
             ..Self::of(cx)
         }
     }
@@ -62,12 +62,12 @@ impl<'a, 'b> Renewal<'a, 'b> {
     #[cold]
     fn make(&mut self) {
         self.is_missing = false;
-        self.handle = Some(Wakeup::of(self.cx));
+        self.handle = Some(WakeHandle::of(self.cx));
     }
 
     /// Sees to it that `stored` wakes who polls with the context. Called under the lock that guards it.
     #[inline]
-    pub fn store(&mut self, stored: &mut Option<Wakeup>) {
+    pub fn store(&mut self, stored: &mut Option<WakeHandle>) {
         if stored.as_ref().is_some_and(|stored| stored.is_of(self.cx)) {
             return;
         }
@@ -78,9 +78,9 @@ impl<'a, 'b> Renewal<'a, 'b> {
 
     /// The handle, for a node that is about to be listed. With `None` the caller lists nothing and returns: it is called again.
     #[inline]
-    pub fn take(&mut self) -> Option<Wakeup> {
+    pub fn take(&mut self) -> Option<WakeHandle> {
         let handle = self.handle.take();
-        let handle = handle.or_else(|| Wakeup::without_waker(self.cx));
+        let handle = handle.or_else(|| WakeHandle::without_waker(self.cx));
         self.is_missing = handle.is_none();
         handle
     }

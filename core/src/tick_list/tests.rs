@@ -145,7 +145,7 @@ mod alone {
             due.lists = list;
             for &(level, who) in of_list {
                 let waker = Waker::from(Arc::new(Note(who, order.clone())));
-                let ready = Wakeup::of(&Context::from_waker(&waker)).take();
+                let ready = WakeHandle::of(&Context::from_waker(&waker)).take();
                 let priority = Priority { thread: 0, level };
                 let number = due.who.len();
                 due.who.push((priority, number, ready));

@@ -4,7 +4,7 @@
 //! spines are at most log2(n + 1) long, which bounds inserting, removing the first and removing any by O(log n).
 
 use super::Fired;
-use crate::current::Wakeup;
+use crate::current::WakeHandle;
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 
@@ -21,7 +21,7 @@ pub(super) struct Node {
     pub(super) deadline: Instant,
     /// Of equal deadlines the one armed first comes first.
     sequence: u64,
-    pub(super) wakeup: Option<Wakeup>,
+    pub(super) wakeup: Option<WakeHandle>,
     pub(super) fired: Fired,
 }
 

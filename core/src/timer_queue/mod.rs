@@ -6,7 +6,7 @@
 
 mod heap;
 
-use crate::current::{self, Ready, Renewal, Wakeup};
+use crate::current::{self, PendingWake, Renewal, WakeHandle};
 use crate::events;
 use heap::{Heap, Node};
 use luna_platform::clock::Instant;
@@ -123,7 +123,7 @@ impl TimerQueue {
                     heap.remove(first);
                     self.publish_next(&heap);
                     let node = &mut *first.as_ptr();
-                    let ready = node.wakeup.take().map_or(Ready::NOBODY, Wakeup::take);
+                    let ready = node.wakeup.take().map_or(PendingWake::NOBODY, WakeHandle::take);
                     // The sleep may be gone from here on.
                     node.fired.store(true, Ordering::Release);
                     ready
@@ -201,7 +201,7 @@ impl Sleep {
 
     /// Gives the handle that it was to be woken by, if there is one.
     #[must_use = "its drop is user code, and the caller's last step"]
-    fn disarm(self: Pin<&mut Self>) -> Option<Wakeup> {
+    fn disarm(self: Pin<&mut Self>) -> Option<WakeHandle> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         if !this.armed {
@@ -281,7 +281,7 @@ impl Future for Sleep {
             ));
         }
         if let Some(queue) = &this.queue {
-            let wakeup = Wakeup::of(cx);
+            let wakeup = WakeHandle::of(cx);
             let mut heap = queue.heap.lock();
             // SAFETY: the node is in no heap, so it is this sleep's alone; it is pinned, and leaves the heap before it dies.
             unsafe {

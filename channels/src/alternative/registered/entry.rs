@@ -4,7 +4,7 @@ use crate::core::Channel;
 use crate::error::RecvError;
 use crate::selection::Selection;
 use crate::waiter::Waiter;
-use luna_core::current::PlainReady;
+use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
@@ -112,7 +112,7 @@ impl<T> Entry<T> {
     pub(crate) unsafe fn claim_or_announce(
         entry: NonNull<Entry<T>>,
         home: u64,
-    ) -> Option<Option<PlainReady>> {
+    ) -> Option<Option<PlainPendingWake>> {
         let node = entry.cast::<Waiter<T>>();
         let entry = entry.as_ptr();
         // SAFETY: the contract; the hub outlives its entries' being listed. The gate is held around what it guards.

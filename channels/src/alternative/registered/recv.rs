@@ -5,7 +5,7 @@ use crate::core::{Channel, Ending, Received, Taken};
 use crate::error::RecvError;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Wakeup};
+use luna_core::current::{self, WakeHandle};
 use luna_core::events;
 use luna_core::tape::{Event, Turn, What};
 use luna_platform::sync::atomic::Ordering;
@@ -253,7 +253,7 @@ impl<T> Alternative<'_, T> {
             }
             self.polled_by = (cx.waker().data(), cx.waker().vtable());
             // Cloning a waker is its owner's code, so it comes before the gate.
-            let wakeup = Wakeup::of(cx);
+            let wakeup = WakeHandle::of(cx);
             let hub = self.hub();
             let gate = hub.selection.gate();
             if !hub.has_news() {

@@ -1,6 +1,6 @@
 //! Which branches of a process have been woken, where there are too many to poll them all.
 
-use super::{Place, Ready, Wakeup, ready_again};
+use super::{Place, PendingWake, WakeHandle, ready_again};
 use crate::reclaim::{self, Retired};
 use luna_platform::lock::PiLock;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -29,7 +29,7 @@ struct Block {
     summary: Box<[AtomicU64]>,
     /// The parent waits, so a wake has to look for `parent`.
     is_waiting: AtomicBool,
-    parent: PiLock<Option<Wakeup>>,
+    parent: PiLock<Option<WakeHandle>>,
     seats: Box<[Seat]>,
 }
 
@@ -139,7 +139,7 @@ impl Branches {
     pub fn wait(&self, cx: &Context<'_>) {
         let block = self.shared.block();
         if self.bits == 0 {
-            let wakeup = Wakeup::of(cx);
+            let wakeup = WakeHandle::of(cx);
             // Dropped after the lock is released.
             let _before = block.parent.lock().replace(wakeup);
             block.is_waiting.store(true, Ordering::Release);
@@ -213,7 +213,7 @@ impl Block {
         None
     }
 
-    fn take_parent(&self) -> Option<Wakeup> {
+    fn take_parent(&self) -> Option<WakeHandle> {
         let mut parent = self.parent.lock();
         self.is_waiting.store(false, Ordering::Relaxed);
         parent.take()
@@ -236,7 +236,7 @@ impl Block {
                 }
                 None => parent
                     .as_ref()
-                    .map_or(Ready::NOBODY, Wakeup::wake_elsewhere),
+                    .map_or(PendingWake::NOBODY, WakeHandle::wake_elsewhere),
             }
         };
         ready.wake();

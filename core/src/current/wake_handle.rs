@@ -5,13 +5,13 @@
 //! This is the one place where the rule stands. User code is the clone, the wake and the drop of a waker that is not a process' own, the drop of a value, and a closure of the
 //! user. It may panic. It may call any operation, also on the place that runs it. So:
 //!
-//! 1. It never runs under a lock. A waker is cloned before the lock is taken ([`Renewal`](super::Renewal)). What a lock section leaves to be woken or dropped is carried out of it: a [`Ready`] is
-//!    woken, a former [`Wakeup`] is dropped, by the caller.
+//! 1. It never runs under a lock. A waker is cloned before the lock is taken ([`Renewal`](super::Renewal)). What a lock section leaves to be woken or dropped is carried out of it: a [`PendingWake`] is
+//!    woken, a former [`WakeHandle`] is dropped, by the caller.
 //! 2. It never runs between two steps of a state change. When it runs, the node is unlinked or listed, the outcome and the operation's own phase are set, and what was received has
 //!    an owner. It is the last step, or what comes after it is done by a guard, which also runs while a panic unwinds.
-//! 3. A panic reaches the caller of the operation, and nobody else. A [`Ready`] that is dropped by the unwinding wakes all the same. While one panic unwinds, a second
+//! 3. A panic reaches the caller of the operation, and nobody else. A [`PendingWake`] that is dropped by the unwinding wakes all the same. While one panic unwinds, a second
 //!    one is contained here, since it would end the program. A thread that wakes for others and has more to do (the timer manager, say)
-//!    contains all of them: [`wake_contained`](Ready::wake_contained). At a deadline of an executor a panic ends the executor, which is an emergency.
+//!    contains all of them: [`wake_contained`](PendingWake::wake_contained). At a deadline of an executor a panic ends the executor, which is an emergency.
 //!
 //! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of the other channels if alternatives meet. The value has to be there at the instant of the choice, and
 //! its partner has committed by then. Without the lock, the partner that times out or is dropped meanwhile would have to wait for the closure: an operation would wait for
@@ -117,7 +117,7 @@ impl Drop for Reference {
 ///
 /// It keeps the memory of the process that it wakes, but not the process: waking one that has ended does nothing.
 #[derive(Debug)]
-pub struct Wakeup(Inner);
+pub struct WakeHandle(Inner);
 
 enum Inner {
     Process(Reference),
@@ -180,23 +180,23 @@ impl fmt::Debug for Inner {
     }
 }
 
-impl Wakeup {
+impl WakeHandle {
     /// How to wake who polls with `cx`: without its waker if that is the current process itself, shares its thread with others, and is
     /// not a combinator with wakers of its own within it.
     ///
     /// It may clone a waker: not to be called under a lock.
     #[inline]
-    pub fn of(cx: &Context<'_>) -> Wakeup {
+    pub fn of(cx: &Context<'_>) -> WakeHandle {
         Self::without_waker(cx)
-            .unwrap_or_else(|| Wakeup(Inner::Waker(Foreign::new(cx.waker().clone()))))
+            .unwrap_or_else(|| WakeHandle(Inner::Waker(Foreign::new(cx.waker().clone()))))
     }
 
     /// As [`of`](Self::of), if no waker is to be cloned for that: then it may be called under a lock.
     #[inline]
-    pub fn without_waker(cx: &Context<'_>) -> Option<Wakeup> {
+    pub fn without_waker(cx: &Context<'_>) -> Option<WakeHandle> {
         process(|process| match process {
             Some(process) if process.is_owned() && process.is_polled_with(cx) => {
-                Some(Wakeup(Inner::Process(Reference::to_current(process))))
+                Some(WakeHandle(Inner::Process(Reference::to_current(process))))
             }
             _ => None,
         })
@@ -210,28 +210,28 @@ impl Wakeup {
     /// this turn. So references to it are counted, and without atomics on this thread, which is its
     /// home.
     #[inline(always)]
-    pub unsafe fn of_plain_turn(process: &Process) -> Wakeup {
+    pub unsafe fn of_plain_turn(process: &Process) -> WakeHandle {
         process.references.add();
-        Wakeup(Inner::Process(Reference(NonNull::from(process))))
+        WakeHandle(Inner::Process(Reference(NonNull::from(process))))
     }
 
     /// Whether there is one that [`take_plain`](Self::take_plain) takes.
     #[inline(always)]
-    pub fn is_plain(wakeup: &Option<Wakeup>) -> bool {
-        matches!(wakeup, Some(Wakeup(Inner::Process(_))))
+    pub fn is_plain(wakeup: &Option<WakeHandle>) -> bool {
+        matches!(wakeup, Some(WakeHandle(Inner::Process(_))))
     }
 
     /// Takes out what was made [of a plain turn](Self::of_plain_turn); `None` for another one, which stays. One word is moved.
     #[inline(always)]
-    pub fn take_plain(from: &mut Option<Wakeup>) -> Option<PlainReady> {
-        let Some(Wakeup(Inner::Process(reference))) = from else {
+    pub fn take_plain(from: &mut Option<WakeHandle>) -> Option<PlainPendingWake> {
+        let Some(WakeHandle(Inner::Process(reference))) = from else {
             return None;
         };
         // SAFETY: the reference is moved: what it lay in is overwritten, not dropped.
         unsafe {
             let reference = ptr::read(reference);
             ptr::write(from, None);
-            Some(PlainReady(reference))
+            Some(PlainPendingWake(reference))
         }
     }
 
@@ -250,8 +250,8 @@ impl Wakeup {
 
     /// Makes ready to wake after the lock is released. O(1): nothing of another's is called.
     #[inline]
-    pub fn take(self) -> Ready {
-        Ready(match self.0 {
+    pub fn take(self) -> PendingWake {
+        PendingWake(match self.0 {
             Inner::Waker(waker) => Readying::Waker(waker),
             Inner::Process(reference) => Readying::Process(reference),
         })
@@ -268,25 +268,25 @@ impl Wakeup {
     /// Readies a process of another thread, or gives what wakes its thread.
     ///
     /// The caller has seen that it is not [woken once](Self::is_woken_once).
-    pub(super) fn wake_elsewhere(&self) -> Ready {
+    pub(super) fn wake_elsewhere(&self) -> PendingWake {
         match &self.0 {
             // A thread's own waker: no user code.
-            Inner::Waker(waker) => Ready(Readying::Waker(Foreign::new((*waker.0).clone()))),
+            Inner::Waker(waker) => PendingWake(Readying::Waker(Foreign::new((*waker.0).clone()))),
             Inner::Process(reference) => {
                 // SAFETY: the reference keeps the process' memory, and the caller saw that it is not of this thread.
                 unsafe { reference.process().ready_elsewhere(reference.lowered()) };
-                Ready::NOBODY
+                PendingWake::NOBODY
             }
         }
     }
 }
 
-/// A wake of a process of this thread's home that is due: see [`Wakeup::take_plain`].
+/// A wake of a process of this thread's home that is due: see [`WakeHandle::take_plain`].
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
-pub struct PlainReady(Reference);
+pub struct PlainPendingWake(Reference);
 
-impl PlainReady {
+impl PlainPendingWake {
     /// Has the memory of the process fetched into the cache, since it will be polled soon: what its executor keeps for it, and the begin of its body. A few instructions, which wait
     /// for nothing.
     #[inline(always)]
@@ -298,7 +298,7 @@ impl PlainReady {
     ///
     /// # Safety
     ///
-    /// Its wakeup was made [of a plain turn](Wakeup::of_plain_turn) on this thread.
+    /// Its wakeup was made [of a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
         let process = self.0.process();
@@ -314,7 +314,7 @@ impl PlainReady {
 /// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks. One that is dropped wakes too, so that no wake is lost when user code panics before it.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
-pub struct Ready(Readying);
+pub struct PendingWake(Readying);
 
 enum Readying {
     Process(Reference),
@@ -332,9 +332,9 @@ impl fmt::Debug for Readying {
     }
 }
 
-impl Ready {
+impl PendingWake {
     /// Nobody to wake.
-    pub const NOBODY: Ready = Ready(Readying::Nobody);
+    pub const NOBODY: PendingWake = PendingWake(Readying::Nobody);
 
     /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
     #[inline(always)]
@@ -357,14 +357,14 @@ impl Ready {
     }
 }
 
-impl Ready {
+impl PendingWake {
     #[cold]
     fn wake_after_all(&mut self) {
         mem::replace(&mut self.0, Readying::Nobody).carry_out();
     }
 }
 
-impl Drop for Ready {
+impl Drop for PendingWake {
     #[inline(always)]
     fn drop(&mut self) {
         if !matches!(self.0, Readying::Nobody) {
