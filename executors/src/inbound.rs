@@ -1,6 +1,6 @@
 //! Wakes from elsewhere: how other threads tell an executor whom they have woken, and how it goes to sleep without missing one.
 //!
-//! [Seats](crate::seats) say who was woken at which level; one word of signals says at which levels there is somebody, so that a high wake never
+//! [RemoteWakes](crate::remote_wakes) say who was woken at which level; one word of signals says at which levels there is somebody, so that a high wake never
 //! waits behind low ones:
 //!
 //! ```text
@@ -17,7 +17,7 @@
 //! protocol of the [`Bell`], which says what the bell is.
 
 use crate::presence::Presence;
-use crate::seats::{Near, Seat, Seats};
+use crate::remote_wakes::{Near, Seat, RemoteWakes};
 use luna_core::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
@@ -62,7 +62,7 @@ impl Signals {
     }
 }
 
-/// The signals, the first seats, and the bell: what a wake from another core changes, on one line of memory that holds nothing else. (A line is 64
+/// The signals, the first remote_wakes, and the bell: what a wake from another core changes, on one line of memory that holds nothing else. (A line is 64
 /// bytes; two that lie side by side are fetched together on many processors.)
 #[derive(Debug)]
 #[repr(C, align(128))]
@@ -129,11 +129,11 @@ impl Inbound {
         self.signals.fetch_and(!ATTENTION, Ordering::AcqRel);
     }
 
-    /// Gives all of `seats`, those of this executor, who were woken at `level`. O(their number); owner only.
-    pub(crate) fn take<T: Copy>(&self, level: u8, seats: &Seats<T>, woken: impl FnMut(T)) {
+    /// Gives all of `remote_wakes`, those of this executor, who were woken at `level`. O(their number); owner only.
+    pub(crate) fn take<T: Copy>(&self, level: u8, remote_wakes: &RemoteWakes<T>, woken: impl FnMut(T)) {
         // The signal goes first: who marks after the look signals again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
-        seats.take(&self.near, level, woken);
+        remote_wakes.take(&self.near, level, woken);
     }
 
     /// The word that the signals are in: for who sets [`DEADLINE`] on the owner's thread.

@@ -26,7 +26,7 @@ mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod presence;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
-mod seats;
+mod remote_wakes;
 
 #[cfg(not(loom))]
 mod blocking;

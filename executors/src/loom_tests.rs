@@ -5,7 +5,7 @@
 
 use crate::inbound::Inbound;
 use crate::presence::{Look, Presence, Sleeper, look};
-use crate::seats::{Seat, Seats};
+use crate::remote_wakes::{Seat, RemoteWakes};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use loom::thread;
@@ -28,12 +28,12 @@ impl Process {
 }
 
 /// Processes at these levels, each of which is a member by its place.
-fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, Seats<usize>) {
-    let mut seats = Seats::new();
+fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, RemoteWakes<usize>) {
+    let mut remote_wakes = RemoteWakes::new();
     let mut member = 0;
     let processes = levels.map(|level| {
-        let seat = seats.reserve();
-        seats.fill(seat.number(), member);
+        let seat = remote_wakes.reserve();
+        remote_wakes.fill(seat.number(), member);
         member += 1;
         Process {
             seat,
@@ -41,14 +41,14 @@ fn processes<const N: usize>(levels: [u8; N]) -> (Arc<[Process; N]>, Seats<usize
             brought: AtomicUsize::new(0),
         }
     });
-    (Arc::new(processes), seats)
+    (Arc::new(processes), remote_wakes)
 }
 
 /// The owner's loop, as in `executor::round`: runs processes until all has been seen that `expected` wakes bring. Gives who ran. With `spins`, it looks
 /// before it sleeps.
 fn run_until<const N: usize>(
     inbound: &Inbound,
-    seats: &Seats<usize>,
+    remote_wakes: &RemoteWakes<usize>,
     processes: &[Process; N],
     expected: usize,
     spins: bool,
@@ -57,7 +57,7 @@ fn run_until<const N: usize>(
     let mut seen = [0; N];
     while seen.iter().sum::<usize>() < expected {
         match inbound.signals().highest_level() {
-            Some(level) => inbound.take(level, seats, |member| {
+            Some(level) => inbound.take(level, remote_wakes, |member| {
                 assert_eq!(processes[member].level, level);
                 runs.push(member);
                 seen[member] = processes[member].brought.load(Ordering::Relaxed);
@@ -88,19 +88,19 @@ fn all_are_seen_by<const N: usize, const W: usize>(
 ) {
     model(move || {
         let inbound = Arc::new(Inbound::new());
-        let (processes, seats) = processes(levels);
+        let (processes, remote_wakes) = processes(levels);
         let wakers = wakers.map(|member| {
             let (inbound, processes) = (inbound.clone(), processes.clone());
             thread::spawn(move || processes[member].wake(&inbound))
         });
-        let runs = run_until(&inbound, &seats, &processes, W, spins);
+        let runs = run_until(&inbound, &remote_wakes, &processes, W, spins);
         for waker in wakers {
             waker.join().unwrap();
         }
         // One who came with what was seen before may be left.
         let mut left = 0;
         while let Some(level) = inbound.signals().highest_level() {
-            inbound.take(level, &seats, |_| left += 1);
+            inbound.take(level, &remote_wakes, |_| left += 1);
         }
         assert!(runs.len() + left <= W, "{runs:?}: ran without being woken");
     });
@@ -153,13 +153,13 @@ fn a_waker_that_goes_no_further_holds_up_nobody() {
     for (member, steps) in [(0, 0), (0, 1), (1, 0), (1, 1), (1, 2)] {
         model(move || {
             let inbound = Arc::new(Inbound::new());
-            let (processes, seats) = processes([7, 7]);
+            let (processes, remote_wakes) = processes([7, 7]);
             inbound.mark_partly(&processes[member].seat, 7, steps);
             let waker = {
                 let (inbound, processes) = (inbound.clone(), processes.clone());
                 thread::spawn(move || processes[member].wake(&inbound))
             };
-            assert!(!run_until(&inbound, &seats, &processes, 1, false).is_empty());
+            assert!(!run_until(&inbound, &remote_wakes, &processes, 1, false).is_empty());
             waker.join().unwrap();
         });
     }

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! On the executor's own thread a wake is a flag and a push, without atomics. From elsewhere it is a fixed number of instructions, none of which
-//! relies on another waker to go on ([`seats`](crate::seats)): a waker that is preempted half-way holds up nobody.
+//! relies on another waker to go on ([`remote_wakes`](crate::remote_wakes)): a waker that is preempted half-way holds up nobody.
 //!
 //! A task is polled, and its body dropped, on its executor's thread alone. It is *retired* when its body has ended and it is in no queue; its
 //! memory then goes when nobody refers to it any more: wakeups are counted in its [`current::Process`], wakers in the task. The process' own waker
@@ -21,7 +21,7 @@ mod waker;
 use crate::executor::{self, Shared};
 use crate::interference;
 use crate::process::{Body, End, LastWords, Notice, Record, Words, WordsMethods};
-use crate::seats::{Seat, Seats};
+use crate::remote_wakes::{Seat, RemoteWakes};
 use luna_core::current::{self, Methods, Place, Process};
 use luna_core::events;
 use luna_core::reclaim::Retired;
@@ -39,20 +39,20 @@ use std::task::{Context, Poll};
 
 thread_local! {
     /// The tasks of the executor that this thread is that are not retired.
-    static SEATS: RefCell<Seats<NonNull<Task>>> = const { RefCell::new(Seats::new()) };
+    static SEATS: RefCell<RemoteWakes<NonNull<Task>>> = const { RefCell::new(RemoteWakes::new()) };
     static TASKS: Cell<usize> = const { Cell::new(0) };
 }
 
 /// The tasks of one of several executors that share a thread, while another has its turn.
 pub(crate) struct Tasks {
-    seats: Seats<NonNull<Task>>,
+    remote_wakes: RemoteWakes<NonNull<Task>>,
     count: usize,
 }
 
 impl Tasks {
     pub(crate) const fn new() -> Self {
         Self {
-            seats: Seats::new(),
+            remote_wakes: RemoteWakes::new(),
             count: 0,
         }
     }
@@ -64,7 +64,7 @@ impl Tasks {
 
     /// Makes these the thread's, and keeps those that were: before a turn and after it.
     pub(crate) fn exchange(&mut self) {
-        SEATS.with_borrow_mut(|seats| std::mem::swap(seats, &mut self.seats));
+        SEATS.with_borrow_mut(|remote_wakes| std::mem::swap(remote_wakes, &mut self.remote_wakes));
         self.count = TASKS.replace(self.count);
     }
 }
@@ -126,7 +126,7 @@ where
         shared.thread_priority(),
         record.level(),
     );
-    let seat = SEATS.with_borrow_mut(Seats::reserve);
+    let seat = SEATS.with_borrow_mut(RemoteWakes::reserve);
     let number = seat.number();
     let (whole, skipped) = memory::allocate::<Whole<F>>();
     let level = record.level();
@@ -171,7 +171,7 @@ where
             }
         }
         this.record.set_process(NonNull::from(&this.process));
-        SEATS.with_borrow_mut(|seats| seats.fill(number, task));
+        SEATS.with_borrow_mut(|remote_wakes| remote_wakes.fill(number, task));
         TASKS.set(TASKS.get() + 1);
         let (id, name) = (this.record.id(), || this.record.name().to_owned());
         events::name_process(id.get(), level, name);
@@ -186,17 +186,17 @@ pub(crate) fn count() -> usize {
 
 /// The processes of this thread's executor that have not been retired. Allocates.
 pub(crate) fn records() -> Vec<Arc<Record>> {
-    SEATS.with_borrow(|seats| {
+    SEATS.with_borrow(|remote_wakes| {
         // SAFETY: who has a seat is not retired, so it is live.
         let record = |task: NonNull<Task>| unsafe { task.as_ref() }.record.clone();
-        seats.members().map(record).collect()
+        remote_wakes.members().map(record).collect()
     })
 }
 
 /// Queues those who were woken from elsewhere at `level`. O(their number).
 pub(crate) fn take_in(shared: &Shared, level: u8) {
-    SEATS.with_borrow(|seats| {
-        shared.inbound().take(level, seats, |task| {
+    SEATS.with_borrow(|remote_wakes| {
+        shared.inbound().take(level, remote_wakes, |task| {
             // SAFETY: who has a seat is not retired, so it is live, and this is its home's thread.
             unsafe {
                 // What it had inherited may have been given back meanwhile, or the wake was one of the seat's former owner.
@@ -442,7 +442,7 @@ pub(crate) fn end_all(why: &str) {
         // others. SAFETY: who comes is given a turn below, before anything else is done, or
         // retired.
         let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
-        let next = queued.or_else(|| SEATS.with_borrow(|seats| seats.next(&mut number)));
+        let next = queued.or_else(|| SEATS.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
         let Some(task) = next else {
             return;
         };
@@ -511,7 +511,7 @@ unsafe fn retire(task: NonNull<Task>) {
     TASKS.set(TASKS.get() - 1);
     // SAFETY: the process is not polled again, and this is its home's thread. Wakeups and wakers keep the task alive themselves.
     unsafe {
-        SEATS.with_borrow_mut(|seats| seats.leave(task.as_ref().seat.number()));
+        SEATS.with_borrow_mut(|remote_wakes| remote_wakes.leave(task.as_ref().seat.number()));
         Process::end(task.cast());
     }
 }

@@ -1,7 +1,7 @@
 //! Who was woken from elsewhere: a seat for each process of an executor, with one bit for each level at which it can be woken.
 //!
 //! A wake sets bits, each by one instruction that says the same however often it is carried out: the seat's, then that of the word it lies in, then
-//! the level's among the executor's signals. The first seats have a word each that lies beside the signals, so that a wake from another core fetches
+//! the level's among the executor's signals. The first remote_wakes have a word each that lies beside the signals, so that a wake from another core fetches
 //! one line of memory instead of three. So a wake takes a fixed number of steps, and none depends on another's: a waker that is preempted
 //! half-way leaves nothing half done that a second one, of the same process or of another, would have to wait for. (A queue of links cannot
 //! give that: to be in it once, a process is first marked and then queued, and who finds it marked relies on who marked it.)
@@ -13,10 +13,10 @@ use luna_core::current::LEVELS;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
-/// How many seats have a word beside the signals: what is left of their line. A model is to have seats of both kinds.
+/// How many remote_wakes have a word beside the signals: what is left of their line. A model is to have remote_wakes of both kinds.
 pub(crate) const NEAR: usize = if cfg!(loom) { 1 } else { 10 };
 
-/// The words of the first seats: at which levels each was woken. They lie where the owner's signals do.
+/// The words of the first remote_wakes: at which levels each was woken. They lie where the owner's signals do.
 #[derive(Debug)]
 pub(crate) struct Near([AtomicU32; NEAR]);
 
@@ -31,7 +31,7 @@ const WORDS: usize = if cfg!(loom) { 1 } else { 64 };
 const BITS: usize = u64::BITS as usize;
 const SEATS: usize = WORDS * BITS;
 
-/// The bits of 4096 seats: four bytes for each.
+/// The bits of 4096 remote_wakes: four bytes for each.
 #[derive(Debug)]
 struct Block {
     /// For each level, which of its words may have a bit set.
@@ -91,15 +91,15 @@ impl Seat {
     }
 }
 
-/// The seats of one executor and who has them; the owner's alone.
+/// The remote_wakes of one executor and who has them; the owner's alone.
 #[derive(Debug)]
-pub(crate) struct Seats<T> {
+pub(crate) struct RemoteWakes<T> {
     blocks: Vec<Arc<Block>>,
     members: Vec<Option<T>>,
     free: Vec<u32>,
 }
 
-impl<T: Copy> Seats<T> {
+impl<T: Copy> RemoteWakes<T> {
     pub(crate) const fn new() -> Self {
         Self {
             blocks: Vec::new(),
@@ -130,7 +130,7 @@ impl<T: Copy> Seats<T> {
         self.members[number] = Some(member);
     }
 
-    /// All who have a seat, in the order of their seats.
+    /// All who have a seat, in the order of their remote_wakes.
     pub(crate) fn members(&self) -> impl Iterator<Item = T> {
         self.members.iter().copied().flatten()
     }
@@ -153,7 +153,7 @@ impl<T: Copy> Seats<T> {
         self.free.push(number as u32);
     }
 
-    /// Gives all who were marked at `level`, in the order of their seats. `near` is this owner's. O(their number + seats / 4096).
+    /// Gives all who were marked at `level`, in the order of their remote_wakes. `near` is this owner's. O(their number + remote_wakes / 4096).
     pub(crate) fn take(&self, near: &Near, level: u8, mut woken: impl FnMut(T)) {
         for (word, member) in near.0.iter().zip(&self.members) {
             // Asked first: who marks signals after it, so what is missed here is signalled again.
@@ -198,19 +198,19 @@ fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
 
-    fn taken(seats: &Seats<usize>, near: &Near, level: u8) -> Vec<usize> {
+    fn taken(remote_wakes: &RemoteWakes<usize>, near: &Near, level: u8) -> Vec<usize> {
         let mut taken = Vec::new();
-        seats.take(near, level, |member| taken.push(member));
+        remote_wakes.take(near, level, |member| taken.push(member));
         taken
     }
 
     #[test]
     fn each_who_was_marked_is_given_once_wherever_it_sits() {
-        let (mut seats, near) = (Seats::new(), Near::new());
+        let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
         let places: Vec<Seat> = (0..NEAR + 3 * SEATS + 1)
             .map(|member| {
-                let seat = seats.reserve();
-                seats.fill(seat.number(), member);
+                let seat = remote_wakes.reserve();
+                remote_wakes.fill(seat.number(), member);
                 seat
             })
             .collect();
@@ -222,26 +222,26 @@ mod tests {
         }
         places[1].mark(&near, 8);
         places[NEAR].mark(&near, 8);
-        assert_eq!(taken(&seats, &near, 7), marked);
-        assert_eq!(taken(&seats, &near, 7), []);
-        assert_eq!(taken(&seats, &near, 8), [1, NEAR]);
+        assert_eq!(taken(&remote_wakes, &near, 7), marked);
+        assert_eq!(taken(&remote_wakes, &near, 7), []);
+        assert_eq!(taken(&remote_wakes, &near, 8), [1, NEAR]);
     }
 
     #[test]
     fn a_late_wake_of_one_who_has_left_is_nobodys_or_the_next_ones() {
-        let (mut seats, near) = (Seats::new(), Near::new());
+        let (mut remote_wakes, near) = (RemoteWakes::new(), Near::new());
         for number in 0..NEAR + 2 {
-            let first = seats.reserve();
+            let first = remote_wakes.reserve();
             assert_eq!(first.number(), number);
-            seats.fill(number, 1);
-            seats.leave(number);
+            remote_wakes.fill(number, 1);
+            remote_wakes.leave(number);
             first.mark(&near, 0);
-            assert_eq!(taken(&seats, &near, 0), []);
-            let second = seats.reserve();
+            assert_eq!(taken(&remote_wakes, &near, 0), []);
+            let second = remote_wakes.reserve();
             assert_eq!(second.number(), number);
-            seats.fill(number, 2);
+            remote_wakes.fill(number, 2);
             first.mark(&near, 0);
-            assert_eq!(taken(&seats, &near, 0), [2]);
+            assert_eq!(taken(&remote_wakes, &near, 0), [2]);
         }
     }
 }
