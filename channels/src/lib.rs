@@ -50,7 +50,7 @@ mod recv;
 mod selection;
 mod send;
 mod source;
-mod spots;
+mod hand_off_slots;
 mod stamp;
 mod stream;
 mod taken;

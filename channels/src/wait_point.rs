@@ -1,7 +1,7 @@
 //! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
 
 use crate::inspect::Identity;
-use crate::spots::{Nodes, Side, Spots};
+use crate::hand_off_slots::{Nodes, Side, HandOffSlots};
 use crate::taped::{Order, Taped};
 use luna_core::current::{Heir, ProcessId, User};
 use luna_core::events;
@@ -21,7 +21,7 @@ pub(crate) enum Ending {
 
 /// What a place's lock guards. The nodes in the lists are guarded with it.
 ///
-/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the spots: between two cores each line is a transfer of its own. What it
+/// What each rendezvous writes comes first, so that it lies on one cache line with the lock and the hand_off_slots: between two cores each line is a transfer of its own. What it
 /// only reads follows on the next, which is on both cores at the same time.
 #[derive(Debug)]
 #[repr(C)]
@@ -47,7 +47,7 @@ pub struct WaitQueues {
     /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
     pub(crate) tickets: u32,
     pub(crate) order: Order,
-    pub(crate) on_spots: Nodes,
+    pub(crate) hand_off: Nodes,
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
     /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
@@ -71,7 +71,7 @@ impl WaitQueues {
         self.is_plain && self.is_rendezvous
     }
 
-    /// Whether those who come to send and receive plainly may meet on the [spots](crate::spots): nothing else is asked of the place, and nobody is listed.
+    /// Whether those who come to send and receive plainly may meet on the [hand_off_slots](crate::hand_off_slots): nothing else is asked of the place, and nobody is listed.
     #[inline]
     pub(crate) fn may_meet_on_spots(&self) -> bool {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
@@ -138,7 +138,7 @@ impl LastUser {
 #[repr(C)]
 pub struct WaitPoint {
     /// On one line with the lock.
-    pub(crate) spots: Spots,
+    pub(crate) hand_off_slots: HandOffSlots,
     lock: BiasedLock<WaitQueues>,
     pub(crate) identity: Identity,
 }
@@ -165,9 +165,9 @@ impl Deref for PlaceApart {
 impl WaitPoint {
     pub(crate) fn new(identity: Identity) -> Self {
         Self {
-            spots: Spots::new(),
+            hand_off_slots: HandOffSlots::new(),
             lock: BiasedLock::new(WaitQueues {
-                on_spots: Nodes::NONE,
+                hand_off: Nodes::NONE,
                 senders: WaitList::new(),
                 receivers: WaitList::new(),
                 held: WaitList::new(),
@@ -222,13 +222,13 @@ impl WaitPoint {
         events::waits_no_more(|| Some(here()));
     }
 
-    /// Locks. Who waits on a spot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
+    /// Locks. Who waits on a hand_off_slot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         self.lock.lock()
     }
 
-    /// Locks, and lists who waits on a spot: from there on all is as if there were no spots.
+    /// Locks, and lists who waits on a hand_off_slot: from there on all is as if there were no hand_off_slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();
@@ -236,10 +236,10 @@ impl WaitPoint {
         lists
     }
 
-    /// WaitQueues who waits on the spots. O(1), since nobody else is listed then. `lists` are this place's.
+    /// WaitQueues who waits on the hand_off_slots. O(1), since nobody else is listed then. `lists` are this place's.
     #[inline]
     pub(crate) fn clear_spots(&self, lists: &mut WaitQueues) {
-        if self.spots.is_anybody_waiting() {
+        if self.hand_off_slots.is_anybody_waiting() {
             self.list_from_spots(lists);
         }
     }
@@ -247,16 +247,16 @@ impl WaitPoint {
     #[cold]
     fn list_from_spots(&self, lists: &mut WaitQueues) {
         for side in [Side::Sender, Side::Receiver] {
-            if self.spots.is_waiting(side)
-                && let Some(node) = lists.on_spots.get(side)
+            if self.hand_off_slots.is_waiting(side)
+                && let Some(node) = lists.hand_off.get(side)
             {
                 let list = match side {
                     Side::Sender => &mut lists.senders,
                     Side::Receiver => &mut lists.receivers,
                 };
-                // SAFETY: who waits on a spot has begun its node, which is in no list and stays where it is; it looks until the spot says what has come of that.
+                // SAFETY: who waits on a hand_off_slot has begun its node, which is in no list and stays where it is; it looks until the hand_off_slot says what has come of that.
                 unsafe { list.insert_again(node) };
-                self.spots.say_listed(side);
+                self.hand_off_slots.say_listed(side);
             }
         }
     }

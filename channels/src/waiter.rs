@@ -204,7 +204,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares a plain operation's node of the current process for waiting on a spot, from where anybody may list it where nobody else is.
+    /// Prepares a plain operation's node of the current process for waiting on a hand_off_slot, from where anybody may list it where nobody else is.
     ///
     /// # Safety
     ///

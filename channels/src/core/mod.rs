@@ -18,11 +18,11 @@
 mod fast_alternatives;
 mod fast_path;
 mod meeting;
-mod on_spots;
+mod hand_off;
 mod guard;
 
 pub(crate) use fast_path::FastPath;
-pub(crate) use on_spots::OnSpots;
+pub(crate) use hand_off::HandOff;
 pub(crate) use guard::{Locked, Received, ChannelGuard, Sent};
 
 use crate::alternative::Entry;

@@ -21,7 +21,7 @@ mod lock_sync;
 mod registered;
 #[cfg(shuttle)]
 mod schedules;
-mod spots;
+mod hand_off_slots;
 
 use crate::{Receiver, RecvError, RecvOp, SendOp, Sender};
 use loom::future::block_on;

@@ -1,11 +1,11 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{FastPath, Ending, OnSpots, Received, Taken};
+use crate::core::{FastPath, Ending, HandOff, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
 use crate::selection::Selection;
-use crate::spots::Side;
+use crate::hand_off_slots::Side;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
@@ -385,10 +385,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let mut section = if M::HOLDS || M::INHERITS {
             this.receiver.channel().lock()
         } else {
-            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the spot is left.
+            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
             match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
-                OnSpots::No(section) => section,
-                OnSpots::Done(value) => {
+                HandOff::No(section) => section,
+                HandOff::Done(value) => {
                     let taken = Taken::new(this.receiver.channel(), value, 0);
                     let gives_way = crate::gives_way(cx);
                     let value = taken.keep();
@@ -401,9 +401,9 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                     let note = std::mem::take(this.note());
                     return Poll::Ready(Ok(M::received(this.receiver, value, 0, note)));
                 }
-                OnSpots::Waits => {
+                HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the spot.
+                    // SAFETY: the node waits on the hand_off_slot.
                     let outcome = unsafe {
                         let channel = this.receiver.channel();
                         channel.look_from_spot(this.node(), Side::Receiver, cx)

@@ -1,11 +1,11 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{FastPath, Ending, OnSpots, Sent};
+use crate::core::{FastPath, Ending, HandOff, Sent};
 use crate::error::{SendError, SendTimeoutError};
 use crate::selection::Selection;
 use crate::source::{InNode, Offered, Source};
-use crate::spots::Side;
+use crate::hand_off_slots::Side;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
@@ -435,14 +435,14 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if !this.offered().source.is_open() {
             return Poll::Pending;
         }
-        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and it looks until the spot is left.
+        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
         let mut section =
             match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
-                OnSpots::No(section) => section,
-                OnSpots::Done(()) => return this.sent(cx),
-                OnSpots::Waits => {
+                HandOff::No(section) => section,
+                HandOff::Done(()) => return this.sent(cx),
+                HandOff::Waits => {
                     this.phase = Phase::Listed;
-                    // SAFETY: the node waits on the spot.
+                    // SAFETY: the node waits on the hand_off_slot.
                     let outcome = unsafe {
                         let channel = this.sender.channel();
                         channel.look_from_spot(this.node(), Side::Sender, cx)

@@ -4,17 +4,17 @@
 //! nor wake anybody: what they exchange lies beside the lock, which the partner has fetched anyway. Between two cores each line is a transfer of its own, and
 //! they come one after the other.
 //!
-//! There is a spot for each side. The sender may so offer its next value while its receiver has not fetched the one before.
+//! There is a hand_off_slot for each side. The sender may so offer its next value while its receiver has not fetched the one before.
 //!
 //! ```text
 //!   FREE --an operation that may look, under the lock--> WAITING --partner, under the lock--> DONE --who waited--> FREE
 //!                                                          '--anybody else, under the lock--> LISTED --who waited--> FREE
 //! ```
 //!
-//! On the spots nobody is ordered, so they are used only as long as there is nobody to order: one who waits on a side, at a channel of which nothing is asked
+//! On the hand_off_slots nobody is ordered, so they are used only as long as there is nobody to order: one who waits on a side, at a channel of which nothing is asked
 //! but to send and to receive. Whoever comes for anything else (a second one of a side, an alternative, the end) lists who waits there first, when it
-//! takes the lock ([`WaitPoint::lock_lists`](crate::wait_point::Place::lock_lists)); from there on all is as if there were no spots. The short way at home does not look at
-//! them: the home that a lock favours is alone with it, and what waits on a spot is a poll of that thread which has not come back.
+//! takes the lock ([`WaitPoint::lock_lists`](crate::wait_point::Place::lock_lists)); from there on all is as if there were no hand_off_slots. The short way at home does not look at
+//! them: the home that a lock favours is alone with it, and what waits on a hand_off_slot is a poll of that thread which has not come back.
 
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
@@ -40,7 +40,7 @@ mod state {
     pub(super) const LISTED: u8 = 4;
 }
 
-/// Whose node waits on each spot, or did last. Guarded by the place's lock, and on another line than the spots: it is mostly the same, and then read alone.
+/// Whose node waits on each hand_off_slot, or did last. Guarded by the place's lock, and on another line than the hand_off_slots: it is mostly the same, and then read alone.
 #[derive(Debug)]
 pub(crate) struct Nodes([Option<NonNull<WaitNode>>; 2]);
 
@@ -50,7 +50,7 @@ unsafe impl Send for Nodes {}
 impl Nodes {
     pub(crate) const NONE: Nodes = Nodes([None; 2]);
 
-    /// Whose node it is: valid while its spot is waited on.
+    /// Whose node it is: valid while its hand_off_slot is waited on.
     #[inline]
     pub(crate) fn get(&self, side: Side) -> Option<NonNull<WaitNode>> {
         self.0[side as usize]
@@ -68,12 +68,12 @@ impl Nodes {
 /// Room for a value: what is left of the line, for each side.
 type Room = MaybeUninit<u64>;
 
-/// Whether values of this type have room on a spot. Others are exchanged in the nodes.
+/// Whether values of this type have room on a hand_off_slot. Others are exchanged in the nodes.
 pub(crate) const fn has_room<T>() -> bool {
     size_of::<T>() <= size_of::<Room>() && align_of::<T>() <= align_of::<Room>()
 }
 
-/// A spot for each side.
+/// A hand_off_slot for each side.
 ///
 /// # Invariants
 ///
@@ -81,12 +81,12 @@ pub(crate) const fn has_room<T>() -> bool {
 /// receiver's from when it is `DONE`, each for values that have [room](has_room). It is accessed by who may change the state.
 #[derive(Debug)]
 #[repr(C)]
-pub(crate) struct Spots {
+pub(crate) struct HandOffSlots {
     states: [AtomicU8; 2],
     values: [UnsafeCell<Room>; 2],
 }
 
-impl Spots {
+impl HandOffSlots {
     pub(crate) fn new() -> Self {
         Self {
             states: [state::FREE, state::FREE].map(AtomicU8::new),
@@ -126,7 +126,7 @@ impl Spots {
         self.load(side) == state::FREE
     }
 
-    /// The calling operation waits from now on. Under the lock, on a spot that is free.
+    /// The calling operation waits from now on. Under the lock, on a hand_off_slot that is free.
     #[inline]
     pub(crate) fn occupy(&self, side: Side) {
         self.store(side, state::WAITING);

@@ -1,4 +1,4 @@
-//! Those who look for each other, and meet on the spots; and those who come for something else meanwhile, and list them.
+//! Those who look for each other, and meet on the hand_off_slots; and those who come for something else meanwhile, and list them.
 //!
 //! An operation looks once here, so each model has both: what a look sees, and what comes when it sees nothing.
 
@@ -15,7 +15,7 @@ fn looking<R>(operations: impl FnOnce() -> R) -> R {
     operations()
 }
 
-/// A value that has no room on a spot, and is exchanged in the nodes.
+/// A value that has no room on a hand_off_slot, and is exchanged in the nodes.
 #[derive(Debug, PartialEq, Eq)]
 struct Large([u64; 3]);
 
@@ -271,7 +271,7 @@ fn a_receive_that_has_looked_is_woken() {
     });
 }
 
-/// It is not in a node, so nobody finds it who looks at the spots alone.
+/// It is not in a node, so nobody finds it who looks at the hand_off_slots alone.
 #[test]
 fn a_receive_that_looks_finds_what_came_back() {
     check(|| {
