@@ -1,6 +1,6 @@
 //! The calls on the pool that the processes of a thread have begun: counted, since their ends wake processes.
 
-use crate::presence::Presence;
+use crate::quiescence::Quiescence;
 use crate::process::Living;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Where the calls of one thread are counted, and who is told when the last has ended.
 #[derive(Clone)]
 pub(crate) struct Desk {
-    presence: Arc<Presence>,
+    quiescence: Arc<Quiescence>,
     living: Option<Arc<Living>>,
     /// Whose thread it is, if it is one that decides when a call's result comes.
     stage: Option<Arc<Stage>>,
@@ -22,10 +22,10 @@ thread_local! {
     static HERE: RefCell<Option<Desk>> = const { RefCell::new(None) };
 }
 
-/// Counts the calls of this thread in `presence` until the guard is dropped.
-pub(crate) fn enter(presence: Arc<Presence>, living: Option<Arc<Living>>) -> DeskGuard {
+/// Counts the calls of this thread in `quiescence` until the guard is dropped.
+pub(crate) fn enter(quiescence: Arc<Quiescence>, living: Option<Arc<Living>>) -> DeskGuard {
     HERE.set(Some(Desk {
-        presence,
+        quiescence,
         living,
         stage: None,
     }));
@@ -35,7 +35,7 @@ pub(crate) fn enter(presence: Arc<Presence>, living: Option<Arc<Living>>) -> Des
 /// The calls of this thread are those of `stage` until the guard is dropped.
 pub(crate) fn enter_simulated(stage: Arc<Stage>) -> DeskGuard {
     HERE.set(Some(Desk {
-        presence: stage.presence().clone(),
+        quiescence: stage.quiescence().clone(),
         living: Some(stage.living().clone()),
         stage: Some(stage),
     }));
@@ -72,7 +72,7 @@ impl UnderWay {
         let desk = HERE.with_borrow(Clone::clone);
         let mut number = None;
         if let Some(desk) = &desk {
-            desk.presence.begin_call();
+            desk.quiescence.begin_call();
             number = desk.stage.as_ref().map(|stage| stage.begin_call());
         }
         Self { desk, number }
@@ -103,7 +103,7 @@ impl Drop for UnderWay {
         // It was never made: nobody waits for it.
         self.deliver_nothing();
         if let Some(desk) = &self.desk
-            && desk.presence.end_call()
+            && desk.quiescence.end_call()
             && let Some(living) = &desk.living
         {
             living.announce();

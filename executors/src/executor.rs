@@ -9,7 +9,7 @@ use crate::counted::Counted;
 use crate::deadlines::Deadlines;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
-use crate::presence::{Presence, Sleeper};
+use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
     Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
     prepare_thread,
@@ -86,7 +86,7 @@ pub(crate) struct Shared {
     /// How many arrivals were taken in: what `settle` waits for.
     settled: Futex,
     living: Arc<Living>,
-    presence: Arc<Presence>,
+    quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
     counted: Counted,
@@ -171,7 +171,7 @@ impl Shared {
     fn new(
         thread_priority: u8,
         living: Arc<Living>,
-        presence: Arc<Presence>,
+        quiescence: Arc<Quiescence>,
         stage: Option<(Arc<Stage>, &str)>,
     ) -> Arc<Self> {
         let name = stage.as_ref().map(|(_, name)| Box::from(*name));
@@ -187,7 +187,7 @@ impl Shared {
             }),
             settled: Futex::new(0),
             living,
-            presence,
+            quiescence,
             spin: AtomicU64::new(0),
             counted: Counted::default(),
             stage: stage.map(|(stage, _)| stage),
@@ -298,7 +298,7 @@ impl Executor {
         attributes
             .validate_shared()
             .map_err(SpawnError::Attributes)?;
-        let shared = Shared::new(0, living, Arc::new(Presence::new()), None);
+        let shared = Shared::new(0, living, Arc::new(Quiescence::new()), None);
         let own = shared.clone();
         let thread = thread::spawn(
             attributes,
@@ -327,7 +327,7 @@ impl Executor {
         let shared = Shared::new(
             attributes.asked_policy().rank(),
             stage.living().clone(),
-            stage.presence().clone(),
+            stage.quiescence().clone(),
             Some((stage.clone(), attributes.name())),
         );
         if !stage.admit(shared.clone()) {
@@ -616,8 +616,8 @@ impl fmt::Debug for Announced {
 }
 
 impl Sleeper for Shared {
-    fn presence(&self) -> &Presence {
-        &self.presence
+    fn quiescence(&self) -> &Quiescence {
+        &self.quiescence
     }
 
     fn is_woken(&self) -> bool {
@@ -647,7 +647,7 @@ fn run(shared: Arc<Shared>, _enrolled: Enrolled) {
     let deadlines = Deadlines::new(shared.clone(), timers.clone());
     let _home = current::enter_home(shared.home, timers, false);
     let _files = watch::enter(shared.inbound.bell());
-    let _calls = calls::enter(shared.presence.clone(), Some(shared.living.clone()));
+    let _calls = calls::enter(shared.quiescence.clone(), Some(shared.living.clone()));
     prepare_thread();
     let _looking = (shared.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(shared.clone()));
     let lived = catch_unwind(AssertUnwindSafe(|| live(&shared, &deadlines)));
@@ -779,7 +779,7 @@ fn sleep(shared: &Shared, deadline: Instant) {
     } else {
         shared
             .inbound
-            .sleep_still(&shared.presence, || shared.living.announce());
+            .sleep_still(&shared.quiescence, || shared.living.announce());
     }
     events::tell_executor(events::code::AWAKE);
 }

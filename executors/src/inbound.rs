@@ -16,7 +16,7 @@
 //! it does, and a more urgent one must not have to wait for it. While the owner is awake nobody makes a system call. It is the
 //! protocol of the [`Bell`], which says what the bell is.
 
-use crate::presence::Presence;
+use crate::quiescence::Quiescence;
 use crate::remote_wakes::{Near, Seat, RemoteWakes};
 use luna_core::spin;
 use luna_platform::bell::Bell;
@@ -177,15 +177,15 @@ impl Inbound {
     }
 
     /// As `sleep`, with nothing that ends it but a signal; the owner is still meanwhile, and `ring`s if it is watched.
-    pub(crate) fn sleep_still(&self, presence: &Presence, ring: impl FnOnce()) {
+    pub(crate) fn sleep_still(&self, quiescence: &Quiescence, ring: impl FnOnce()) {
         self.sleep_between(
             Instant::NEVER,
             || {
-                if presence.fall_still() {
+                if quiescence.fall_still() {
                     ring();
                 }
             },
-            || presence.wake(),
+            || quiescence.wake(),
         );
     }
 

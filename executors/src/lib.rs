@@ -24,7 +24,7 @@
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod inbound;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
-mod presence;
+mod quiescence;
 #[cfg_attr(loom, allow(dead_code, reason = "the models use a part"))]
 mod remote_wakes;
 

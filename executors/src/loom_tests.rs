@@ -4,7 +4,7 @@
 //! Run with `RUSTFLAGS="--cfg loom" cargo test -p luna-executors --release --lib`.
 
 use crate::inbound::Inbound;
-use crate::presence::{Look, Presence, Sleeper, look};
+use crate::quiescence::{Look, Quiescence, Sleeper, look};
 use crate::remote_wakes::{Seat, RemoteWakes};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -190,12 +190,12 @@ fn attention_is_never_slept_through() {
 /// An executor's thread that answers each attention with one to the next home, as long as there are hops to make.
 struct Home {
     inbound: Inbound,
-    presence: Presence,
+    quiescence: Quiescence,
 }
 
 impl Sleeper for Home {
-    fn presence(&self) -> &Presence {
-        &self.presence
+    fn quiescence(&self) -> &Quiescence {
+        &self.quiescence
     }
 
     fn is_woken(&self) -> bool {
@@ -216,7 +216,7 @@ impl Ring {
     fn new(hops: usize) -> Arc<Self> {
         let home = || Home {
             inbound: Inbound::new(),
-            presence: Presence::new(),
+            quiescence: Quiescence::new(),
         };
         Arc::new(Self {
             homes: [home(), home()],
@@ -241,7 +241,7 @@ impl Ring {
                     self.homes[1 - number].inbound.ask_attention();
                 }
             } else {
-                home.inbound.sleep_still(&home.presence, || self.ring());
+                home.inbound.sleep_still(&home.quiescence, || self.ring());
             }
         }
     }
@@ -318,14 +318,14 @@ fn a_call_on_the_pool_is_seen_until_its_wake_was_made() {
     builder.check(|| {
         let ring = Ring::new(0);
         // Home 1 has ended its work for good; home 0 has begun a call, whose end wakes it.
-        assert!(!ring.homes[1].presence.fall_still());
-        ring.homes[0].presence.begin_call();
+        assert!(!ring.homes[1].quiescence.fall_still());
+        ring.homes[0].quiescence.begin_call();
         let (own, buddy) = (ring.clone(), ring.clone());
         let home = thread::spawn(move || own.live(0));
         let buddy = thread::spawn(move || {
             buddy.made.fetch_add(1, Ordering::Relaxed);
             buddy.homes[0].inbound.ask_attention();
-            if buddy.homes[0].presence.end_call() {
+            if buddy.homes[0].quiescence.end_call() {
                 buddy.ring();
             }
         });

@@ -3,7 +3,7 @@
 use crate::calls;
 use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
-use crate::presence::{Presence, Sleeper};
+use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
     Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
 };
@@ -98,8 +98,8 @@ pub fn block_on_patiently<F: Future>(
         return Err(Nested);
     }
     let mut has_heard = false;
-    Ok(run_here(future, |id, presence, parker, deadline| {
-        if !has_heard && only_others_can_wake(parker, deadline) && !presence.has_calls() {
+    Ok(run_here(future, |id, quiescence, parker, deadline| {
+        if !has_heard && only_others_can_wake(parker, deadline) && !quiescence.has_calls() {
             if parker.park(Instant::now() + patience) {
                 return true;
             }
@@ -117,14 +117,14 @@ fn only_others_can_wake(parker: &Parker, deadline: Instant) -> bool {
 /// Runs `future` on this thread, which is no home yet.
 fn run_here<F: Future>(
     future: F,
-    mut sleep: impl FnMut(ProcessId, &Presence, &Parker, Instant) -> bool,
+    mut sleep: impl FnMut(ProcessId, &Quiescence, &Parker, Instant) -> bool,
 ) -> F::Output {
     // Where a blocking call of a process on a virtual clock runs this, time stands until it is over.
     let _clock = Clock::REAL.enter();
     let parker = Shared::new(Parker::new());
     let _files = watch::enter(parker.bell());
-    let presence = Arc::new(Presence::new());
-    let _calls = calls::enter(presence.clone(), None);
+    let quiescence = Arc::new(Quiescence::new());
+    let _calls = calls::enter(quiescence.clone(), None);
     let id = ProcessId::new();
     let priority = thread::current_policy().rank();
     let spec = (id, priority, ProcessSpec::DEFAULT_LEVEL);
@@ -134,7 +134,7 @@ fn run_here<F: Future>(
         Home::new(),
         spec,
         None,
-        |parker, deadline| sleep(id, &presence, parker, deadline),
+        |parker, deadline| sleep(id, &quiescence, parker, deadline),
     )
 }
 
@@ -240,7 +240,7 @@ struct Held {
     parker: Shared<Parker>,
     thread_priority: AtomicU8,
     home: Home,
-    presence: Arc<Presence>,
+    quiescence: Arc<Quiescence>,
     living: Arc<Living>,
     /// How long the thread looks for a wake before it sleeps, in nanoseconds.
     spin: AtomicU64,
@@ -248,8 +248,8 @@ struct Held {
 }
 
 impl Sleeper for Held {
-    fn presence(&self) -> &Presence {
-        &self.presence
+    fn quiescence(&self) -> &Quiescence {
+        &self.quiescence
     }
 
     fn is_woken(&self) -> bool {
@@ -305,7 +305,7 @@ impl OsThread {
             parker: Shared::new(Parker::new()),
             thread_priority: AtomicU8::new(0),
             home: Home::new(),
-            presence: Arc::new(Presence::new()),
+            quiescence: Arc::new(Quiescence::new()),
             living,
             spin: AtomicU64::new(0),
             counted: Counted::default(),
@@ -454,7 +454,7 @@ impl Held {
         _enrolled: Enrolled,
     ) {
         let _looking = (self.spin.load(Ordering::Relaxed) > 0).then(|| spin::enter(self.clone()));
-        let _calls = calls::enter(self.presence.clone(), Some(self.living.clone()));
+        let _calls = calls::enter(self.quiescence.clone(), Some(self.living.clone()));
         // Parks first, so that the wake which comes with the release is taken here and is no poll too many.
         loop {
             self.parker.park(Instant::NEVER);
@@ -506,12 +506,12 @@ impl Held {
             return self.parker.park(deadline);
         }
         let fall_still = || {
-            if self.presence.fall_still() {
+            if self.quiescence.fall_still() {
                 self.living.announce();
             }
         };
         self.parker
-            .park_between(deadline, fall_still, || self.presence.wake())
+            .park_between(deadline, fall_still, || self.quiescence.wake())
     }
 }
 

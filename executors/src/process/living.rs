@@ -1,7 +1,7 @@
 //! The processes and threads of one system: how many processes live, and whether all threads sleep for good.
 
 use super::record::Record;
-use crate::presence::{Look, Sleeper, Stretch, look, watch_all};
+use crate::quiescence::{Look, Sleeper, Stretch, look, watch_all};
 use luna_core::current::Home;
 use luna_core::current::ProcessId;
 use luna_core::path::{self, Call};
@@ -360,7 +360,7 @@ impl Living {
     pub fn is_yet(&self, stillness: &Stillness) -> bool {
         let threads = self.threads();
         let now = threads.iter().map(|(home, thread)| {
-            let stretch = thread.presence().stretch();
+            let stretch = thread.quiescence().stretch();
             (*home, stretch.filter(|_| !thread.is_woken()))
         });
         now.eq(stillness
@@ -377,7 +377,7 @@ impl Living {
     /// Counts a thread in until the guard is dropped.
     pub(crate) fn enroll(self: &Arc<Self>, home: Home, thread: Arc<dyn Sleeper>) -> Enrolled {
         // Who waits for another look may not know of it yet.
-        thread.presence().watch();
+        thread.quiescence().watch();
         self.threads().push((home, thread));
         Enrolled {
             living: self.clone(),

@@ -7,7 +7,7 @@ use super::{Pace, Standstill};
 use crate::calls;
 use crate::executor::{Phase, Shared as ExecutorShared};
 use crate::interference;
-use crate::presence::Presence;
+use crate::quiescence::Quiescence;
 use crate::process::{Living, prepare_thread};
 use crate::watch;
 use luna_core::park::Parker;
@@ -34,7 +34,7 @@ pub(crate) struct Stage {
     clock: Arc<VirtualClock>,
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
-    presence: Arc<Presence>,
+    quiescence: Arc<Quiescence>,
     living: Arc<Living>,
     /// Executors that are to be taken in; none any more once the thread has ended.
     arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
@@ -93,7 +93,7 @@ impl Stage {
             clock,
             driven,
             parker,
-            presence: Arc::new(Presence::new()),
+            quiescence: Arc::new(Quiescence::new()),
             living,
             arrivals: Mutex::new(Some(Vec::new())),
             has_arrivals: AtomicBool::new(false),
@@ -111,8 +111,8 @@ impl Stage {
         Clock::from(self.clock.clone())
     }
 
-    pub(crate) fn presence(&self) -> &Arc<Presence> {
-        &self.presence
+    pub(crate) fn quiescence(&self) -> &Arc<Quiescence> {
+        &self.quiescence
     }
 
     pub(crate) fn living(&self) -> &Arc<Living> {
@@ -477,13 +477,13 @@ impl Play<'_> {
         if asleep == self.members.len() {
             let stage = self.stage;
             let before = || {
-                if still && stage.presence.fall_still() {
+                if still && stage.quiescence.fall_still() {
                     stage.living.announce();
                 }
             };
             let after = || {
                 if still {
-                    stage.presence.wake();
+                    stage.quiescence.wake();
                 }
             };
             stage.parker.park_between(Instant::NEVER, before, after);

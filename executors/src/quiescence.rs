@@ -38,7 +38,7 @@ const WAKE: u64 = 4;
 
 /// What a home says of itself.
 #[derive(Debug)]
-pub(crate) struct Presence {
+pub(crate) struct Quiescence {
     word: AtomicU64,
     /// Calls on the pool that this home's processes have begun.
     calls: AtomicUsize,
@@ -47,7 +47,7 @@ pub(crate) struct Presence {
 /// A value of the word: one stretch of sleep.
 pub(crate) type Stretch = u64;
 
-impl Presence {
+impl Quiescence {
     pub(crate) fn new() -> Self {
         Self {
             word: AtomicU64::new(0),
@@ -101,7 +101,7 @@ impl Presence {
 
 /// A home, to who looks.
 pub(crate) trait Sleeper: Send + Sync {
-    fn presence(&self) -> &Presence;
+    fn quiescence(&self) -> &Quiescence;
     /// Whether somebody has woken it and it has not taken the wake: part of step b. Acquire.
     fn is_woken(&self) -> bool;
 }
@@ -125,7 +125,7 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
         match all_still(homes) {
             Ok(stretches) => return Look::Still(stretches),
             Err(stirring) => {
-                stirring.presence().watch();
+                stirring.quiescence().watch();
                 // What it does from here on it does under watch. If it is still without a cause to wake, it fell still just before.
                 if is_stirring(stirring) {
                     return Look::Stirring;
@@ -138,26 +138,26 @@ pub(crate) fn look<S: Sleeper + ?Sized>(homes: &[&S]) -> Look {
 
 /// Asks every home for a ring when it falls still for the next time.
 pub(crate) fn watch_all<S: Sleeper + ?Sized>(homes: &[&S]) {
-    homes.iter().for_each(|home| home.presence().watch());
+    homes.iter().for_each(|home| home.quiescence().watch());
 }
 
 fn is_stirring<S: Sleeper + ?Sized>(home: &S) -> bool {
-    home.presence().stretch().is_none() || home.presence().has_calls() || home.is_woken()
+    home.quiescence().stretch().is_none() || home.quiescence().has_calls() || home.is_woken()
 }
 
 /// Steps a, b and c; or a home that is not still, or was not in one of them.
 fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &'a S> {
     let mut stretches = Vec::with_capacity(homes.len());
     for &home in homes {
-        stretches.push(home.presence().stretch().ok_or(home)?);
+        stretches.push(home.quiescence().stretch().ok_or(home)?);
     }
     for &home in homes {
-        if home.presence().has_calls() || home.is_woken() {
+        if home.quiescence().has_calls() || home.is_woken() {
             return Err(home);
         }
     }
     for (&home, &before) in homes.iter().zip(&stretches) {
-        if home.presence().stretch() != Some(before) {
+        if home.quiescence().stretch() != Some(before) {
             return Err(home);
         }
     }
@@ -168,10 +168,10 @@ fn all_still<'a, S: Sleeper + ?Sized>(homes: &[&'a S]) -> Result<Vec<Stretch>, &
 mod tests {
     use super::*;
 
-    struct Home(Presence, bool);
+    struct Home(Quiescence, bool);
 
     impl Sleeper for Home {
-        fn presence(&self) -> &Presence {
+        fn quiescence(&self) -> &Quiescence {
             &self.0
         }
 
@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn all_are_still_only_if_each_is_and_nothing_is_under_way() {
-        let (one, mut two) = (Home(Presence::new(), false), Home(Presence::new(), false));
+        let (one, mut two) = (Home(Quiescence::new(), false), Home(Quiescence::new(), false));
         assert!(!one.0.fall_still());
         assert!(matches!(look(&[&one, &two]), Look::Stirring));
         assert!(two.0.fall_still(), "the one that was awake is watched");
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_stretch_of_sleep_is_no_other_one() {
-        let home = Home(Presence::new(), false);
+        let home = Home(Quiescence::new(), false);
         assert!(!home.0.fall_still());
         let Look::Still(first) = look(&[&home]) else {
             panic!("it is still");
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn a_watch_rings_once() {
-        let home = Home(Presence::new(), false);
+        let home = Home(Quiescence::new(), false);
         home.0.watch();
         assert!(home.0.fall_still());
         home.0.wake();
