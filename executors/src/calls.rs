@@ -1,7 +1,7 @@
 //! The calls on the pool that the processes of a thread have begun: counted, since their ends wake processes.
 
 use crate::quiescence::Quiescence;
-use crate::process::Living;
+use crate::process::ProcessRegistry;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
 use std::cell::RefCell;
@@ -12,7 +12,7 @@ use std::sync::Arc;
 #[derive(Clone)]
 pub(crate) struct Desk {
     quiescence: Arc<Quiescence>,
-    living: Option<Arc<Living>>,
+    living: Option<Arc<ProcessRegistry>>,
     /// Whose thread it is, if it is one that decides when a call's result comes.
     stage: Option<Arc<Stage>>,
 }
@@ -23,7 +23,7 @@ thread_local! {
 }
 
 /// Counts the calls of this thread in `quiescence` until the guard is dropped.
-pub(crate) fn enter(quiescence: Arc<Quiescence>, living: Option<Arc<Living>>) -> DeskGuard {
+pub(crate) fn enter(quiescence: Arc<Quiescence>, living: Option<Arc<ProcessRegistry>>) -> DeskGuard {
     HERE.set(Some(Desk {
         quiescence,
         living,

@@ -11,7 +11,7 @@ use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
+    Enrolled, LastWords, ProcessRegistry, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
     prepare_thread,
 };
 use crate::simulation::{SimulationHandle, Stage, is_stage};
@@ -85,7 +85,7 @@ pub(crate) struct Shared {
     arrivals: PiLock<Arrivals>,
     /// How many arrivals were taken in: what `settle` waits for.
     settled: Futex,
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     quiescence: Arc<Quiescence>,
     /// How long the thread looks for work before it sleeps, in nanoseconds.
     spin: AtomicU64,
@@ -115,7 +115,7 @@ type Build = Box<dyn FnOnce(&Arc<Shared>, Arc<Record>) + Send>;
 
 impl Arrival {
     /// Ends a process that is not built any more. What its builder holds is the user's: dropping it may panic.
-    fn refuse(self, living: &Living) {
+    fn refuse(self, living: &ProcessRegistry) {
         let Arrival { record, build } = self;
         match catch_unwind(AssertUnwindSafe(|| drop(build))) {
             Ok(()) => record.end_unstarted(living),
@@ -137,7 +137,7 @@ impl Shared {
         &self.inbound
     }
 
-    pub(crate) fn living(&self) -> &Arc<Living> {
+    pub(crate) fn living(&self) -> &Arc<ProcessRegistry> {
         &self.living
     }
 
@@ -170,7 +170,7 @@ impl Shared {
     /// One that is held, on a thread of its own or on a stage's.
     fn new(
         thread_priority: u8,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
         quiescence: Arc<Quiescence>,
         stage: Option<(Arc<Stage>, &str)>,
     ) -> Arc<Self> {
@@ -283,7 +283,7 @@ impl Executor {
     /// What the system refused, if the attributes are strict or cannot be had in any way: [`SpawnError`] says why and what to do. A deadline
     /// policy, whose budget would stop all processes at once, is refused here.
     pub fn start(attributes: Attributes) -> Result<Executor, SpawnError<Infallible>> {
-        Self::start_counted(attributes, Arc::new(Living::new()))
+        Self::start_counted(attributes, Arc::new(ProcessRegistry::new()))
     }
 
     /// Like [`start`](Self::start), with its processes counted in `living`.
@@ -293,7 +293,7 @@ impl Executor {
     /// As for `start`.
     pub fn start_counted(
         attributes: Attributes,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
     ) -> Result<Executor, SpawnError<Infallible>> {
         attributes
             .validate_shared()

@@ -5,7 +5,7 @@ use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, LastWords, Living, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
+    Enrolled, LastWords, ProcessRegistry, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
 };
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
@@ -241,7 +241,7 @@ struct Held {
     thread_priority: AtomicU8,
     home: Home,
     quiescence: Arc<Quiescence>,
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     /// How long the thread looks for a wake before it sleeps, in nanoseconds.
     spin: AtomicU64,
     counted: Counted,
@@ -282,7 +282,7 @@ impl OsThread {
         B: FnOnce() -> F + Send + 'static,
         F: Future<Output = ()> + 'static,
     {
-        Self::start_counted(attributes, spec, build, Arc::new(Living::new()))
+        Self::start_counted(attributes, spec, build, Arc::new(ProcessRegistry::new()))
     }
 
     /// Like [`start`](Self::start), with the process counted in `living`.
@@ -294,7 +294,7 @@ impl OsThread {
         attributes: Attributes,
         spec: ProcessSpec,
         build: B,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
     ) -> Result<OsThread, SpawnError<Infallible>>
     where
         B: FnOnce() -> F + Send + 'static,

@@ -10,7 +10,7 @@ use crate::time::{LoopName, Scope};
 use luna_core::events;
 use luna_core::spare::Spare;
 use luna_executors::{
-    Announced, LastWords, Living, OsThread, ProcessSpec, Refused, SimulationHandle,
+    Announced, LastWords, ProcessRegistry, OsThread, ProcessSpec, Refused, SimulationHandle,
 };
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
@@ -336,7 +336,7 @@ pub(crate) struct Common {
     pub(crate) scope: Arc<Scope>,
     pub(crate) emergency: Arc<Emergency>,
     pub(crate) tree: Arc<Tree>,
-    pub(crate) living: Arc<Living>,
+    pub(crate) living: Arc<ProcessRegistry>,
     pub(crate) clock: Clock,
     pub(crate) log: Log,
     pub(crate) tapes: Tapes,

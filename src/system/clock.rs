@@ -1,7 +1,7 @@
 //! Which clock a system goes by: the machine's, or one of its own.
 
 use crate::error::{Error, Result};
-use luna_executors::{DrivenClock, Living, Pace, Simulation};
+use luna_executors::{DrivenClock, ProcessRegistry, Pace, Simulation};
 use std::fmt;
 use std::sync::Arc;
 
@@ -29,7 +29,7 @@ impl ClockPlan {
     /// Starts what runs the processes, unless that is threads of their own.
     pub(super) fn start(
         self,
-        living: &Arc<Living>,
+        living: &Arc<ProcessRegistry>,
         most_turns: Option<u64>,
     ) -> Result<Option<Simulation>> {
         let pace = match self {

@@ -10,7 +10,7 @@ use crate::logging::{Log, Session};
 use crate::safety::{Emergency, EmergencyThread, GuardianWatch, ParentThread};
 use crate::time::{MOST_CALLBACKS, ManagerThread, Scope};
 use luna_core::current::ProcessId;
-use luna_executors::{Executor, Living, Simulation, SimulationHandle};
+use luna_executors::{Executor, ProcessRegistry, Simulation, SimulationHandle};
 use luna_platform::clock::Clock;
 use luna_platform::latency::DmaLatency;
 use luna_platform::memory::{self, MemoryLock};
@@ -69,7 +69,7 @@ pub(super) fn launch(plan: &Plan) -> Result<Launched> {
         )
     };
     let settings = std::mem::take(&mut *plan.settings());
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     // Also a start that fails on these takes the settings, so that the driver of its clock is told.
     let launched =
         stand_ins.and_then(|()| launch_described(plan, settings, executors, waiting, &living));
@@ -92,7 +92,7 @@ fn launch_described(
     mut settings: Settings,
     mut executor_plans: Vec<ExecutorPlan>,
     mut waiting: Vec<ProcessPlan>,
-    living: &Arc<Living>,
+    living: &Arc<ProcessRegistry>,
 ) -> Result<Launched> {
     let clock_kind = settings.clock.kind();
     let is_virtual = clock_kind.is_virtual();

@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
-use luna_executors::{Exit, Living, Name, ProcessHandle};
+use luna_executors::{Exit, ProcessRegistry, Name, ProcessHandle};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -161,7 +161,7 @@ impl Register {
     }
 
     /// Looks at those that have ended. O(their number).
-    pub(super) fn note_ends(&mut self, living: &Living, emergency: &Emergency) {
+    pub(super) fn note_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
         living.take_ended(|id| self.note_end(id, emergency));
     }
 
@@ -180,7 +180,7 @@ impl Register {
     }
 
     /// As [`note_ends`](Self::note_ends), for the last time.
-    pub(super) fn note_last_ends(&mut self, living: &Living, emergency: &Emergency) {
+    pub(super) fn note_last_ends(&mut self, living: &ProcessRegistry, emergency: &Emergency) {
         living.close_ended(|id| self.note_end(id, emergency));
     }
 

@@ -7,7 +7,7 @@ use crate::error::SetupError;
 use crate::parameters::{Reader, Store};
 use luna_core::current;
 use luna_core::events::{self, Kind};
-use luna_executors::Living;
+use luna_executors::ProcessRegistry;
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
@@ -72,7 +72,7 @@ pub(crate) struct Scope {
     has_begun: AtomicBool,
     has_loops: AtomicBool,
     /// Who runs the system is told through this of the first loop.
-    living: Option<Arc<Living>>,
+    living: Option<Arc<ProcessRegistry>>,
     clock: Clock,
     /// Who wakes the loops, if it is not their executors.
     manager: Option<Arc<Manager>>,
@@ -103,7 +103,7 @@ impl Scope {
     /// Reserves room for `most` loops.
     pub(crate) fn with_room_for(
         most: usize,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
         clock: Clock,
         manager: Option<Arc<Manager>>,
         parameters: Arc<Store>,

@@ -1,7 +1,7 @@
 //! The body of a process, and what is done around each of its polls.
 
 use super::last_words::{LastWords, Words};
-use super::living::Living;
+use super::registry::ProcessRegistry;
 use super::record::{RawExit, Record};
 use luna_core::current;
 use std::any::Any;
@@ -177,14 +177,14 @@ impl<F: Future> Body<F> {
 pub(crate) struct Recorded<F: Future> {
     body: Body<F>,
     record: Arc<Record>,
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     /// For its last words, which outlive it. None once they are there.
     room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
 impl<F: Future<Output: LastWords>> Recorded<F> {
     /// Allocates, unless there can be no last words.
-    pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<Living>) -> Self {
+    pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<ProcessRegistry>) -> Self {
         Self {
             body: Body::new(future),
             record,

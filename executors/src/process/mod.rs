@@ -3,7 +3,7 @@
 mod body;
 mod join;
 mod last_words;
-mod living;
+mod registry;
 mod name;
 mod overseer;
 mod record;
@@ -12,8 +12,8 @@ pub(crate) use body::{Body, End, Recorded};
 pub use join::Join;
 pub use last_words::LastWords;
 pub(crate) use last_words::{Words, WordsMethods};
-pub(crate) use living::Enrolled;
-pub use living::{Living, Stillness};
+pub(crate) use registry::Enrolled;
+pub use registry::{ProcessRegistry, Stillness};
 pub use name::Name;
 pub(crate) use overseer::prepare as prepare_thread;
 pub use overseer::{Overseer, Sentence, overseer};
@@ -88,14 +88,14 @@ impl ProcessSpec {
         self
     }
 
-    /// Lists the process when it has ended, for who asks [`Living::take_ended`].
+    /// Lists the process when it has ended, for who asks [`ProcessRegistry::take_ended`].
     #[must_use]
     pub fn listed(mut self) -> Self {
         self.listed = true;
         self
     }
 
-    /// Says that nobody is in a hurry to learn of its end, unless it is cancelled or panics: see [`Living::rest`].
+    /// Says that nobody is in a hurry to learn of its end, unless it is cancelled or panics: see [`ProcessRegistry::rest`].
     #[must_use]
     pub fn unhurried(mut self) -> Self {
         self.unhurried = true;

@@ -2,7 +2,7 @@
 
 use super::join::JoinNode;
 use super::last_words::{LastWords, Words};
-use super::living::Living;
+use super::registry::ProcessRegistry;
 use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
@@ -201,7 +201,7 @@ struct Timing {
 
 impl Record {
     /// A process that counts among those that live. `is_home`: the calling thread is the executor that it is to run on.
-    pub(crate) fn new(spec: ProcessSpec, living: &Living, is_home: bool) -> Arc<Self> {
+    pub(crate) fn new(spec: ProcessSpec, living: &ProcessRegistry, is_home: bool) -> Arc<Self> {
         living.enter();
         let shown = Shown {
             joining: WaitList::new(),
@@ -483,17 +483,17 @@ impl Record {
     }
 
     /// Ends a process whose body never ran.
-    pub(crate) fn end_unstarted(self: &Arc<Self>, living: &Living) {
+    pub(crate) fn end_unstarted(self: &Arc<Self>, living: &ProcessRegistry) {
         self.finish(RawExit::Cancelled, living);
     }
 
     /// Ends a process whose body could not be made.
-    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>, living: &Living) {
+    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>, living: &ProcessRegistry) {
         self.finish(RawExit::Panicked(payload), living);
     }
 
     /// Says how the process has ended, once: to who waits for it, and to those it was counted among.
-    pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &Living) {
+    pub(crate) fn finish(self: &Arc<Self>, exit: RawExit, living: &ProcessRegistry) {
         let mut shown = self.shown.lock();
         if self.has_ended() {
             drop(shown);
@@ -554,7 +554,7 @@ impl Record {
     }
 
     /// Tells who counts and lists the processes that this one has ended.
-    fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &Living) {
+    fn tell(self: &Arc<Self>, in_a_hurry: bool, living: &ProcessRegistry) {
         if !in_a_hurry && living.keep(self, self.is(How::LISTED)) {
             return;
         }

@@ -30,7 +30,7 @@ mod stage;
 pub use drive::{ClockDriver, DriveError, DrivenClock};
 pub(crate) use stage::{Stage, is_stage};
 
-use crate::process::Living;
+use crate::process::ProcessRegistry;
 use luna_core::current::ProcessId;
 use luna_platform::clock::Clock;
 use luna_platform::thread::{Attributes, SpawnError, Thread};
@@ -70,11 +70,11 @@ pub enum Standstill {
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use luna_executors::{Executor, Living, Pace, ProcessSpec, Simulation};
+/// use luna_executors::{Executor, ProcessRegistry, Pace, ProcessSpec, Simulation};
 /// use luna_platform::{clock::Instant, thread::Attributes, timer_queue::Sleep};
 /// use std::{sync::Arc, time::Duration};
 ///
-/// let simulation = Simulation::start(Pace::Jumping, Arc::new(Living::new()), u64::MAX)?;
+/// let simulation = Simulation::start(Pace::Jumping, Arc::new(ProcessRegistry::new()), u64::MAX)?;
 /// let executor = Executor::start_simulated(&simulation.handle(), &Attributes::new("main"));
 /// let process = executor.spawn(ProcessSpec::new("patient"), || async {
 ///     Sleep::until(Instant::now() + Duration::from_secs(3600)).await;
@@ -103,7 +103,7 @@ impl Simulation {
     /// The system has no thread to give.
     pub fn start(
         pace: Pace,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
         most_turns: u64,
     ) -> Result<Simulation, SpawnError<Infallible>> {
         let stage = Stage::new(pace, living, most_turns);
@@ -161,7 +161,7 @@ impl SimulationHandle {
         self.0.stop_time();
     }
 
-    /// Says that somebody looks after processes that end in a hurry ([`Living::hurried`]), as those whose ends others are to see: time waits until that was
+    /// Says that somebody looks after processes that end in a hurry ([`ProcessRegistry::hurried`]), as those whose ends others are to see: time waits until that was
     /// [done](Self::attended).
     pub fn attend(&self) {
         self.0.attend();

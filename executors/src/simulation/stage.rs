@@ -8,7 +8,7 @@ use crate::calls;
 use crate::executor::{Phase, Shared as ExecutorShared};
 use crate::interference;
 use crate::quiescence::Quiescence;
-use crate::process::{Living, prepare_thread};
+use crate::process::{ProcessRegistry, prepare_thread};
 use crate::watch;
 use luna_core::park::Parker;
 use luna_core::reclaim::{self, Shared};
@@ -35,7 +35,7 @@ pub(crate) struct Stage {
     driven: Option<DrivenClock>,
     parker: Shared<Parker>,
     quiescence: Arc<Quiescence>,
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     /// Executors that are to be taken in; none any more once the thread has ended.
     arrivals: Mutex<Option<Vec<Arc<ExecutorShared>>>>,
     has_arrivals: AtomicBool,
@@ -80,7 +80,7 @@ impl Watch for Forward {
 }
 
 impl Stage {
-    pub(super) fn new(pace: Pace, living: Arc<Living>, most_turns: u64) -> Arc<Self> {
+    pub(super) fn new(pace: Pace, living: Arc<ProcessRegistry>, most_turns: u64) -> Arc<Self> {
         let driven = match pace {
             Pace::Jumping => None,
             Pace::Driven(clock) => Some(clock),
@@ -115,7 +115,7 @@ impl Stage {
         &self.quiescence
     }
 
-    pub(crate) fn living(&self) -> &Arc<Living> {
+    pub(crate) fn living(&self) -> &Arc<ProcessRegistry> {
         &self.living
     }
 

@@ -6,7 +6,7 @@ use crate::support;
 use luna_core::current::{User, dropped_ends_poison, user};
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
-    Executor, ExecutorHandle, Exit, Living, ProcessHandle, ProcessSpec, ProcessState, has_given_up,
+    Executor, ExecutorHandle, Exit, ProcessRegistry, ProcessHandle, ProcessSpec, ProcessState, has_given_up,
     yield_now,
 };
 use luna_platform::clock::Instant;
@@ -142,7 +142,7 @@ fn token_is_alive() -> bool {
 fn a_refused_builder_may_panic_when_it_is_dropped() {
     let _watchdog = watchdog("a_refused_builder_may_panic_when_it_is_dropped");
     quiet_panics();
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let executor = luna_executors::Executor::start_counted(
         luna_platform::thread::Attributes::new("test"),
         living.clone(),
@@ -309,7 +309,7 @@ fn cancelled_by_a_process_of_its_own_executor_and_of_another() {
 fn announced_and_dropped_or_built_in_the_turn_of_another() {
     let _watchdog = watchdog("announced_and_dropped_or_built_in_the_turn_of_another");
     quiet_panics();
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let executor = Executor::start_counted(Attributes::new("announced"), living.clone()).unwrap();
     executor.release();
     let announced = executor

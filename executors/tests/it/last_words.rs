@@ -1,6 +1,6 @@
 //! What a body says as it ends: kept until it is taken, from whatever thread it ran on.
 
-use luna_executors::{Executor, Exit, LastWords, Living, OsThread, ProcessHandle, ProcessSpec};
+use luna_executors::{Executor, Exit, LastWords, ProcessRegistry, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
@@ -80,7 +80,7 @@ fn who_has_a_thread_alone_is_heard_or_its_words_go_with_its_record() {
     let start = || {
         let word = word(&token);
         let spec = ProcessSpec::new("alone");
-        let living = Arc::new(Living::new());
+        let living = Arc::new(ProcessRegistry::new());
         let build = move || async { word };
         OsThread::start_counted(Attributes::new("alone"), spec, build, living).unwrap()
     };

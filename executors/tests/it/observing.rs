@@ -3,7 +3,7 @@
 #![cfg(not(loom))]
 
 use crate::support;
-use luna_executors::{Executor, Exit, Living, OsThread, ProcessSpec, ProcessState, yield_now};
+use luna_executors::{Executor, Exit, ProcessRegistry, OsThread, ProcessSpec, ProcessState, yield_now};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::future::pending;
@@ -82,7 +82,7 @@ fn the_longest_poll_is_measured_where_asked_for() {
 #[test]
 fn the_living_are_counted_over_executors_and_threads() {
     let _watchdog = watchdog("the_living_are_counted_over_executors_and_threads");
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let executor = Executor::start_counted(Attributes::new("one"), living.clone()).unwrap();
     let gate = Gate::default();
     let own = gate.clone();
@@ -131,7 +131,7 @@ fn everything_public_is_what_it_says() {
     send_sync::<luna_executors::ExecutorHandle>();
     send_sync::<luna_executors::ProcessHandle>();
     send_sync::<luna_executors::Join<'static>>();
-    send_sync::<Living>();
+    send_sync::<ProcessRegistry>();
     send_sync::<OsThread>();
     send::<luna_executors::Blocking<fn() -> u8, u8>>();
     #[cfg(unix)]

@@ -5,7 +5,7 @@
 use crate::support;
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
-    Executor, Exit, Living, OsThread, ProcessSpec, Stillness, block_on_patiently, blocking,
+    Executor, Exit, ProcessRegistry, OsThread, ProcessSpec, Stillness, block_on_patiently, blocking,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
@@ -13,12 +13,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use support::{Gate, until, watchdog};
 
-fn executor(name: &str, living: &Arc<Living>) -> Executor {
+fn executor(name: &str, living: &Arc<ProcessRegistry>) -> Executor {
     Executor::start_counted(Attributes::new(name), living.clone()).unwrap()
 }
 
 /// Looks as the thread that runs a system does: sleeps until it is rung, without a deadline.
-fn until_still(living: &Living) -> Stillness {
+fn until_still(living: &ProcessRegistry) -> Stillness {
     loop {
         let seen = living.changes();
         if let Some(stillness) = living.still() {
@@ -31,7 +31,7 @@ fn until_still(living: &Living) -> Stillness {
 #[test]
 fn executors_without_work_are_still_and_those_that_are_held_are_not() {
     let _watchdog = watchdog("executors_without_work_are_still_and_those_that_are_held_are_not");
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let (one, two) = (executor("1", &living), executor("2", &living));
     assert!(living.still().is_none());
     one.release();
@@ -48,7 +48,7 @@ fn executors_without_work_are_still_and_those_that_are_held_are_not() {
 #[test]
 fn a_wake_ends_the_stillness_and_another_follows() {
     let _watchdog = watchdog("a_wake_ends_the_stillness_and_another_follows");
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let gate = Gate::default();
     let executor = executor("waits", &living);
     let own = gate.clone();
@@ -82,7 +82,7 @@ fn a_wake_ends_the_stillness_and_another_follows() {
 #[test]
 fn a_deadline_or_a_call_keeps_it_from_being_still() {
     let _watchdog = watchdog("a_deadline_or_a_call_keeps_it_from_being_still");
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let executor = executor("busy", &living);
     let gate = Gate::default();
     let own = gate.clone();
@@ -112,7 +112,7 @@ fn a_file_keeps_it_from_being_still_until_the_wait_is_dropped_wherever_that_is()
     use std::future::{Future, poll_fn};
     use std::task::Poll;
     let _watchdog = watchdog("a_file_keeps_it_from_being_still");
-    let living = Arc::new(Living::new());
+    let living = Arc::new(ProcessRegistry::new());
     let (near, _far) = std::os::unix::net::UnixStream::pair().unwrap();
     let near: &'static _ = Box::leak(Box::new(near));
     let executor = executor("files", &living);

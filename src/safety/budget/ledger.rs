@@ -3,7 +3,7 @@
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
 use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName, UsageSince};
-use luna_executors::{Living, Overseer, Sentence};
+use luna_executors::{ProcessRegistry, Overseer, Sentence};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
 use std::any::Any;
@@ -25,7 +25,7 @@ pub(crate) struct Ledger {
     sentenced: AtomicBool,
     books: PiLock<Books>,
     /// From when the process is started.
-    system: OnceLock<(Arc<Emergency>, Arc<Living>)>,
+    system: OnceLock<(Arc<Emergency>, Arc<ProcessRegistry>)>,
 }
 
 #[derive(Default)]
@@ -68,7 +68,7 @@ impl Ledger {
     }
 
     /// Says what system the process is part of, before it runs.
-    pub(crate) fn join(&self, emergency: &Arc<Emergency>, living: &Arc<Living>) {
+    pub(crate) fn join(&self, emergency: &Arc<Emergency>, living: &Arc<ProcessRegistry>) {
         // A process is started once.
         let _ = self.system.set((emergency.clone(), living.clone()));
     }

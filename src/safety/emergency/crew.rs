@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_core::path::{self, Call};
 use luna_core::summons::Summons;
-use luna_executors::Living;
+use luna_executors::ProcessRegistry;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::facts::Source;
 use luna_platform::shortfall::Shortfall;
@@ -147,7 +147,7 @@ impl Crew {
 /// The crew, as the system sees it. Dropping it ends it.
 pub(crate) struct EmergencyThread {
     emergency: Arc<Emergency>,
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     policy: Policy,
     threads: Vec<Thread<()>>,
     rouser: Option<RouserThread>,
@@ -163,7 +163,7 @@ impl EmergencyThread {
     /// real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
-        living: Arc<Living>,
+        living: Arc<ProcessRegistry>,
         real_time: bool,
         cores: &[usize],
     ) -> Result<Self> {

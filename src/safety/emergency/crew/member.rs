@@ -3,7 +3,7 @@
 use super::super::functions::{Moment, Task};
 use super::{Crew, Emergency};
 use crate::safety::state::Cause;
-use luna_executors::Living;
+use luna_executors::ProcessRegistry;
 use luna_platform::clock::Instant;
 use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;
@@ -28,7 +28,7 @@ impl Crew {
 }
 
 /// The life of a member.
-pub(super) fn serve(emergency: &Emergency, member: u8, living: &Living) {
+pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry) {
     let crew = &emergency.crew;
     let _clock = emergency.clock().enter();
     let is_wanted = || crew.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
@@ -55,7 +55,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &Living) {
 }
 
 /// Does what there is to do now; says until when there is nothing more. None: somebody else has taken over, and this thread has a low priority by now.
-fn work(emergency: &Emergency, member: u8, living: &Living) -> Option<Instant> {
+fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<Instant> {
     let crew = &emergency.crew;
     loop {
         emergency.hear();
@@ -73,7 +73,7 @@ fn work(emergency: &Emergency, member: u8, living: &Living) -> Option<Instant> {
 }
 
 /// Says once that the functions have run.
-fn announce(emergency: &Emergency, living: &Living) {
+fn announce(emergency: &Emergency, living: &ProcessRegistry) {
     let crew = &emergency.crew;
     let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
     if let Some(crash) = crew.crash.get().filter(|_| is_first) {

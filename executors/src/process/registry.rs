@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// # Invariants
 ///
 /// `ended` is a chain of records, each of which is owned by its place there; or `CLOSED`.
-pub struct Living {
+pub struct ProcessRegistry {
     count: AtomicUsize,
     changes: Futex,
     /// How many ends were in a hurry.
@@ -40,13 +40,13 @@ pub struct Living {
 /// How many ends an executor's thread keeps to itself at most.
 const MOST_KEPT: usize = 32;
 
-/// The ends that nobody is in a hurry to learn of, and that this thread has not told yet: see [`Living::keep_ends`].
+/// The ends that nobody is in a hurry to learn of, and that this thread has not told yet: see [`ProcessRegistry::keep_ends`].
 ///
 /// # Invariants
 ///
 /// While `of` is not null it is live. `newest` leads to `oldest` as a chain of records, each owned by its place there.
 struct Kept {
-    of: Cell<*const Living>,
+    of: Cell<*const ProcessRegistry>,
     /// How many processes have ended that still count as living. Who is made next on this thread counts in the place of one of them.
     counted: Cell<usize>,
     newest: Cell<*mut Record>,
@@ -68,7 +68,7 @@ thread_local! {
 
 impl Kept {
     #[inline]
-    fn is_of(&self, living: &Living) -> bool {
+    fn is_of(&self, living: &ProcessRegistry) -> bool {
         ptr::eq(self.of.get(), living)
     }
 
@@ -94,14 +94,14 @@ impl Kept {
     }
 }
 
-/// All threads of a [`Living`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
+/// All threads of a [`ProcessRegistry`] slept at one instant, without deadlines, files, calls on the pool or wakes under way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stillness(Vec<(Home, Stretch)>);
 
 /// Nobody asks for those that have ended any more.
 const CLOSED: *mut Record = ptr::without_provenance_mut(1);
 
-impl Living {
+impl ProcessRegistry {
     /// Nobody lives yet.
     #[expect(
         clippy::new_without_default,
@@ -319,11 +319,11 @@ impl Living {
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// use luna_executors::{Executor, Living, ProcessSpec};
+    /// use luna_executors::{Executor, ProcessRegistry, ProcessSpec};
     /// use luna_platform::{clock::Instant, thread::Attributes};
     /// use std::sync::Arc;
     ///
-    /// let living = Arc::new(Living::new());
+    /// let living = Arc::new(ProcessRegistry::new());
     /// let executor = Executor::start_counted(Attributes::new("main"), living.clone())?;
     /// let stuck = executor.spawn(ProcessSpec::new("stuck"), || std::future::pending());
     /// executor.release();
@@ -415,7 +415,7 @@ impl Living {
     }
 }
 
-impl Drop for Living {
+impl Drop for ProcessRegistry {
     fn drop(&mut self) {
         self.close_ended(|_| ());
     }
@@ -466,9 +466,9 @@ fn sleepers(threads: &[(Home, Arc<dyn Sleeper>)]) -> Vec<&dyn Sleeper> {
     threads.iter().map(|(_, thread)| &**thread).collect()
 }
 
-/// The guard of [`Living::keep_ends`].
+/// The guard of [`ProcessRegistry::keep_ends`].
 pub(crate) struct KeepsEnds {
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
@@ -481,7 +481,7 @@ impl Drop for KeepsEnds {
 
 /// A thread that is counted in.
 pub(crate) struct Enrolled {
-    living: Arc<Living>,
+    living: Arc<ProcessRegistry>,
     home: Home,
 }
 
@@ -498,9 +498,9 @@ impl Drop for Enrolled {
     }
 }
 
-impl fmt::Debug for Living {
+impl fmt::Debug for ProcessRegistry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Living")
+        f.debug_struct("ProcessRegistry")
             .field("count", &self.count())
             .finish_non_exhaustive()
     }
