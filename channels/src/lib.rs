@@ -47,7 +47,7 @@ pub mod inspect;
 pub mod lock_sync;
 mod wait_point;
 mod recv;
-mod selection;
+mod select_state;
 mod send;
 mod source;
 mod hand_off_slots;

@@ -1,6 +1,6 @@
 //! The node of a waiting operation, and what it comes to.
 
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use luna_core::current::{self, PlainPendingWake, Process, PendingWake, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
@@ -55,7 +55,7 @@ pub(crate) struct Link {
     /// A settled extended receiver's, and a held sender's: which rendezvous it was.
     pub(crate) ticket: u32,
     /// An alternative's: what decides, and which guard this is. There if it was begun in full. Before the value, since who looks at it may not know of which type that is.
-    selection: MaybeUninit<Option<(NonNull<Selection>, u32)>>,
+    selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
 /// What few nodes have.
@@ -70,7 +70,7 @@ struct Seldom<T> {
 impl Link {
     /// Of an operation that waits, begun in full.
     #[inline(always)]
-    fn in_full(wait: WaitNode, selection: Option<(NonNull<Selection>, u32)>) -> Self {
+    fn in_full(wait: WaitNode, selection: Option<(NonNull<SelectState>, u32)>) -> Self {
         Self {
             wait,
             outcome: AtomicU8::new(Outcome::Waiting as u8),
@@ -163,7 +163,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
         extended: bool,
-        selection: Option<(NonNull<Selection>, u32)>,
+        selection: Option<(NonNull<SelectState>, u32)>,
         make: Option<Make<T>>,
     ) {
         // SAFETY: the contract.
@@ -231,7 +231,7 @@ impl<T> Waiter<T> {
     pub(crate) unsafe fn begin_guard(
         node: NonNull<Waiter<T>>,
         process: &Process,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         number: u32,
     ) {
         let wait = WaitNode::without_wakeup(User::Process(process.id()), process.priority());
@@ -351,7 +351,7 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
     #[inline(always)]
-    pub(crate) unsafe fn selection(node: NonNull<Waiter<T>>) -> Option<(NonNull<Selection>, u32)> {
+    pub(crate) unsafe fn selection(node: NonNull<Waiter<T>>) -> Option<(NonNull<SelectState>, u32)> {
         // SAFETY: the contract; the selection is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);
@@ -567,7 +567,7 @@ impl<T> Waiter<T> {
 #[cold]
 unsafe fn claim_selection(
     node: NonNull<WaitNode>,
-    selection: NonNull<Selection>,
+    selection: NonNull<SelectState>,
     guard: u32,
 ) -> bool {
     // SAFETY: the contract; a listed node's selection is live.

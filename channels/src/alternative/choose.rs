@@ -7,7 +7,7 @@
 use super::guard::Attempt;
 use super::list::{MOST_GUARDS, Open};
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use arrayvec::ArrayVec;
 use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::biased_lock::BiasedGuard;
@@ -74,7 +74,7 @@ pub(super) enum Choice {
 /// All guards are new. The selection is closed, stays where it is, and outlives their being listed.
 pub(super) unsafe fn choose(
     open: &mut Open<'_>,
-    selection: &Selection,
+    selection: &SelectState,
     fair: bool,
     wakeup: &mut Option<WakeHandle>,
     cx: &mut Context<'_>,

@@ -1,7 +1,7 @@
 //! What an alternative may offer.
 
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use luna_core::current::{PlainPendingWake, Process, PendingWake};
 use luna_platform::clock::Instant;
@@ -114,7 +114,7 @@ pub trait RawGuard {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     );
 
@@ -187,7 +187,7 @@ pub trait RawGuard {
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         _process: &Process,
-        _selection: NonNull<Selection>,
+        _selection: NonNull<SelectState>,
         _guard: u32,
     ) {
     }

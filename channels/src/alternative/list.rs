@@ -1,7 +1,7 @@
 //! The guards of one alternative, as a list whose type knows each of them.
 
 use super::guard::{Guard, Look, RawGuard};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use arrayvec::ArrayVec;
 use luna_core::current::{PlainPendingWake, Process};
@@ -141,7 +141,7 @@ pub trait Guards {
         self: Pin<&mut Self>,
         number: u32,
         process: &Process,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
     );
 
     /// Takes the guards off their lists that were not chosen, and notes in `looks` what was; the first has this number.
@@ -276,7 +276,7 @@ impl Guards for Nil {
     }
 
     #[inline]
-    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<SelectState>) {}
 
     #[inline]
     unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
@@ -311,7 +311,7 @@ impl Guards for Skip {
     }
 
     #[inline]
-    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<Selection>) {}
+    unsafe fn list_fast(self: Pin<&mut Self>, _: u32, _: &Process, _: NonNull<SelectState>) {}
 
     #[inline]
     unsafe fn withdraw_fast(self: Pin<&mut Self>, _: u32, _: &mut Looks) {}
@@ -408,7 +408,7 @@ impl<G: Guard, R: Guards> Guards for Cons<G, R> {
         self: Pin<&mut Self>,
         number: u32,
         process: &Process,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
     ) {
         let (first, rest) = self.parts();
         // SAFETY: the contract.

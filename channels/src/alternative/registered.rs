@@ -26,7 +26,7 @@ use super::ready_set::ReadySet;
 use crate::core::Channel;
 use crate::error::RecvError;
 use crate::recv::Receiver;
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
@@ -102,7 +102,7 @@ impl<'a, T> Alternative<'a, T> {
     }
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
-        let mut selection = Selection::new();
+        let mut selection = SelectState::new();
         // Who tells of something closes it for its owner.
         selection.set_gated();
         let hub = Box::new(Hub {

@@ -5,7 +5,7 @@ use super::guard::RawGuard;
 use super::list::{Collected, Guards, Looks, MOST_GUARDS, Open, Seeds};
 use super::stop::Stop;
 use crate::finally::Finally;
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::taped;
 use luna_core::current::{self, Process, WakeHandle};
 use luna_core::events;
@@ -47,7 +47,7 @@ enum State {
 pub struct Select<S: Seeds> {
     seeds: Option<S>,
     guards: MaybeUninit<S::Guards>,
-    selection: Selection,
+    selection: SelectState,
     fair: bool,
     state: State,
     polled_by: Identity,
@@ -72,7 +72,7 @@ pub fn select<S: Seeds>(fair: bool, seeds: S) -> Select<S> {
     Select {
         seeds: Some(seeds),
         guards: MaybeUninit::uninit(),
-        selection: Selection::new(),
+        selection: SelectState::new(),
         fair,
         state: State::New,
         polled_by: (std::ptr::null(), std::ptr::null()),
@@ -264,7 +264,7 @@ fn released(open: &[(u32, Pin<&mut (dyn RawGuard + '_)>)]) {
 /// One poll of an alternative, whatever the types of its guards.
 struct Polled<'a> {
     open: Open<'a>,
-    selection: &'a Selection,
+    selection: &'a SelectState,
     fair: bool,
     state: &'a mut State,
     polled_by: &'a mut Identity,

@@ -2,7 +2,7 @@
 
 use super::guard::{Attempt, Guard, RawGuard};
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::taped;
 use luna_core::current::{self, PendingWake};
@@ -160,7 +160,7 @@ impl<D: Due> RawGuard for When<D> {
         }
     }
 
-    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<Selection>, _: u32) {}
+    unsafe fn list(self: Pin<&mut Self>, _: &mut WaitQueues, _: NonNull<SelectState>, _: u32) {}
 
     unsafe fn withdraw(self: Pin<&mut Self>) {}
 

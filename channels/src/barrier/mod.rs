@@ -21,7 +21,7 @@ pub use sync::SyncOp;
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
 use crate::wait_point::{WaitQueues, PlaceApart};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::waiter::Waiter;
 use luna_core::current::{self, User};
@@ -329,7 +329,7 @@ impl Shared {
                 let Some((selection, guard)) = Waiter::selection(waiter) else {
                     continue;
                 };
-                if Selection::enter(selection, guard) {
+                if SelectState::enter(selection, guard) {
                     open += 1;
                 } else {
                     selection.as_ref().leave(None);

@@ -3,7 +3,7 @@
 use super::{Barrier, Shared};
 use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
@@ -338,7 +338,7 @@ impl RawGuard for SyncOp<'_> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -357,7 +357,7 @@ impl RawGuard for SyncOp<'_> {
                     // The barrier stands in another guard of this alternative already, and one is enough.
                     return;
                 }
-                if Selection::order(of_other) > Selection::order(selection) {
+                if SelectState::order(of_other) > SelectState::order(selection) {
                     break;
                 }
                 before = next;

@@ -4,7 +4,7 @@ use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::error::SendError;
 use crate::wait_point::{Ending, WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::send::{SendOp, Sender};
 use crate::source::Offered;
 use crate::stamp::Stamp;
@@ -234,7 +234,7 @@ impl<Q, A> RawGuard for CallOp<'_, Q, A> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: the contract is the same.

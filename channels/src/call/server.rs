@@ -8,7 +8,7 @@ use crate::error::{RecvError, TryRecvError};
 use crate::extended::Mode;
 use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::recv::{Receiver, RecvOp};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::taped;
 use luna_core::current;
@@ -245,7 +245,7 @@ impl<Q, A> RawGuard for AcceptOp<'_, Q, A> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: the contract is the same.

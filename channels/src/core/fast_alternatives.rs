@@ -7,7 +7,7 @@ use super::fast_path::{give_to_first, take_from_first};
 use super::{FastPath, Channel};
 use crate::alternative::{Entry, Look};
 use crate::wait_point::{LastUser, WaitQueues, user_number};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::source::{Offered, Source};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{PlainPendingWake, Process};
@@ -294,7 +294,7 @@ impl<T> Channel<T> {
         &self,
         node: NonNull<Waiter<T>>,
         of_sender: bool,
-        selection: (NonNull<Selection>, u32),
+        selection: (NonNull<SelectState>, u32),
         process: &Process,
     ) {
         // SAFETY: the contract.

@@ -12,7 +12,7 @@
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!
-//! A partner that finds an alternative's node claims its [`Selection`](crate::selection::Selection) first. One whose alternative has chosen
+//! A partner that finds an alternative's node claims its [`SelectState`](crate::select_state::SelectState) first. One whose alternative has chosen
 //! another guard is taken off the list and passed over: each such node costs one step, once.
 
 mod fast_alternatives;

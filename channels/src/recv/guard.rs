@@ -7,7 +7,7 @@ use crate::core::{Ending, Received};
 use crate::error::RecvError;
 use crate::extended::Mode;
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
 use luna_core::current::{self, PlainPendingWake, Process, PendingWake};
@@ -62,7 +62,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -112,7 +112,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         process: &Process,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.

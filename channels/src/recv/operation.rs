@@ -4,7 +4,7 @@ use super::Receiver;
 use crate::core::{FastPath, Ending, HandOff, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::hand_off_slots::Side;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
@@ -120,7 +120,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     #[inline]
     pub(super) fn begin(
         &mut self,
-        selection: Option<(NonNull<Selection>, u32)>,
+        selection: Option<(NonNull<SelectState>, u32)>,
     ) -> NonNull<Waiter<T>> {
         M::waits(self.note());
         let node = self.node();

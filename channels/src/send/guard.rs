@@ -5,7 +5,7 @@ use crate::alternative::{Attempt, Guard, Look, RawGuard};
 use crate::core::{Ending, Sent};
 use crate::error::SendError;
 use crate::wait_point::{WaitQueues, WaitPoint};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::source::Source;
 use crate::stamp::Stamp;
 use crate::waiter::Outcome;
@@ -69,7 +69,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn list(
         self: Pin<&mut Self>,
         lists: &mut WaitQueues,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.
@@ -119,7 +119,7 @@ impl<T, S: Source<T>> RawGuard for SendOp<'_, T, S> {
     unsafe fn list_fast(
         self: Pin<&mut Self>,
         process: &Process,
-        selection: NonNull<Selection>,
+        selection: NonNull<SelectState>,
         guard: u32,
     ) {
         // SAFETY: nothing is moved.

@@ -3,7 +3,7 @@
 use super::Sender;
 use crate::core::{FastPath, Ending, HandOff, Sent};
 use crate::error::{SendError, SendTimeoutError};
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::source::{InNode, Offered, Source};
 use crate::hand_off_slots::Side;
 use crate::taped;
@@ -133,7 +133,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     #[inline]
     pub(super) fn begin(
         &mut self,
-        selection: Option<(NonNull<Selection>, u32)>,
+        selection: Option<(NonNull<SelectState>, u32)>,
     ) -> NonNull<Waiter<T>> {
         // SAFETY: a new send's node is known to its future alone.
         unsafe { Waiter::begin(self.node(), false, selection, S::MAKE) };

@@ -2,7 +2,7 @@
 
 use crate::core::Channel;
 use crate::error::RecvError;
-use crate::selection::Selection;
+use crate::select_state::SelectState;
 use crate::waiter::Waiter;
 use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
@@ -10,7 +10,7 @@ use std::ptr::{self, NonNull};
 
 /// What partners reach of an alternative.
 pub(crate) struct Hub<T> {
-    pub(crate) selection: Selection,
+    pub(crate) selection: SelectState,
     /// The entries whose channels have become ready since the owner looked. Changed within the selection's gate.
     pub(super) stack: AtomicPtr<Entry<T>>,
 }
@@ -139,7 +139,7 @@ impl<T> Entry<T> {
     /// # Safety
     ///
     /// `entry` is in its channel's list, and that lock is held.
-    pub(crate) unsafe fn selection<'a>(entry: NonNull<Entry<T>>) -> &'a Selection {
+    pub(crate) unsafe fn selection<'a>(entry: NonNull<Entry<T>>) -> &'a SelectState {
         // SAFETY: the contract; the hub outlives its entries' being listed.
         unsafe { &(*(*entry.as_ptr()).hub.as_ptr()).selection }
     }

@@ -34,10 +34,10 @@ const CHOSEN: u32 = 2;
 /// # Invariants
 ///
 /// `wakeup` belongs to the owner unless the state is `OPEN`; from `OPEN`, to whoever left it. Where that was no choice but a
-/// closing by somebody else ([`close`](Selection::close)), the owner learns of it before the other has taken the wakeup: such selections are
+/// closing by somebody else ([`close`](SelectState::close)), the owner learns of it before the other has taken the wakeup: such selections are
 /// `gated`, and the gate is held around both. `has_plain_wakeup` goes with it. `gated` is changed by the owner alone, while no node leads here that is listed. `entered` belongs to who holds the gate. While a node that leads here is listed, this is live: its owner takes each node off, under its list's lock, before it goes.
 #[derive(Debug)]
-pub struct Selection {
+pub struct SelectState {
     state: AtomicU32,
     /// Whether who leaves `OPEN` holds the gate: somebody may claim several selections at once, a barrier's last party, or close this one for its
     /// owner; or all places favour one home.
@@ -59,7 +59,7 @@ pub struct Selection {
     number: usize,
 }
 
-impl Selection {
+impl SelectState {
     pub(crate) fn new() -> Self {
         Self {
             state: AtomicU32::new(CLOSED),
@@ -278,7 +278,7 @@ impl Selection {
     /// # Safety
     ///
     /// `this` is live.
-    pub(crate) unsafe fn order(this: NonNull<Selection>) -> usize {
+    pub(crate) unsafe fn order(this: NonNull<SelectState>) -> usize {
         #[cfg(loom)]
         // SAFETY: the contract.
         return unsafe { this.as_ref() }.number;
@@ -293,9 +293,9 @@ impl Selection {
     /// # Safety
     ///
     /// `this` is gated, is live until `leave`, and this thread has not entered it.
-    pub(crate) unsafe fn enter(this: NonNull<Selection>, guard: u32) -> bool {
+    pub(crate) unsafe fn enter(this: NonNull<SelectState>, guard: u32) -> bool {
         // SAFETY: the contract keeps it alive for as long as the guard is kept.
-        let selection: &'static Selection = unsafe { this.as_ref() };
+        let selection: &'static SelectState = unsafe { this.as_ref() };
         let gate = selection.gate.lock();
         // SAFETY: the gate is this thread's.
         selection
