@@ -15,7 +15,7 @@ pub trait Mode {
     type Note: Default + Send;
     /// Whether the sender is held.
     const HOLDS: bool;
-    /// Whether the note is an heir, which is lent the priority of the sender that is held.
+    /// Whether the note is an inheritor, which is lent the priority of the sender that is held.
     const INHERITS: bool = false;
 
     /// The receive is about to wait, in the current process.

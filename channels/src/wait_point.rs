@@ -3,7 +3,7 @@
 use crate::inspect::Identity;
 use crate::hand_off_slots::{Nodes, Side, HandOffSlots};
 use crate::taped::{Order, Taped};
-use luna_core::current::{Heir, ProcessId, User};
+use luna_core::current::{Inheritor, ProcessId, User};
 use luna_core::events;
 use luna_core::biased_lock::{BriefGuard, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -51,7 +51,7 @@ pub struct WaitQueues {
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
     /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
-    pub(crate) server: Option<Heir>,
+    pub(crate) server: Option<Inheritor>,
     /// Senders whose value was received by extended rendezvous, and which are held until the receiver is done with it.
     pub(crate) held: WaitList,
     /// Those who wait for the end alone: see `ended`.

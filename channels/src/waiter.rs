@@ -50,7 +50,7 @@ pub(crate) struct Link {
     begun: Begun,
     /// A receiver's: its sender is to be held.
     pub(crate) extended: bool,
-    /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) heir.
+    /// An extended receiver's: the node is that of a [`Noted`](crate::extended::Noted) inheritor.
     pub(crate) inherits: bool,
     /// A settled extended receiver's, and a held sender's: which rendezvous it was.
     pub(crate) ticket: u32,

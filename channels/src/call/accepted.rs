@@ -4,7 +4,7 @@ use super::Message;
 use super::serving::Accepted;
 use crate::recv::Receiver;
 use crate::waiter::Outcome;
-use luna_core::current::Heir;
+use luna_core::current::Inheritor;
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
@@ -41,7 +41,7 @@ impl<'a, Q, A> Call<'a, Q, A> {
         let reply = Reply {
             receiver: accepted.receiver,
             ticket: accepted.ticket,
-            heir: accepted.heir,
+            inheritor: accepted.inheritor,
         };
         Call { request, reply }
     }
@@ -105,7 +105,7 @@ pub struct Reply<'a, Q, A> {
     receiver: &'a Receiver<Message<Q, A>>,
     ticket: u32,
     /// Gives back what it was lent after the client was readied: before, others could come between.
-    heir: Option<Heir>,
+    inheritor: Option<Inheritor>,
 }
 
 impl<Q, A> Reply<'_, Q, A> {
@@ -148,7 +148,7 @@ impl<Q, A> fmt::Debug for Reply<'_, Q, A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Reply")
             .field("ticket", &self.ticket)
-            .field("heir", &self.heir)
+            .field("inheritor", &self.inheritor)
             .finish_non_exhaustive()
     }
 }

@@ -21,7 +21,7 @@ pub use accepted::{Call, Reply};
 pub use client::{CallOp, Client};
 pub use error::CallError;
 pub use server::{AcceptOp, Server};
-pub(crate) use serving::lend_to_receiver;
+pub(crate) use serving::boost_to_receiver;
 
 use crate::buffer::Buffer;
 

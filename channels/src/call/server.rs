@@ -106,16 +106,16 @@ impl<Q, A> Server<Q, A> {
         let mut section = self.receiver.channel().lock();
         section.note_server();
         let received = section.recv_now(true);
-        let mut heir = None;
+        let mut inheritor = None;
         if let Received::Done(_, _, holding) = &received {
-            Serving::holds(&mut heir, holding.priority);
-            section.lend_while_they_wait();
+            Serving::holds(&mut inheritor, holding.priority);
+            section.boost_while_they_wait();
         }
         section.release();
         match received {
             Received::Done(value, ready, holding) => {
                 // Before the client's waker can panic: then the call is dropped without a reply.
-                let accepted = Serving::received(&self.receiver, value, holding.ticket, heir);
+                let accepted = Serving::received(&self.receiver, value, holding.ticket, inheritor);
                 let call = Call::of(accepted);
                 ready.wake();
                 Ok(call)

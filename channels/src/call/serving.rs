@@ -5,7 +5,7 @@ use crate::extended::{Mode, Noted};
 use crate::wait_point::Ending;
 use crate::recv::Receiver;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{Heir, Priority};
+use luna_core::current::{Inheritor, Priority};
 use luna_platform::sync::atomic::Ordering;
 use std::ptr::NonNull;
 
@@ -19,23 +19,23 @@ pub(super) struct Accepted<'a, T> {
     pub(super) receiver: &'a Receiver<T>,
     pub(super) value: T,
     pub(super) ticket: u32,
-    pub(super) heir: Option<Heir>,
+    pub(super) inheritor: Option<Inheritor>,
 }
 
 impl Mode for Serving {
     type Received<'a, T: 'a> = Accepted<'a, T>;
-    type Note = Option<Heir>;
+    type Note = Option<Inheritor>;
     const HOLDS: bool = true;
     const INHERITS: bool = true;
 
-    fn waits(note: &mut Option<Heir>) {
-        *note = Heir::current();
+    fn waits(note: &mut Option<Inheritor>) {
+        *note = Inheritor::current();
     }
 
-    fn holds(note: &mut Option<Heir>, sender: Priority) {
-        *note = Heir::current();
-        if let Some(heir) = note {
-            heir.lend(sender);
+    fn holds(note: &mut Option<Inheritor>, sender: Priority) {
+        *note = Inheritor::current();
+        if let Some(inheritor) = note {
+            inheritor.lend(sender);
         }
     }
 
@@ -43,13 +43,13 @@ impl Mode for Serving {
         receiver: &'a Receiver<T>,
         value: T,
         ticket: u32,
-        heir: Option<Heir>,
+        inheritor: Option<Inheritor>,
     ) -> Accepted<'a, T> {
         Accepted {
             receiver,
             value,
             ticket,
-            heir,
+            inheritor,
         }
     }
 
@@ -64,13 +64,13 @@ impl Mode for Serving {
 ///
 /// `receiver` was listed in this channel, and was claimed under the lock that is still held.
 #[inline]
-pub(crate) unsafe fn lend_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
-    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that inherits is noted with an heir.
+pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: Priority) {
+    // SAFETY: the contract: under the lock a node that is not settled is not its future's. One that inherits is noted with an inheritor.
     unsafe {
         if (*Waiter::link(receiver)).inherits {
-            let noted = receiver.cast::<Noted<T, Option<Heir>>>().as_ptr();
-            if let Some(heir) = &mut (*noted).note {
-                heir.lend(sender);
+            let noted = receiver.cast::<Noted<T, Option<Inheritor>>>().as_ptr();
+            if let Some(inheritor) = &mut (*noted).note {
+                inheritor.lend(sender);
             }
         }
     }
@@ -102,7 +102,7 @@ impl<T> Channel<T> {
             if let Some(receiver) = section.claim_receiver(true) {
                 receiver.as_ref().put_value(value);
                 (*Waiter::link(receiver)).ticket = ticket;
-                lend_to_receiver(receiver, sender.as_ref().priority());
+                boost_to_receiver(receiver, sender.as_ref().priority());
                 let ready = Waiter::settle(receiver, Outcome::Done);
                 drop(section);
                 ready.wake();
@@ -118,7 +118,7 @@ impl<T> Channel<T> {
                 .outcome
                 .store(Outcome::Waiting as u8, Ordering::Release);
             section.lists.senders.insert_again_first(sender);
-            section.lend_while_they_wait();
+            section.boost_while_they_wait();
         }
     }
 }

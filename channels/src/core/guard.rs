@@ -3,12 +3,12 @@
 use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::buffer::WhenFull;
-use crate::call::lend_to_receiver;
+use crate::call::boost_to_receiver;
 use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::source::{Offered, Source};
 use crate::taped::{self, Stamped};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Heir, Priority, PendingWake, WakeHandle};
+use luna_core::current::{self, Inheritor, Priority, PendingWake, WakeHandle};
 use luna_core::events;
 use luna_core::biased_lock::BiasedGuard;
 use luna_core::wait_list::{WaitList, WaitNode};
@@ -402,7 +402,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
             self.lists.held.insert(node.cast(), priority, wakeup);
             Self::hold(node, ticket);
             // Before it is readied.
-            lend_to_receiver(receiver, priority);
+            boost_to_receiver(receiver, priority);
             Sent::Held(Waiter::settle(receiver, Outcome::Done))
         }
     }
@@ -506,32 +506,32 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ) {
         // SAFETY: the contract; the wait node is the first field.
         unsafe { self.lists.senders.insert(node.cast(), priority, wakeup) };
-        self.lend_while_they_wait();
+        self.boost_while_they_wait();
         self.announce();
     }
 
     /// The current process accepts calls here: from now on it is who clients wait for.
     #[inline]
     pub(crate) fn note_server(&mut self) {
-        let is_known = self.lists.server.as_ref().is_some_and(Heir::is_current);
+        let is_known = self.lists.server.as_ref().is_some_and(Inheritor::is_current);
         if !is_known && self.lists.ending == Ending::Open {
-            self.lists.server = Heir::current();
+            self.lists.server = Inheritor::current();
             self.lists.find_whether_plain();
-            self.lend_while_they_wait();
+            self.boost_while_they_wait();
         }
     }
 
     /// Lends the server the priority of the most urgent client that waits. To be called when others wait than before. O(1), and a system call if
     /// the priority of the server's thread changes by that.
     #[inline]
-    pub(crate) fn lend_while_they_wait(&mut self) {
+    pub(crate) fn boost_while_they_wait(&mut self) {
         if self.lists.server.is_some() {
-            self.lend_to_server();
+            self.boost_to_server();
         }
     }
 
     #[cold]
-    fn lend_to_server(&mut self) {
+    fn boost_to_server(&mut self) {
         let lists = &mut *self.lists;
         let first = lists.senders.first();
         // SAFETY: a node in the list is live, and the lock is held.

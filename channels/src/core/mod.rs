@@ -192,7 +192,7 @@ impl<T> Channel<T> {
                 _ => return (outcome, None),
             };
             list.remove(node.cast());
-            section.lend_while_they_wait();
+            section.boost_while_they_wait();
             let link = Waiter::link(node);
             let former = (*link).wait.wakeup_mut().take();
             let now = if outcome == Outcome::Held {

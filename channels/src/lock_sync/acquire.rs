@@ -1,12 +1,12 @@
 //! Taking permits, as a future.
 
-use super::entry::heir;
+use super::entry::inheritor;
 use super::error::{AcquireError, AcquireTimeoutError};
 use super::permit::Permit;
 use super::semaphore::Semaphore;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Heir, Renewal};
+use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::events;
 use luna_core::tape::Event;
 use luna_core::timer_queue::Sleep;
@@ -78,9 +78,9 @@ impl<'a> AcquireOp<'a> {
     }
 
     fn poll_new(&mut self, cx: &Context<'_>) -> Poll<()> {
-        let priority = heir(self.of_thread)
+        let priority = inheritor(self.of_thread)
             .as_ref()
-            .map_or_else(current::priority, Heir::priority_before_blocking);
+            .map_or_else(current::priority, Inheritor::priority_before_blocking);
         let shared = self.semaphore.shared();
         shared.note_user(current::user());
         let mut renewal = Renewal::of(cx);

@@ -3,7 +3,7 @@
 use super::core::CoreRef;
 use super::entry::Entry;
 use arrayvec::ArrayVec;
-use luna_core::current::Heir;
+use luna_core::current::Inheritor;
 
 /// How many holders a chain is followed along.
 pub(super) const HOLDERS: usize = 8;
@@ -14,29 +14,29 @@ pub(super) const STEPS: usize = 32;
 /// A holder that is lent another priority than before.
 #[derive(Debug)]
 pub(super) struct Changed {
-    pub(super) heir: Heir,
+    pub(super) inheritor: Inheritor,
     pub(super) is_more: bool,
 }
 
 /// Lets what a holder waits for know that it is as urgent as it is now, and so on. Each on the way is let run, if it was lent more: one that really waits is polled
 /// once for nothing. Called without any lock.
 pub(super) fn follow(changed: Option<Changed>) {
-    let Some(Changed { heir, is_more }) = changed else {
+    let Some(Changed { inheritor, is_more }) = changed else {
         return;
     };
     // The holders on the way, each with the wait that was looked at last.
-    let mut way = ArrayVec::<(Heir, usize), HOLDERS>::new();
-    way.push((heir, 0));
+    let mut way = ArrayVec::<(Inheritor, usize), HOLDERS>::new();
+    way.push((inheritor, 0));
     for _ in 0..STEPS {
-        let Some((heir, above)) = way.last_mut() else {
+        let Some((inheritor, above)) = way.last_mut() else {
             return;
         };
         // Also one that has a wait listed: it may have been handed what it waited for and be queued, or another branch of it may be.
         if *above == 0 && is_more {
-            heir.move_up();
+            inheritor.move_up();
         }
         // SAFETY: all that is listed with a process is an entry's, and its mutex lives while it is.
-        let next = heir.next_wait(*above, |node| unsafe {
+        let next = inheritor.next_wait(*above, |node| unsafe {
             let (entry, core) = Entry::waited_for(node);
             (node.addr().get(), entry, CoreRef::new(core))
         });

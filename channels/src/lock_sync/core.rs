@@ -6,7 +6,7 @@ use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind};
 use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Heir, Priority, PendingWake, Renewal, User, WakeHandle};
+use luna_core::current::{self, Inheritor, Priority, PendingWake, Renewal, User, WakeHandle};
 use luna_core::reclaim::{self, Retired};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ use std::task::{Context, Poll};
 struct State {
     is_held: bool,
     /// The holder, lent the priority of the first who waits. None if it is a task of another runtime.
-    heir: Option<Heir>,
+    inheritor: Option<Inheritor>,
 }
 
 /// What all handles of a mutex share, but for its value.
@@ -104,7 +104,7 @@ impl Core {
             place: PlaceApart::new(Identity::new(PlaceKind::Mutex)),
             state: UnsafeCell::new(State {
                 is_held: false,
-                heir: None,
+                inheritor: None,
             }),
             has_died: AtomicBool::new(false),
         }
@@ -141,24 +141,24 @@ impl Core {
             .store(has_died, std::sync::atomic::Ordering::Relaxed);
     }
 
-    /// Locks it for the caller, if nobody holds it; else gives the heir back.
-    pub(super) fn take(&self, heir: Option<Heir>) -> Result<(), Option<Heir>> {
+    /// Locks it for the caller, if nobody holds it; else gives the inheritor back.
+    pub(super) fn take(&self, inheritor: Option<Inheritor>) -> Result<(), Option<Inheritor>> {
         let mut lists = self.place.lock();
-        self.take_locked(&mut lists, heir, current::user())
+        self.take_locked(&mut lists, inheritor, current::user())
     }
 
     fn take_locked(
         &self,
         lists: &mut WaitQueues,
-        heir: Option<Heir>,
+        inheritor: Option<Inheritor>,
         user: User,
-    ) -> Result<(), Option<Heir>> {
+    ) -> Result<(), Option<Inheritor>> {
         self.state(lists, |state| {
             if state.is_held {
-                return Err(heir);
+                return Err(inheritor);
             }
             state.is_held = true;
-            state.heir = heir;
+            state.inheritor = inheritor;
             Ok(())
         })?;
         lists.receiver = LastUser::of(user);
@@ -174,26 +174,26 @@ impl Core {
     pub(super) unsafe fn take_or_list(
         &self,
         entry: NonNull<Entry>,
-        mut heir: Option<Heir>,
+        mut inheritor: Option<Inheritor>,
         renewal: &mut Renewal<'_, '_>,
     ) -> Poll<()> {
         let user = current::user();
         let mut changed = None;
         let listed = renewal.put(|renewal| {
             let mut lists = self.place.lock();
-            heir = match self.take_locked(&mut lists, heir.take(), user) {
+            inheritor = match self.take_locked(&mut lists, inheritor.take(), user) {
                 Ok(()) => return Poll::Ready(()),
-                Err(heir) => heir,
+                Err(inheritor) => inheritor,
             };
             let Some(wakeup) = renewal.take() else {
                 return Poll::Pending;
             };
             // SAFETY: the contract. Listed with its process before the priority is read, and in the list of this place's lock.
             changed = unsafe {
-                Entry::begin(entry, NonNull::from(self), heir.take());
+                Entry::begin(entry, NonNull::from(self), inheritor.take());
                 let node = Entry::node(entry);
                 lists.senders.insert(node, current::priority(), wakeup);
-                // A plain thread's is known to its heir.
+                // A plain thread's is known to its inheritor.
                 self.place_again(&mut lists, entry);
                 self.relend(&lists)
             };
@@ -264,7 +264,7 @@ impl Core {
         if died {
             self.set_died(true);
         }
-        let former = self.state(&lists, |state| state.heir.take());
+        let former = self.state(&lists, |state| state.inheritor.take());
         let Some(node) = lists.senders.pop() else {
             self.state(&lists, |state| state.is_held = false);
             lists.receiver = LastUser::NOBODY;
@@ -288,11 +288,11 @@ impl Core {
     unsafe fn hand_over(&self, lists: &mut WaitQueues, entry: NonNull<Entry>) -> Admitted {
         // SAFETY: the contract: the node is live until it is settled.
         unsafe {
-            let heir = Entry::take_heir(entry);
+            let inheritor = Entry::take_heir(entry);
             lists.receiver = LastUser::of(Entry::node(entry).as_ref().user());
             self.state(lists, |state| {
                 state.is_held = true;
-                state.heir = heir;
+                state.inheritor = inheritor;
             });
             Admitted {
                 changed: self.relend(lists),
@@ -325,7 +325,7 @@ impl Core {
 
     /// Puts `entry`, if it still waits here, where its process' priority belongs now. Gives the holder, if that is lent another priority by it.
     /// O(those who wait).
-    pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Heir> {
+    pub(super) fn reorder(&self, entry: NonNull<Entry>) -> Option<Inheritor> {
         let mut lists = self.place.lock();
         let mut next = lists.senders.first();
         while let Some(node) = next {
@@ -333,7 +333,7 @@ impl Core {
             unsafe {
                 if Entry::of(node) == entry {
                     self.place_again(&mut lists, entry);
-                    return self.relend(&lists).map(|changed| changed.heir);
+                    return self.relend(&lists).map(|changed| changed.inheritor);
                 }
                 next = lists.senders.after(node);
             }
@@ -361,11 +361,11 @@ impl Core {
     /// Lends the holder the priority of the first other one who waits. O(1), and O(those before who are branches of the holder itself).
     fn relend(&self, lists: &WaitQueues) -> Option<Changed> {
         self.state(lists, |state| {
-            let heir = state.heir.as_mut()?;
+            let inheritor = state.inheritor.as_mut()?;
             // As a whole: what waits may be another branch of the same process. Its own priority is not lent to it, since it may be one that it has inherited.
-            let change = heir.lend_whole(first_other(lists, heir));
+            let change = inheritor.boost_whole(first_other(lists, inheritor));
             change.is_ne().then(|| Changed {
-                heir: heir.copy(),
+                inheritor: inheritor.copy(),
                 is_more: change.is_gt(),
             })
         })
@@ -373,17 +373,17 @@ impl Core {
 }
 
 /// Takes back what a former holder was lent.
-fn give_back(former: Option<Heir>) {
-    if let Some(mut heir) = former
-        && heir.give_back()
+fn give_back(former: Option<Inheritor>) {
+    if let Some(mut inheritor) = former
+        && inheritor.give_back()
     {
         let is_more = false;
-        chain::follow(Some(Changed { heir, is_more }));
+        chain::follow(Some(Changed { inheritor, is_more }));
     }
 }
 
 /// The priority of the first who waits and is not the holder itself.
-fn first_other(lists: &WaitQueues, holder: &Heir) -> Priority {
+fn first_other(lists: &WaitQueues, holder: &Inheritor) -> Priority {
     let mut next = lists.senders.first();
     while let Some(node) = next {
         // SAFETY: a listed node is live, and an entry's; the lists show that the lock is held.

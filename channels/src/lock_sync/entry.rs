@@ -2,7 +2,7 @@
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{Heir, Priority, Renewal, WakeHandle};
+use luna_core::current::{Inheritor, Priority, Renewal, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
@@ -24,22 +24,22 @@ struct Listed {
     wait: WaitNode,
     entry: NonNull<Entry>,
     core: NonNull<Core>,
-    heir: Heir,
+    inheritor: Inheritor,
 }
 
 /// The node, inside its future.
 ///
 /// # Invariants
 ///
-/// While it is in a place's list, that place's lock guards `waiter` and `heir`; a settled one belongs to its future. `cause` is guarded by the condition's
-/// lock. `listed` is there while `is_listed`: its node is then in the list of its heir's waits, under the lock of the heir's home, and the
+/// While it is in a place's list, that place's lock guards `waiter` and `inheritor`; a settled one belongs to its future. `cause` is guarded by the condition's
+/// lock. `listed` is there while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the inheritor's home, and the
 /// mutex lives.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
     waiter: Waiter<()>,
     /// Who inherits when the mutex is its own.
-    heir: Option<Heir>,
+    inheritor: Option<Inheritor>,
     cause: Cause,
     /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if its future is leaked: the chain may still find it.
     core: Option<CoreRef>,
@@ -51,7 +51,7 @@ impl Entry {
     pub(super) fn new() -> Self {
         Self {
             waiter: Waiter::empty(),
-            heir: None,
+            inheritor: None,
             cause: Cause::None,
             core: None,
             is_listed: false,
@@ -78,22 +78,22 @@ impl Entry {
     ///
     /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` is live; [`end`](Self::end) is called before the
     /// entry goes, or the entry stays for ever.
-    pub(super) unsafe fn begin(entry: NonNull<Entry>, core: NonNull<Core>, heir: Option<Heir>) {
+    pub(super) unsafe fn begin(entry: NonNull<Entry>, core: NonNull<Core>, inheritor: Option<Inheritor>) {
         // SAFETY: the contract.
         unsafe {
             Waiter::begin(Self::waiter(entry), false, None, None);
             let this = entry.as_ptr();
-            if let Some(heir) = &heir {
+            if let Some(inheritor) = &inheritor {
                 (*this).listed.write(Listed {
                     wait: WaitNode::new(),
                     entry,
                     core,
-                    heir: heir.copy(),
+                    inheritor: inheritor.copy(),
                 });
                 (*this).is_listed = true;
-                heir.begin_wait(NonNull::from(&mut (*this).listed).cast());
+                inheritor.begin_wait(NonNull::from(&mut (*this).listed).cast());
             }
-            (*this).heir = heir;
+            (*this).inheritor = inheritor;
             (*this).core = Some(CoreRef::new(core));
         }
     }
@@ -104,16 +104,16 @@ impl Entry {
     ///
     /// `entry` is live, in no place's list, and nobody else accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
-        // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the heir is referred to.
+        // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the inheritor is referred to.
         unsafe {
             let this = entry.as_ptr();
             if std::mem::take(&mut (*this).is_listed) {
                 let listed = (&raw mut (*this).listed).cast::<Listed>();
-                let heir = &(*listed).heir;
-                heir.end_wait(NonNull::new_unchecked(listed).cast());
+                let inheritor = &(*listed).inheritor;
+                inheritor.end_wait(NonNull::new_unchecked(listed).cast());
                 (*this).listed.assume_init_drop();
             }
-            (*this).heir = None;
+            (*this).inheritor = None;
             (*this).core = None;
         }
     }
@@ -149,8 +149,8 @@ impl Entry {
     pub(super) unsafe fn priority(entry: NonNull<Entry>) -> Priority {
         // SAFETY: the contract; this borrows the one field, or else the node.
         unsafe {
-            match &(*entry.as_ptr()).heir {
-                Some(heir) => heir.priority(),
+            match &(*entry.as_ptr()).inheritor {
+                Some(inheritor) => inheritor.priority(),
                 None => Self::node(entry).as_ref().priority(),
             }
         }
@@ -161,11 +161,11 @@ impl Entry {
     /// # Safety
     ///
     /// As for [`priority`](Self::priority).
-    pub(super) unsafe fn is_of(entry: NonNull<Entry>, holder: &Heir) -> bool {
+    pub(super) unsafe fn is_of(entry: NonNull<Entry>, holder: &Inheritor) -> bool {
         // SAFETY: the contract; this borrows the one field.
-        unsafe { &(*entry.as_ptr()).heir }
+        unsafe { &(*entry.as_ptr()).inheritor }
             .as_ref()
-            .is_some_and(|heir| heir.is_same(holder))
+            .is_some_and(|inheritor| inheritor.is_same(holder))
     }
 
     /// Takes out who inherits.
@@ -173,9 +173,9 @@ impl Entry {
     /// # Safety
     ///
     /// It is live, and the lock that guards it is held.
-    pub(super) unsafe fn take_heir(entry: NonNull<Entry>) -> Option<Heir> {
+    pub(super) unsafe fn take_heir(entry: NonNull<Entry>) -> Option<Inheritor> {
         // SAFETY: the contract; this borrows the one field.
-        unsafe { (*entry.as_ptr()).heir.take() }
+        unsafe { (*entry.as_ptr()).inheritor.take() }
     }
 
     /// Which mutex it is to lock.
@@ -247,10 +247,10 @@ impl Entry {
 }
 
 /// Who inherits what is locked by the caller: its process; a thread that is none's, if it is the `thread` itself that holds it.
-pub(super) fn heir(thread: bool) -> Option<Heir> {
+pub(super) fn inheritor(thread: bool) -> Option<Inheritor> {
     if thread {
-        Heir::current_or_thread()
+        Inheritor::current_or_thread()
     } else {
-        Heir::current()
+        Inheritor::current()
     }
 }

@@ -1,11 +1,11 @@
 //! Locking a mutex, as a future.
 
-use super::entry::{Entry, heir};
+use super::entry::{Entry, inheritor};
 use super::error::{LockError, LockTimeoutError};
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
 use crate::taped;
-use luna_core::current::{self, Heir, Renewal};
+use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::events;
 use luna_core::tape::Event;
 use luna_core::timer_queue::Sleep;
@@ -71,25 +71,25 @@ impl<'a, T> LockOp<'a, T> {
     #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
         // Uncontended, nobody need be woken, and a thread need not ask the system for its priority.
-        match self.mutex.core().take(heir(self.of_thread)) {
+        match self.mutex.core().take(inheritor(self.of_thread)) {
             Ok(()) => Poll::Ready(()),
-            Err(heir) => self.poll_contended(heir, cx),
+            Err(inheritor) => self.poll_contended(inheritor, cx),
         }
     }
 
     #[cold]
-    fn poll_contended(&mut self, heir: Option<Heir>, cx: &Context<'_>) -> Poll<()> {
+    fn poll_contended(&mut self, inheritor: Option<Inheritor>, cx: &Context<'_>) -> Poll<()> {
         if self.of_thread
-            && let Some(heir) = &heir
+            && let Some(inheritor) = &inheritor
         {
             // Not under the lock.
-            heir.priority_before_blocking();
+            inheritor.priority_before_blocking();
         }
         let mut renewal = Renewal::of(cx);
         // SAFETY: the entry is this future's, which is pinned; in `Listed` it is taken back and ended when it goes.
         let polled = unsafe {
             let core = self.mutex.core();
-            core.take_or_list(self.entry(), heir, &mut renewal)
+            core.take_or_list(self.entry(), inheritor, &mut renewal)
         };
         // Before what is left of the renewal is dropped.
         self.phase = match polled {

@@ -18,13 +18,13 @@
 
 // The protocol.
 //
-// A mutex is a place (its lock, a list of who waits) and a state under that lock: whether it is held, and by which heir. It is handed over directly: unlocking pops the
+// A mutex is a place (its lock, a list of who waits) and a state under that lock: whether it is held, and by which inheritor. It is handed over directly: unlocking pops the
 // first who waits, makes that one the holder under the lock, settles its node, and wakes it after. So it is never free while somebody waits, nobody barges in, and whoever
 // was settled holds the mutex whether it knows already or not: a future that is dropped then unlocks.
 //
 // What can break, and what holds it together:
 //
-// 1. *Who inherits is who holds.* Under the place's lock: the holder's heir is lent the priority of the first who waits, no more and no less. Every change of the list or of
+// 1. *Who inherits is who holds.* Under the place's lock: the holder's inheritor is lent the priority of the first who waits, no more and no less. Every change of the list or of
 //    the holder ends with that (`relend`).
 // 2. *A chain.* The holder may wait for another mutex itself. What each process (or thread) waits for is listed with it, under its home's lock. Whoever changes a loan
 //    follows these lists without holding a place's lock (`chain`): it takes the next place's lock, puts the node where its process' priority now belongs, and lends on.
@@ -37,7 +37,7 @@
 // 5. *A condition moves who it notifies* to the list of the mutex (or makes it the holder), and wakes nobody who could not go on. The node knows why it was moved, under the
 //    condition's lock: who gives up passes a `notify_one` on. Since it is listed before the mutex is unlocked, no notification is lost; since nothing else
 //    moves it, none is made up.
-// 6. *Restoring*: what was lent lies in the heir in the mutex's state. It goes with the hold, after the next holder was woken: earlier, one of middle priority could run in between.
+// 6. *Restoring*: what was lent lies in the inheritor in the mutex's state. It goes with the hold, after the next holder was woken: earlier, one of middle priority could run in between.
 //
 // Bounds. Each section under a place's lock is O(1), or O(those who wait at lower priority) to be listed. A chain is followed over at most `chain::HOLDERS` holders
 // and `chain::STEPS` places; each costs O(those who wait there).

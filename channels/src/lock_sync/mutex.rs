@@ -6,7 +6,7 @@ use super::guard::{MutexGuard, OwnerDied};
 use super::lock::{LockOp, LockTimeout};
 use crate::inspect::{Stored, register, unregister};
 use crate::taped;
-use luna_core::current::{self, Heir};
+use luna_core::current::{self, Inheritor};
 use luna_core::reclaim::Retired;
 use luna_platform::clock::Instant;
 use luna_platform::sync::UnsafeCell;
@@ -138,7 +138,7 @@ impl<T> Mutex<T> {
     /// # drop(guard);
     /// ```
     pub fn try_lock(&self) -> Result<MutexGuard<'_, T>, TryLockError<'_, T>> {
-        let take = || self.core().take(Heir::current_or_thread()).is_ok();
+        let take = || self.core().take(Inheritor::current_or_thread()).is_ok();
         let has_taken = match current::is_taped() {
             true => taped::call(true, take, |taken| {
                 (!taken).then_some(taped::failure::NOTHING)

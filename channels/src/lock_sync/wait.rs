@@ -1,7 +1,7 @@
 //! Waiting at a condition, as a future.
 
 use super::condition::Condition;
-use super::entry::{Cause, Entry, heir};
+use super::entry::{Cause, Entry, inheritor};
 use super::error::LockError;
 use super::guard::MutexGuard;
 use super::mutex::Mutex;
@@ -9,7 +9,7 @@ use crate::finally::Finally;
 use crate::wait_point::WaitQueues;
 use crate::taped;
 use crate::waiter::Outcome;
-use luna_core::current::{self, Heir, Renewal, WakeHandle};
+use luna_core::current::{self, Inheritor, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::tape::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
@@ -77,16 +77,16 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
 
     /// WaitQueues it, and unlocks the mutex after: whoever notifies from then on finds it.
     fn begin(&mut self, guard: MutexGuard<'a, T>, cx: &Context<'_>) {
-        let heir = heir(self.of_thread);
-        let priority = heir
+        let inheritor = inheritor(self.of_thread);
+        let priority = inheritor
             .as_ref()
-            .map_or_else(current::priority, Heir::priority_before_blocking);
+            .map_or_else(current::priority, Inheritor::priority_before_blocking);
         let wakeup = WakeHandle::of(cx);
         let entry = self.entry();
         self.condition.note_user(current::user());
         // SAFETY: the entry is this future's, which is pinned, takes it off before it goes, and keeps the mutex by its handle.
         unsafe {
-            Entry::begin(entry, self.mutex.core_pointer(), heir);
+            Entry::begin(entry, self.mutex.core_pointer(), inheritor);
             let mut lists = self.condition.shared().place.lock();
             Entry::set_ticket(entry, lists.tickets);
             lists.senders.insert(Entry::node(entry), priority, wakeup);
@@ -263,8 +263,8 @@ impl<'a, T> WaitOp<'_, 'a, T> {
                     return Poll::Ready(Err(LockError::Poisoned));
                 }
                 Ok(Turn::Given(event)) => {
-                    let heir = heir(self.of_thread);
-                    if self.mutex.core().take(heir).is_err() {
+                    let inheritor = inheritor(self.of_thread);
+                    if self.mutex.core().take(inheritor).is_err() {
                         current::tape(|tape| tape.differs("somebody else holds the mutex"));
                         return Poll::Pending;
                     }

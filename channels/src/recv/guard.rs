@@ -46,7 +46,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
             Received::Done(value, ready, holding) => {
                 if M::INHERITS {
                     M::holds(this.note(), holding.priority);
-                    section.lend_while_they_wait();
+                    section.boost_while_they_wait();
                 }
                 this.keep(value, holding.ticket);
                 (Outcome::Done, ready)

@@ -423,7 +423,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 if M::INHERITS {
                     // Under the lock and in this order: a server that is between the two would not be as urgent as its client.
                     M::holds(this.note(), holding.priority);
-                    section.lend_while_they_wait();
+                    section.boost_while_they_wait();
                 }
                 drop(section);
                 let ticket = holding.ticket;

@@ -1,6 +1,6 @@
-//! What a process was lent, and what it waits for: see [`Heir`](super::Heir).
+//! What a process was lent, and what it waits for: see [`Inheritor`](super::Inheritor).
 
-use super::heir::Lent;
+use super::inheritor::Lent;
 use super::home_thread::HomeThread;
 use super::process::LEVELS;
 use crate::wait_list::WaitList;
@@ -23,7 +23,7 @@ pub(super) struct LevelNow(AtomicU8);
 pub(super) struct Inheritance {
     /// None for a process outside of any home, which is lent nothing.
     pub(super) home: Option<Arc<HomeThread>>,
-    /// What the process waits for while somebody else holds it: see [`Heir::begin_wait`].
+    /// What the process waits for while somebody else holds it: see [`Inheritor::begin_wait`].
     pub(super) waits: UnsafeCell<WaitList>,
     counts: UnsafeCell<Counts>,
 }

@@ -7,7 +7,7 @@
 mod branch;
 mod branches;
 mod guest;
-mod heir;
+mod inheritor;
 mod home_thread;
 mod inheritance;
 mod lone;
@@ -27,7 +27,7 @@ pub use branch::{
 };
 pub use branches::Branches;
 pub use guest::Guest;
-pub use heir::Heir;
+pub use inheritor::Inheritor;
 #[cfg(not(loom))]
 pub use home_thread::{RefusedBoosts, refused_boosts};
 pub use lone::Lone;

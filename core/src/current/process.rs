@@ -1,6 +1,6 @@
 //! What the framework knows of a process.
 
-use super::heir::Lent;
+use super::inheritor::Lent;
 use super::inheritance::{Inheritance, LevelNow};
 use super::lone;
 use super::references::References;
@@ -591,7 +591,7 @@ impl Process {
         self.home
     }
 
-    /// The level that the process runs at: its own, or a higher one that it [inherits](super::Heir).
+    /// The level that the process runs at: its own, or a higher one that it [inherits](super::Inheritor).
     #[inline]
     pub fn level(&self) -> u8 {
         self.level.get()

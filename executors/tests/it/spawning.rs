@@ -195,7 +195,7 @@ fn a_child_of_an_abandoned_body_is_built_in_a_turn_of_its_own() {
         fn drop(&mut self) {
             assert!(turn_of_another());
             let log = self.1.clone();
-            self.0.spawn(ProcessSpec::new("heir"), move || {
+            self.0.spawn(ProcessSpec::new("inheritor"), move || {
                 log.add(turn_of_another());
                 async {}
             });

@@ -1,10 +1,10 @@
 //! Inheriting a priority: a process that works for another one is as urgent as that one.
 //!
-//! Who receives on behalf of others names itself as an [`Heir`] before it waits, so that whoever hands it work can lend it a priority in
+//! Who receives on behalf of others names itself as an [`Inheritor`] before it waits, so that whoever hands it work can lend it a priority in
 //! the same step, before it is readied. A process of the same OS priority is lent a *level*: it is queued there from its next wake on. One
 //! whose thread is below is lent its thread's priority too: see [`HomeThread`](super::home_thread::HomeThread).
 //!
-//! Who holds something that others wait for, a lock say, is an heir too, also a plain thread. What a process itself waits for in this way is listed
+//! Who holds something that others wait for, a lock say, is an inheritor too, also a plain thread. What a process itself waits for in this way is listed
 //! with it, so that a priority can be passed on along a chain of holders: what a chain is made of is known to those who list it.
 //!
 //! Priorities are lent and given back in any order and from any thread, so what is lent is counted: O(1) each, under the lock of the
@@ -21,7 +21,7 @@ use std::fmt;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-/// What an heir was lent; a greater one raises it further.
+/// What an inheritor was lent; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lent {
     Nothing,
@@ -34,7 +34,7 @@ pub(super) enum Lent {
 ///
 /// It keeps the memory of the process, not the process: of one that has ended, lending raises its thread alone, and of one whose home was left,
 /// nothing.
-pub struct Heir {
+pub struct Inheritor {
     to: To,
     lent: Lent,
 }
@@ -44,15 +44,15 @@ enum To {
     Thread(Arc<HomeThread>),
 }
 
-impl Heir {
+impl Inheritor {
     /// The current process, or its branch that is being polled; none outside of any.
     #[inline]
-    pub fn current() -> Option<Heir> {
+    pub fn current() -> Option<Inheritor> {
         process(|process| {
             let process = process?;
             process
                 .can_inherit()
-                .then(|| Heir::to(To::Process(Reference::to_current(process))))
+                .then(|| Inheritor::to(To::Process(Reference::to_current(process))))
         })
     }
 
@@ -60,27 +60,27 @@ impl Heir {
     ///
     /// The first call on a plain thread allocates, and makes a few system calls; later ones are O(1). None while the thread ends.
     #[inline]
-    pub fn current_or_thread() -> Option<Heir> {
-        Heir::current().or_else(|| super::this_thread().map(|thread| Heir::to(To::Thread(thread))))
+    pub fn current_or_thread() -> Option<Inheritor> {
+        Inheritor::current().or_else(|| super::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
     }
 
-    fn to(to: To) -> Heir {
-        Heir {
+    fn to(to: To) -> Inheritor {
+        Inheritor {
             to,
             lent: Lent::Nothing,
         }
     }
 
     /// Another one to the same, which was lent nothing. From any thread; O(1).
-    pub fn copy(&self) -> Heir {
-        Heir::to(match &self.to {
+    pub fn copy(&self) -> Inheritor {
+        Inheritor::to(match &self.to {
             To::Process(reference) => To::Process(reference.copy()),
             To::Thread(thread) => To::Thread(thread.clone()),
         })
     }
 
     /// Whether both are the same process, or the same thread.
-    pub fn is_same(&self, other: &Heir) -> bool {
+    pub fn is_same(&self, other: &Inheritor) -> bool {
         match (&self.to, &other.to) {
             (To::Process(own), To::Process(other)) => std::ptr::eq(own.process(), other.process()),
             (To::Thread(own), To::Thread(other)) => Arc::ptr_eq(own, other),
@@ -135,18 +135,18 @@ impl Heir {
             To::Process(reference) => reference.lowered(),
             To::Thread(_) => 0,
         };
-        self.lend_above(priority, lowered)
+        self.boost_above(priority, lowered)
     }
 
     /// As [`lend`](Self::lend), but to its process as a whole: a branch of it then runs as far below as it ever does. For those who may wait for each
     /// other, through other branches of theirs: there, each round would lend more.
     #[inline]
-    pub fn lend_whole(&mut self, priority: Priority) -> Ordering {
-        self.lend_above(priority, 0)
+    pub fn boost_whole(&mut self, priority: Priority) -> Ordering {
+        self.boost_above(priority, 0)
     }
 
     #[inline]
-    fn lend_above(&mut self, priority: Priority, lowered: u8) -> Ordering {
+    fn boost_above(&mut self, priority: Priority, lowered: u8) -> Ordering {
         let (before, lent) = (self.lent, self.lent_for(priority, lowered));
         if lent != before {
             self.change(lent);
@@ -179,9 +179,9 @@ impl Heir {
                     Lent::Nothing
                 }
             }
-            To::Thread(heir) => {
+            To::Thread(inheritor) => {
                 // What a plain thread's own is now is asked when it is boosted.
-                let own = if heir.is_plain() { 0 } else { heir.own_rank() };
+                let own = if inheritor.is_plain() { 0 } else { inheritor.own_rank() };
                 if thread > own {
                     Lent::Thread(thread)
                 } else {
@@ -258,7 +258,7 @@ impl Heir {
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is taken out by [`end_wait`](Self::end_wait) of an heir to the same before it goes. Whatever
+    /// `node` is in no list, stays where it is, and is taken out by [`end_wait`](Self::end_wait) of an inheritor to the same before it goes. Whatever
     /// [`next_wait`](Self::next_wait) is called with may use it in the meantime.
     pub unsafe fn begin_wait(&self, node: NonNull<WaitNode>) {
         // SAFETY: the contract; those of one priority are listed in O(1).
@@ -275,7 +275,7 @@ impl Heir {
         self.with_waits(|waits| unsafe { waits.remove(node) });
     }
 
-    /// Calls `found` with the wait of the lowest address above `address`, if there is one, under the lock of the heir's home: so all are found,
+    /// Calls `found` with the wait of the lowest address above `address`, if there is one, under the lock of the inheritor's home: so all are found,
     /// though others come and go in between. O(waits), which are as many as there are branches that wait.
     pub fn next_wait<R>(
         &self,
@@ -310,21 +310,21 @@ impl Heir {
     }
 }
 
-impl Drop for Heir {
+impl Drop for Inheritor {
     #[inline]
     fn drop(&mut self) {
         self.give_back();
     }
 }
 
-impl fmt::Debug for Heir {
+impl fmt::Debug for Inheritor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut heir = f.debug_struct("Heir");
+        let mut inheritor = f.debug_struct("Inheritor");
         match &self.to {
-            To::Process(reference) => heir.field("process", reference.process()),
-            To::Thread(_) => heir.field("thread", &self.priority()),
+            To::Process(reference) => inheritor.field("process", reference.process()),
+            To::Thread(_) => inheritor.field("thread", &self.priority()),
         };
-        heir.field("lent", &self.lent).finish()
+        inheritor.field("lent", &self.lent).finish()
     }
 }
 
@@ -366,26 +366,26 @@ mod tests {
     #[test]
     fn the_highest_that_is_lent_counts_in_whatever_order_they_go() {
         within(5, || {
-            let mut heirs: Vec<Heir> = [9, 20, 9, 3]
+            let mut inheritors: Vec<Inheritor> = [9, 20, 9, 3]
                 .into_iter()
                 .map(|level| {
-                    let mut heir = Heir::current().unwrap();
-                    heir.lend(at(level));
-                    heir
+                    let mut inheritor = Inheritor::current().unwrap();
+                    inheritor.lend(at(level));
+                    inheritor
                 })
                 .collect();
             assert_eq!(priority(), at(20));
-            drop(heirs.remove(0));
+            drop(inheritors.remove(0));
             assert_eq!(priority(), at(20));
-            drop(heirs.remove(0));
+            drop(inheritors.remove(0));
             assert_eq!(priority(), at(9));
-            drop(heirs.remove(0));
+            drop(inheritors.remove(0));
             assert_eq!(priority(), at(5), "a lower one is not inherited");
-            heirs[0].lend(at(31));
+            inheritors[0].lend(at(31));
             assert_eq!(priority(), at(31));
-            heirs[0].lend(at(7));
+            inheritors[0].lend(at(7));
             assert_eq!(priority(), at(7));
-            heirs.clear();
+            inheritors.clear();
             assert_eq!(priority(), at(5));
         });
     }
@@ -393,12 +393,12 @@ mod tests {
     #[test]
     fn a_branch_is_lent_what_its_process_is_above_it() {
         within(10, || {
-            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
-            heir.lend(at(20));
+            let mut inheritor = super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
+            inheritor.lend(at(20));
             super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(20)));
-            heir.lend(at(8));
+            inheritor.lend(at(8));
             super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(8)));
-            drop(heir);
+            drop(inheritor);
             assert_eq!(priority(), at(10));
         });
     }
@@ -406,62 +406,62 @@ mod tests {
     #[test]
     fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
         within(10, || {
-            let mut heir = super::super::with_branch_below(false, 3, 0, Heir::current).unwrap();
-            assert_eq!(heir.lend_whole(at(10)), Ordering::Equal);
-            heir.lend_whole(at(20));
+            let mut inheritor = super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
+            assert_eq!(inheritor.boost_whole(at(10)), Ordering::Equal);
+            inheritor.boost_whole(at(20));
             assert_eq!(priority(), at(20));
-            assert_eq!(heir.priority(), at(17));
+            assert_eq!(inheritor.priority(), at(17));
         });
     }
 
     #[test]
     fn it_is_given_back_on_another_thread_and_after_the_process() {
         within(5, || {
-            let mut heir = Heir::current().unwrap();
-            heir.lend(at(9));
+            let mut inheritor = Inheritor::current().unwrap();
+            inheritor.lend(at(9));
             std::thread::scope(|scope| {
-                scope.spawn(move || drop(heir));
+                scope.spawn(move || drop(inheritor));
             });
             assert_eq!(priority(), at(5));
         });
         let mut outlives = None;
-        within(5, || outlives = Heir::current());
-        let mut heir = outlives.unwrap();
-        heir.lend(Priority {
+        within(5, || outlives = Inheritor::current());
+        let mut inheritor = outlives.unwrap();
+        inheritor.lend(Priority {
             thread: 50,
             level: 0,
         });
-        assert!(!heir.is_current());
+        assert!(!inheritor.is_current());
     }
 
     #[test]
     fn lending_says_whether_it_is_more_or_less() {
         within(5, || {
-            let mut heir = Heir::current().unwrap();
-            assert_eq!(heir.lend(at(3)), Ordering::Equal);
-            assert_eq!(heir.lend(at(9)), Ordering::Greater);
-            assert_eq!(heir.lend(at(9)), Ordering::Equal);
-            assert_eq!(heir.lend(at(7)), Ordering::Less);
-            assert_eq!(heir.copy().priority(), at(7));
-            assert!(heir.give_back() && !heir.give_back());
-            assert_eq!(heir.priority(), at(5));
+            let mut inheritor = Inheritor::current().unwrap();
+            assert_eq!(inheritor.lend(at(3)), Ordering::Equal);
+            assert_eq!(inheritor.lend(at(9)), Ordering::Greater);
+            assert_eq!(inheritor.lend(at(9)), Ordering::Equal);
+            assert_eq!(inheritor.lend(at(7)), Ordering::Less);
+            assert_eq!(inheritor.copy().priority(), at(7));
+            assert!(inheritor.give_back() && !inheritor.give_back());
+            assert_eq!(inheritor.priority(), at(5));
         });
     }
 
     #[test]
     fn waits_are_found_one_by_one_also_from_elsewhere() {
         within(5, || {
-            let heir = Heir::current().unwrap();
+            let inheritor = Inheritor::current().unwrap();
             let mut nodes: [WaitNode; 3] = Default::default();
             let nodes = nodes.each_mut().map(NonNull::from);
             // SAFETY: they are in this list alone, and are taken out below.
             unsafe {
                 for n in [2, 0, 1] {
-                    heir.begin_wait(nodes[n]);
+                    inheritor.begin_wait(nodes[n]);
                 }
             }
             std::thread::scope(|scope| {
-                let copy = heir.copy();
+                let copy = inheritor.copy();
                 scope.spawn(move || {
                     let mut above = 0;
                     let mut found = 0;
@@ -475,22 +475,22 @@ mod tests {
             // SAFETY: as above.
             unsafe {
                 for node in nodes {
-                    heir.end_wait(node);
+                    inheritor.end_wait(node);
                 }
             }
-            assert_eq!(heir.next_wait(0, |_| ()), None);
+            assert_eq!(inheritor.next_wait(0, |_| ()), None);
         });
     }
 
     #[test]
     fn a_plain_thread_inherits_and_gets_its_own_back() {
         let own = luna_platform::thread::current_policy();
-        let mut heir = Heir::current_or_thread().unwrap();
-        let before = heir.priority_before_blocking();
+        let mut inheritor = Inheritor::current_or_thread().unwrap();
+        let before = inheritor.priority_before_blocking();
         let thread = before.thread + 7;
-        let lent = heir.lend(Priority { thread, level: 3 });
+        let lent = inheritor.lend(Priority { thread, level: 3 });
         assert_eq!(lent, Ordering::Greater);
-        assert_eq!(heir.priority(), Priority { thread, level: 31 });
+        assert_eq!(inheritor.priority(), Priority { thread, level: 31 });
         if super::super::refused_boosts().is_none() {
             assert_eq!(
                 luna_platform::thread::current_policy(),
@@ -499,20 +499,20 @@ mod tests {
         }
         // A home on this thread counts with what the thread was lent.
         within(5, || {
-            let mut of_process = Heir::current().unwrap();
+            let mut of_process = Inheritor::current().unwrap();
             of_process.lend(Priority {
                 thread: thread + 1,
                 level: 0,
             });
-            assert_eq!(heir.priority().thread, thread + 1);
+            assert_eq!(inheritor.priority().thread, thread + 1);
         });
-        assert_eq!(heir.priority().thread, thread);
-        drop(heir);
+        assert_eq!(inheritor.priority().thread, thread);
+        drop(inheritor);
         assert_eq!(luna_platform::thread::current_policy(), own);
     }
 
     #[test]
     fn nobody_inherits_outside_of_a_process() {
-        assert!(Heir::current().is_none());
+        assert!(Inheritor::current().is_none());
     }
 }
