@@ -24,7 +24,7 @@ pub mod park;
 pub mod path;
 pub mod reclaim;
 pub mod relay;
-pub mod spare;
+pub mod arc_cache;
 pub mod spin;
 pub mod summons;
 pub mod tape;

@@ -20,7 +20,7 @@ use crate::watch;
 use luna_core::current::{self, Home};
 use luna_core::events;
 use luna_core::reclaim;
-use luna_core::spare::Spare;
+use luna_core::arc_cache::ArcCache;
 use luna_core::spin::{self, Outside};
 use luna_core::timer_queue::{Attention, TimerQueue};
 use luna_platform::clock::Instant;
@@ -52,7 +52,7 @@ impl Phase {
 
 thread_local! {
     /// What the tasks of this thread that have ended had of the executor that it is.
-    static SPARE_SHARED: Spare<Shared> = const { Spare::new() };
+    static SPARE_SHARED: ArcCache<Shared> = const { ArcCache::new() };
     /// See [`has_given_up`].
     static GIVES_UP: Cell<bool> = const { Cell::new(false) };
 }

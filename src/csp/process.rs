@@ -8,7 +8,7 @@ use crate::record::Tapes;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_core::events;
-use luna_core::spare::Spare;
+use luna_core::arc_cache::ArcCache;
 use luna_executors::{
     Announced, LastWords, ProcessRegistry, OsThread, ProcessSpec, Refused, SimulationHandle,
 };
@@ -346,7 +346,7 @@ thread_local! {
     /// What the bodies of this thread have in common, once there is one.
     static ENTERED: RefCell<Option<Arc<Common>>> = const { RefCell::new(None) };
     /// What those that have begun were brought of it.
-    static SPARE_COMMON: Spare<Common> = const { Spare::new() };
+    static SPARE_COMMON: ArcCache<Common> = const { ArcCache::new() };
 }
 
 impl Common {

@@ -5,7 +5,7 @@ use crate::csp::process::{Build, IntoProcess};
 use crate::error::{Result, SetupError};
 use crate::safety::{Budgets, Ledger, OnOverrun};
 use luna_core::current::{self, LEVELS, ProcessId};
-use luna_core::spare::Spare;
+use luna_core::arc_cache::ArcCache;
 use luna_executors::{Name, ProcessHandle, ProcessSpec};
 use luna_platform::facts::SystemFacts;
 use luna_platform::thread::{Attributes, Policy};
@@ -143,7 +143,7 @@ impl ExecutorBuilder {
 
 thread_local! {
     /// What spawns on this thread referred to the system by.
-    static SPARE_PLANS: Spare<Plan> = const { Spare::new() };
+    static SPARE_PLANS: ArcCache<Plan> = const { ArcCache::new() };
     /// The name that was shared last.
     static SHARED_NAME: RefCell<Option<Name>> = const { RefCell::new(None) };
 }

@@ -46,7 +46,7 @@ pub use turn::{
 pub use wake_handle::{PlainPendingWake, PendingWake, WakeHandle};
 
 use crate::path;
-use crate::spare::Spare;
+use crate::arc_cache::ArcCache;
 use crate::tape::Tape;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
@@ -92,7 +92,7 @@ thread_local! {
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
     static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
     /// What the processes of this thread that have ended had of the same.
-    static SPARE_HOME_THREADS: Spare<HomeThread> = const { Spare::new() };
+    static SPARE_HOME_THREADS: ArcCache<HomeThread> = const { ArcCache::new() };
 }
 
 /// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
@@ -150,7 +150,7 @@ impl Drop for HomeGuard {
         });
         set_on_path(false);
         TIMERS.with(|slot| slot.borrow_mut().take());
-        SPARE_HOME_THREADS.with(Spare::release);
+        SPARE_HOME_THREADS.with(ArcCache::release);
         if let Some(thread) = HOME_THREAD.with(|slot| slot.borrow_mut().take())
             && !thread.is_plain()
         {

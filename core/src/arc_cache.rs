@@ -15,10 +15,10 @@ const MOST: usize = 256;
 /// References that nobody uses just now, all to the same thing: for a thread-local variable.
 ///
 /// ```
-/// use luna_core::spare::Spare;
+/// use luna_core::arc_cache::ArcCache;
 /// use std::sync::Arc;
 ///
-/// let spare = Spare::new();
+/// let spare = ArcCache::new();
 /// let thing = Arc::new(7);
 /// spare.keep(&thing);
 /// let one = spare.another(&thing);
@@ -33,12 +33,12 @@ const MOST: usize = 256;
 /// # Invariants
 ///
 /// As many references to `of` as `count` says belong to this.
-pub struct Spare<T> {
+pub struct ArcCache<T> {
     of: Cell<*const T>,
     count: Cell<usize>,
 }
 
-impl<T> Spare<T> {
+impl<T> ArcCache<T> {
     /// One that keeps none.
     pub const fn new() -> Self {
         Self {
@@ -90,21 +90,21 @@ impl<T> Spare<T> {
     }
 }
 
-impl<T> Default for Spare<T> {
+impl<T> Default for ArcCache<T> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<T> Drop for Spare<T> {
+impl<T> Drop for ArcCache<T> {
     fn drop(&mut self) {
         self.release();
     }
 }
 
-impl<T> fmt::Debug for Spare<T> {
+impl<T> fmt::Debug for ArcCache<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Spare")
+        f.debug_struct("ArcCache")
             .field("count", &self.count.get())
             .finish_non_exhaustive()
     }
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn only_references_to_the_one_thing_are_kept_and_no_more_than_can_be_used() {
         let (thing, other) = (Arc::new(1), Arc::new(2));
-        let spare = Spare::new();
+        let spare = ArcCache::new();
         spare.give_back(thing.clone());
         assert_eq!(Arc::strong_count(&thing), 1, "nothing was to be kept");
         spare.keep(&thing);
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn what_is_kept_goes_with_it() {
         let thing = Arc::new(1);
-        let spare = Spare::new();
+        let spare = ArcCache::new();
         spare.keep(&thing);
         spare.give_back(thing.clone());
         let one = spare.another(&thing);
