@@ -11,7 +11,7 @@ use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, LastWords, ProcessRegistry, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
+    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
     prepare_thread,
 };
 use crate::simulation::{SimulationHandle, Stage, is_stage};
@@ -538,7 +538,7 @@ impl Announced {
     pub fn start<B, F>(mut self, build: B) -> Option<Refused>
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: LastWords> + 'static,
+        F: Future<Output: ExitValue> + 'static,
     {
         // Who was told that nothing is built here relies on it, also if the executor has been released meanwhile.
         let here = self.decided.unwrap_or(true) && self.can_be_built_here();

@@ -84,7 +84,7 @@ pub use {
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
-        Exit, Join, LastWords, ProcessRegistry, Name, Overseer, ProcessHandle, ProcessSpec, ProcessState,
+        Exit, Join, ExitValue, ProcessRegistry, Name, Overseer, ProcessHandle, ProcessSpec, ProcessState,
         Sentence, Stillness, overseer, panic_message,
     },
     simulation::{

@@ -5,7 +5,7 @@ use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, LastWords, ProcessRegistry, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
+    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
 };
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
@@ -298,7 +298,7 @@ impl OsThread {
     ) -> Result<OsThread, SpawnError<Infallible>>
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: LastWords> + 'static,
+        F: Future<Output: ExitValue> + 'static,
     {
         let shared = Arc::new(Held {
             phase: AtomicU8::new(Phase::HELD),
@@ -358,7 +358,7 @@ impl OsThread {
     ) -> OsThread
     where
         B: FnOnce() -> F + Send + 'static,
-        F: Future<Output: LastWords> + 'static,
+        F: Future<Output: ExitValue> + 'static,
     {
         let executor = Executor::start_simulated(simulation, attributes);
         let announced = executor.handle().announce(spec);
@@ -447,7 +447,7 @@ impl Held {
         self.parker.unpark();
     }
 
-    fn run<F: Future<Output: LastWords>>(
+    fn run<F: Future<Output: ExitValue>>(
         self: &Arc<Self>,
         record: Arc<Record>,
         mut body: Pin<Box<Recorded<F>>>,

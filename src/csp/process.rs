@@ -10,7 +10,7 @@ use crate::time::{LoopName, Scope};
 use luna_core::events;
 use luna_core::arc_cache::ArcCache;
 use luna_executors::{
-    Announced, LastWords, ProcessRegistry, OsThread, ProcessSpec, Refused, SimulationHandle,
+    Announced, ExitValue, ProcessRegistry, OsThread, ProcessSpec, Refused, SimulationHandle,
 };
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;
@@ -427,7 +427,7 @@ impl Verdict {
     }
 }
 
-impl LastWords for Verdict {
+impl ExitValue for Verdict {
     fn is_nothing(&self) -> bool {
         self.0.is_none()
     }

@@ -131,17 +131,17 @@ fn judge(plan: &Plan, running: &Running, stillness: &Stillness) -> Option<Found>
 fn words_of_bodies(plan: &Plan) -> HashMap<ProcessId, HashSet<usize>> {
     let members = plan.members();
     let all = members.started.in_order().into_iter();
-    let live = all.filter(|(_, member)| !member.buried);
+    let live = all.filter(|(_, member)| !member.reaped);
     live.map(|(id, member)| (id, member.words().into_iter().collect()))
         .collect()
 }
 
-/// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it; or has ended and is not buried, since what it held is yet to be dropped.
+/// The processes; `None` if one of them is not asleep, as when somebody outside has just spawned it; or has ended and is not reaped, since what it held is yet to be dropped.
 fn sleeping(plan: &Plan) -> Option<Vec<Sleeping>> {
     let members = plan.members();
     let started = members.started.in_order().into_iter().map(|(id, member)| {
         let has_ended = match member.handle.state() {
-            ProcessState::Ended if member.buried => true,
+            ProcessState::Ended if member.reaped => true,
             ProcessState::Waiting => false,
             _ => return None,
         };

@@ -169,7 +169,7 @@ impl Register {
     pub(super) fn look_for_ends(&mut self, emergency: &Emergency) {
         self.count_looks(self.members.len());
         let have_ended = |(id, one): (ProcessId, &Member)| {
-            let has_ended = !one.buried && one.handle.exit().is_some();
+            let has_ended = !one.reaped && one.handle.exit().is_some();
             has_ended.then_some((one.order, id))
         };
         let mut ended: Vec<_> = self.members.iter().filter_map(have_ended).collect();
@@ -198,7 +198,7 @@ impl Register {
             }
             return;
         };
-        if std::mem::replace(&mut member.buried, true) {
+        if std::mem::replace(&mut member.reaped, true) {
             return;
         }
         self.has_news = true;
@@ -336,7 +336,7 @@ impl Register {
     /// Those whose end nobody has learnt of.
     pub(super) fn left_behind(&mut self) -> impl Iterator<Item = &mut Member> {
         self.count_looks(self.members.len());
-        self.members.values_mut().filter(|member| !member.buried)
+        self.members.values_mut().filter(|member| !member.reaped)
     }
 
     /// The overrun for which the system ends, if it does for one, with its culprit.

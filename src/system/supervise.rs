@@ -98,26 +98,26 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     } = launched;
     // Who has failed before time stood still; what they return while they are being ended says nothing.
     let failed_before = standstill.and_then(|_| {
-        let burial = Burial {
+        let reaper = Reaper {
             plan,
             running: &running,
             errors: Some(&pending),
         };
-        burial.bury();
+        reaper.reap();
         plan.members().started.first_error().cloned()
     });
     // Nobody's function is called any more; loops that have not ended yet take their own deadlines.
     let (timers, callback_panic) = timers.map(ManagerThread::stop).unzip();
-    let end = Burial {
+    let end = Reaper {
         plan,
         running: &running,
         errors: None,
     };
     let threads = crowd.end(|deadline, done| wait_until(&end, deadline, done));
-    end.bury();
+    end.reap();
     // Who was left behind may have ended since.
     plan.members().started.note_last_ends(living, emergency);
-    end.bury();
+    end.reap();
     drop(parent);
     let signal = guard.stop().or_else(|| match emergency.cause() {
         // A crash, by a signal that was then handled otherwise.
@@ -308,7 +308,7 @@ fn tell_stolen(running: &Running, window: &Window) {
     log.tell_stolen(window.core, window.stolen, window.length());
 }
 
-/// Sleeps until all processes have ended or an emergency is over; buries those that end on the way. No process starts from then on. Gives
+/// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way. No process starts from then on. Gives
 /// the OS threads to the crowd, and the deadlock that was found, if one was.
 fn watch(
     crowd: &mut Crowd<'_>,
@@ -341,14 +341,14 @@ fn watch(
             living.wait(seen, Instant::NEVER);
             continue;
         }
-        let burial = Burial {
+        let reaper = Reaper {
             plan,
             running,
             // The run returns the error that an emergency came of; what others return from then on
             // says nothing.
             errors: (!emergency.has_begun()).then_some(pending),
         };
-        let have_ended = burial.bury();
+        let have_ended = reaper.reap();
         {
             let mut members = plan.members();
             if running.is_over() {
@@ -375,7 +375,7 @@ fn watch(
         };
         // A sample is no reason to look for a deadlock.
         if seen_before.replace(seen) != Some(seen) || Instant::now() >= look_again {
-            // After the burial, which may have dropped channel ends.
+            // After the reaper, which may have dropped channel ends.
             let (found, until) = lookout.look(plan, running);
             look_again = until;
             if let Some(deadlock) = found {
@@ -424,16 +424,16 @@ impl Witness for Known<'_> {
 }
 
 /// Runs `post_run` of the processes that have ended, drops them, and frees what they left.
-struct Burial<'a> {
+struct Reaper<'a> {
     plan: &'a Plan,
     running: &'a Running,
     /// Where errors go; nowhere while processes are being ended, since what they return then says nothing.
     errors: Option<&'a PendingErrors>,
 }
 
-impl Burial<'_> {
+impl Reaper<'_> {
     /// Whether anybody has ended since the last time, or there is another reason to come again soon. O(their number).
-    fn bury(&self) -> bool {
+    fn reap(&self) -> bool {
         let mut have_ended = false;
         let Common {
             living,
@@ -490,11 +490,11 @@ impl Burial<'_> {
     }
 }
 
-/// Waits for a thread's end, and buries who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
-fn wait_until(burial: &Burial<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
+/// Waits for a thread's end, and reaps who ends meanwhile. There is no event for it, and nobody is in a hurry: so it looks now and then.
+fn wait_until(reaper: &Reaper<'_>, deadline: Instant, done: &dyn Fn() -> bool) -> bool {
     let mut pause = Duration::from_micros(20);
     while !done() {
-        burial.bury();
+        reaper.reap();
         if Instant::now() >= deadline {
             return false;
         }

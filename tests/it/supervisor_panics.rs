@@ -217,13 +217,13 @@ fn part() {
             self.0.take();
         }
     }
-    let (buried, is_buried) = std::sync::mpsc::channel();
+    let (reaped, is_buried) = std::sync::mpsc::channel();
     let mut system = System::new("unheard");
     system.on_emergency("brakes", || println!("brakes"));
     system
         .thread("own")
         .process("fails")
-        .spawn(Fails(Some(buried)))
+        .spawn(Fails(Some(reaped)))
         .unwrap();
     system
         .thread("other")

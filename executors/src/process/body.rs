@@ -1,6 +1,6 @@
 //! The body of a process, and what is done around each of its polls.
 
-use super::last_words::{LastWords, Words};
+use super::exit_value::{ExitValue, Words};
 use super::registry::ProcessRegistry;
 use super::record::{RawExit, Record};
 use luna_core::current;
@@ -23,7 +23,7 @@ pub(crate) enum End<O> {
     Panicked(Box<dyn Any + Send>),
 }
 
-impl<O: LastWords> End<O> {
+impl<O: ExitValue> End<O> {
     /// As its record is told, where `keep` finds a place for what was said.
     pub(crate) fn told(self, keep: impl FnOnce(O) -> Words) -> RawExit {
         match self {
@@ -182,7 +182,7 @@ pub(crate) struct Recorded<F: Future> {
     room: Option<Box<MaybeUninit<F::Output>>>,
 }
 
-impl<F: Future<Output: LastWords>> Recorded<F> {
+impl<F: Future<Output: ExitValue>> Recorded<F> {
     /// Allocates, unless there can be no last words.
     pub(crate) fn new(future: F, record: Arc<Record>, living: Arc<ProcessRegistry>) -> Self {
         Self {
@@ -194,7 +194,7 @@ impl<F: Future<Output: LastWords>> Recorded<F> {
     }
 }
 
-impl<F: Future<Output: LastWords>> Future for Recorded<F> {
+impl<F: Future<Output: ExitValue>> Future for Recorded<F> {
     type Output = ();
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<()> {

@@ -2,7 +2,7 @@
 
 mod body;
 mod join;
-mod last_words;
+mod exit_value;
 mod registry;
 mod name;
 mod overseer;
@@ -10,8 +10,8 @@ mod record;
 
 pub(crate) use body::{Body, End, Recorded};
 pub use join::Join;
-pub use last_words::LastWords;
-pub(crate) use last_words::{Words, WordsMethods};
+pub use exit_value::ExitValue;
+pub(crate) use exit_value::{Words, WordsMethods};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Stillness};
 pub use name::Name;
@@ -274,7 +274,7 @@ impl ProcessHandle {
     /// What its body has said as it ended, if that is of this type and nobody has taken it. Until it is taken it keeps the memory of the process, so it is to be taken. Off the
     /// real-time path: it frees; O(1).
     #[inline]
-    pub fn take_last_words<O: LastWords>(&self) -> Option<O> {
+    pub fn take_last_words<O: ExitValue>(&self) -> Option<O> {
         self.0.take_words()
     }
 

@@ -1,7 +1,7 @@
 //! What outlives the body of a process: its name, what it does, and how it ended.
 
 use super::join::JoinNode;
-use super::last_words::{LastWords, Words};
+use super::exit_value::{ExitValue, Words};
 use super::registry::ProcessRegistry;
 use super::overseer::{self, Overseer, Sentence};
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
@@ -302,7 +302,7 @@ impl Record {
 
     /// What was said, if it is of this type and was not taken.
     #[inline]
-    pub(super) fn take_words<O: LastWords>(&self) -> Option<O> {
+    pub(super) fn take_words<O: ExitValue>(&self) -> Option<O> {
         if self.outcome.load(Ordering::Acquire) != Outcome::SAID {
             return None;
         }
@@ -310,7 +310,7 @@ impl Record {
     }
 
     #[cold]
-    fn take_what_was_said<O: LastWords>(&self) -> Option<O> {
+    fn take_what_was_said<O: ExitValue>(&self) -> Option<O> {
         let mut shown = self.shown.lock();
         // Looked at in their place: taken out and put back, they would be missing meanwhile.
         let words = match &shown.beside {

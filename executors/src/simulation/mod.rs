@@ -8,7 +8,7 @@
 //!     | nobody                                                    until it rests, its turns are up, or a more urgent one is woken
 //!     v
 //!   at rest: in this order
-//!     a request to stop, the release, the burial of processes that ended    wait for it
+//!     a request to stop, the release, the reaper of processes that ended    wait for it
 //!     blocking calls under way                                              wait for the oldest
 //!     an emergency                                                          time stands for good
 //!     a deadline (and, driven: the driver's leave)                          time jumps there, and all have their turns again

@@ -20,7 +20,7 @@ mod waker;
 
 use crate::executor::{self, Shared};
 use crate::interference;
-use crate::process::{Body, End, LastWords, Notice, Record, Words, WordsMethods};
+use crate::process::{Body, End, ExitValue, Notice, Record, Words, WordsMethods};
 use crate::remote_wakes::{Seat, RemoteWakes};
 use luna_core::current::{self, Methods, Place, Process};
 use luna_core::events;
@@ -118,7 +118,7 @@ struct Whole<F: Future> {
 /// Makes the task of `record` on the executor `shared`, whose thread this is, and queues it. Allocates.
 pub(crate) fn start<F>(shared: Arc<Shared>, record: Arc<Record>, future: F)
 where
-    F: Future<Output: LastWords> + 'static,
+    F: Future<Output: ExitValue> + 'static,
 {
     let process = Process::new(
         record.id(),
@@ -231,7 +231,7 @@ unsafe fn body_range<F: Future>(owner: NonNull<()>) -> Range<usize> {
 /// As for [`body`], of whose `Whole<F>` `owner` is the head; and the body has not ended.
 unsafe fn poll<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
-    F: Future<Output: LastWords>,
+    F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
     // SAFETY: the contract.
@@ -251,7 +251,7 @@ where
 /// As for [`poll`], but the body may have ended.
 unsafe fn poll_attentively<F>(owner: NonNull<()>, cx: &mut Context<'_>) -> bool
 where
-    F: Future<Output: LastWords>,
+    F: Future<Output: ExitValue>,
 {
     let task = owner.cast::<Task>();
     // SAFETY: the contract. Who has ended is not polled by `run_attentively`, and says nothing more.
@@ -271,7 +271,7 @@ where
 /// As for [`body`].
 unsafe fn end_panicked<F>(task: NonNull<Task>, payload: Box<dyn Any + Send>)
 where
-    F: Future<Output: LastWords>,
+    F: Future<Output: ExitValue>,
 {
     // SAFETY: the contract.
     unsafe { end_body::<F>(task, End::Panicked(payload)) };
@@ -285,7 +285,7 @@ where
 #[cold]
 unsafe fn end_body<F>(task: NonNull<Task>, end: End<F::Output>)
 where
-    F: Future<Output: LastWords>,
+    F: Future<Output: ExitValue>,
 {
     // SAFETY: the contract. No borrow of the body is left when others learn of what it said, and from then on it is theirs.
     unsafe {

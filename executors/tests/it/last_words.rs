@@ -1,6 +1,6 @@
 //! What a body says as it ends: kept until it is taken, from whatever thread it ran on.
 
-use luna_executors::{Executor, Exit, LastWords, ProcessRegistry, OsThread, ProcessHandle, ProcessSpec};
+use luna_executors::{Executor, Exit, ExitValue, ProcessRegistry, OsThread, ProcessHandle, ProcessSpec};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ struct Word(
     #[expect(dead_code, reason = "its size")] [u64; 40],
 );
 
-impl LastWords for Word {
+impl ExitValue for Word {
     fn is_nothing(&self) -> bool {
         self.0.is_none()
     }

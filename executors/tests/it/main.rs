@@ -13,7 +13,7 @@ mod files_shared;
 mod foreign_combinators;
 mod interference;
 mod joining;
-mod last_words;
+mod exit_value;
 mod levels;
 mod observing;
 mod operations_outlive_their_process;

@@ -19,7 +19,7 @@ pub(crate) struct Member {
     pub(crate) shares_name: bool,
     pub(crate) has_failed: bool,
     /// Its end was noted.
-    pub(crate) buried: bool,
+    pub(crate) reaped: bool,
 }
 
 /// In the place of the number of an executor: it has a thread of its own.
@@ -58,7 +58,7 @@ impl Member {
             is_late: false,
             shares_name: false,
             has_failed: false,
-            buried: false,
+            reaped: false,
         }
     }
 

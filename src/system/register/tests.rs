@@ -29,7 +29,7 @@ fn stretches_of_numbers_grow_together() {
     assert_eq!(stretches, [(1, 9), (u32::MAX, u32::MAX)]);
 }
 
-/// A process that is buried.
+/// A process that is reaped.
 struct Phased;
 
 impl Process for Phased {

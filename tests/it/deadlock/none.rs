@@ -229,7 +229,7 @@ fn what_is_none_of_lunas_may_wake_somebody() {
     assert_eq!(system.run().unwrap().deadlock, None);
 }
 
-/// Ends when the one before has, and holds what the next one waits for until it is buried.
+/// Ends when the one before has, and holds what the next one waits for until it is reaped.
 struct Link {
     before: luna::Receiver<()>,
     _next: luna::Sender<()>,

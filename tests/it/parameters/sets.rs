@@ -211,7 +211,7 @@ fn a_set_that_is_taken_stays_so_and_nobody_waits_for_who_has_ended() {
             turns[1].send(true).await?;
             luna::after(MS).await; // it has done so before time goes on
             assert_eq!(taken(), [true, true, true, false]);
-            // `b` ends without the fourth, on a thread that buries it.
+            // `b` ends without the fourth, on a thread that reaps it.
             parameters.set([("b", 2)])?;
             turns[1].send(false).await?;
             while !parameters.list()[1].processes.is_empty() {

@@ -193,7 +193,7 @@ fn a_start_that_fails_leaves_nothing() {
     assert_eq!(empty.run().unwrap().elapsed, Duration::ZERO);
 }
 
-/// Holds an end, which goes when the process is buried.
+/// Holds an end, which goes when the process is reaped.
 struct Holder(#[expect(dead_code, reason = "its drop counts")] luna::Sender<u32>);
 
 impl Process for Holder {

@@ -1,4 +1,4 @@
-//! What a process says as it ends, for who buries it: kept where there was room for it from the start, since a process ends on the real-time path.
+//! What a process says as it ends, for who reaps it: kept where there was room for it from the start, since a process ends on the real-time path.
 
 use std::any::TypeId;
 use std::fmt;
@@ -6,12 +6,12 @@ use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
 /// What a body ends with, beyond that it has ended: an error, say. Most end with nothing.
-pub trait LastWords: Send + 'static {
+pub trait ExitValue: Send + 'static {
     /// Whether there is nothing to be kept. Called on the real-time path.
     fn is_nothing(&self) -> bool;
 }
 
-impl LastWords for () {
+impl ExitValue for () {
     fn is_nothing(&self) -> bool {
         true
     }
@@ -48,7 +48,7 @@ impl Words {
     }
 
     /// In a box.
-    pub(crate) fn boxed<O: LastWords>(room: Box<MaybeUninit<O>>, words: O) -> Self {
+    pub(crate) fn boxed<O: ExitValue>(room: Box<MaybeUninit<O>>, words: O) -> Self {
         let place = NonNull::from(Box::leak(Box::write(room, words))).cast();
         let methods = const {
             &WordsMethods {
@@ -67,12 +67,12 @@ impl Words {
     }
 
     /// Whether they are of this type.
-    pub(crate) fn are<O: LastWords>(&self) -> bool {
+    pub(crate) fn are<O: ExitValue>(&self) -> bool {
         (self.methods.type_id)() == TypeId::of::<O>()
     }
 
     /// Takes them, if they are of this type; else gives them back.
-    pub(crate) fn take<O: LastWords>(self) -> Result<O, Self> {
+    pub(crate) fn take<O: ExitValue>(self) -> Result<O, Self> {
         if !self.are::<O>() {
             return Err(self);
         }
@@ -107,7 +107,7 @@ mod tests {
 
     struct Word(#[expect(dead_code, reason = "it is counted")] Arc<()>);
 
-    impl LastWords for Word {
+    impl ExitValue for Word {
         fn is_nothing(&self) -> bool {
             false
         }
