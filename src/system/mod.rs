@@ -3,7 +3,7 @@
 mod builder;
 mod clock;
 mod compose;
-mod crowd;
+mod system_threads;
 pub mod deadlock;
 mod launch;
 mod neighbours;

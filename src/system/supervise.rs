@@ -1,6 +1,6 @@
 //! The run: from the release of the bodies to the report.
 
-use super::crowd::Crowd;
+use super::system_threads::SystemThreads;
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
@@ -44,7 +44,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let _held_back = HeldBack::here();
     let mut launched = launch(plan)?;
     // Dropped before what was launched: the machine first, should this thread panic.
-    let mut crowd = Crowd {
+    let mut system_threads = SystemThreads {
         plan,
         simulation: launched.simulation.take(),
         executors: std::mem::take(&mut launched.executors).into(),
@@ -52,7 +52,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         has_left_behind: false,
         is_over: false,
     };
-    announce_shortfalls(plan, &launched.shortfalls, &crowd.executors);
+    announce_shortfalls(plan, &launched.shortfalls, &system_threads.executors);
 
     let running = launched.running.clone();
     let Common {
@@ -69,21 +69,21 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     // What an emergency has brought to safety before the start is not set in motion.
     if !emergency.has_begun() {
         launched.emergency.arm();
-        for (_, executor) in &crowd.executors {
+        for (_, executor) in &system_threads.executors {
             executor.release();
         }
         for (_, thread) in &plan.members().threads {
             thread.release();
         }
     }
-    if let Some(simulation) = &crowd.simulation {
+    if let Some(simulation) = &system_threads.simulation {
         // All at once, in their order.
         simulation.release();
     }
 
     let mut stolen = Stolen::begin();
     let pending = PendingErrors::default();
-    let deadlock = watch(&mut crowd, &launched, &mut stolen, &pending);
+    let deadlock = watch(&mut system_threads, &launched, &mut stolen, &pending);
     let standstill = running.standstill().filter(|_| !emergency.is_safe());
     let (elapsed, really_elapsed) = (clock.now() - started, Instant::now() - really_started);
     let Launched {
@@ -113,7 +113,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         running: &running,
         errors: None,
     };
-    let threads = crowd.end(|deadline, done| wait_until(&end, deadline, done));
+    let threads = system_threads.end(|deadline, done| wait_until(&end, deadline, done));
     end.reap();
     // Who was left behind may have ended since.
     plan.members().started.note_last_ends(living, emergency);
@@ -246,7 +246,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     };
     members.report = Some(report.clone());
     drop(members);
-    crowd.is_over = true;
+    system_threads.is_over = true;
     pending.settle(error.as_ref());
     match error {
         Some(error) => Err(error),
@@ -309,14 +309,14 @@ fn tell_stolen(running: &Running, window: &Window) {
 }
 
 /// Sleeps until all processes have ended or an emergency is over; reaps those that end on the way. No process starts from then on. Gives
-/// the OS threads to the crowd, and the deadlock that was found, if one was.
+/// the OS threads to the system_threads, and the deadlock that was found, if one was.
 fn watch(
-    crowd: &mut Crowd<'_>,
+    system_threads: &mut SystemThreads<'_>,
     launched: &Launched,
     stolen: &mut Stolen,
     pending: &PendingErrors,
 ) -> Option<Deadlock> {
-    let plan = crowd.plan;
+    let plan = system_threads.plan;
     let running = &launched.running;
     let Common {
         scope,
@@ -354,7 +354,7 @@ fn watch(
             if running.is_over() {
                 members.phase = Phase::Ended;
                 members.running = None;
-                crowd.threads = std::mem::take(&mut members.threads).into();
+                system_threads.threads = std::mem::take(&mut members.threads).into();
                 let overrun = members.started.overrun();
                 drop(members);
                 if let Some(error) = overrun {

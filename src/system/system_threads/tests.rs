@@ -49,7 +49,7 @@ fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
     plan.members().started.enter(id, member, plan.emergency());
     executor.release();
     is_running.recv().unwrap();
-    let mut crowd = Crowd {
+    let mut system_threads = SystemThreads {
         plan: &plan,
         simulation: None,
         executors: [("main".to_owned(), executor)].into(),
@@ -57,10 +57,10 @@ fn a_panic_after_the_end_drops_nothing_of_who_was_left_behind_in_it() {
         has_left_behind: false,
         is_over: false,
     };
-    let reports = crowd.end(|_, _| false);
+    let reports = system_threads.end(|_, _| false);
     assert!(reports[0].abandoned);
     // As by a panic behind that end: nobody is there any more who could be left behind.
-    drop(crowd);
+    drop(system_threads);
     drop((system, plan));
     release.send(()).unwrap();
     let was_gone = has_ended.recv().unwrap();

@@ -17,7 +17,7 @@ const GRACE: Duration = Duration::from_secs(2);
 const LOOKS_EVERY: Duration = Duration::from_millis(1);
 
 /// The threads that run processes. Dropped before the run is over, the thread that runs the system panics.
-pub(super) struct Crowd<'a> {
+pub(super) struct SystemThreads<'a> {
     pub(super) plan: &'a Plan,
     /// What runs the executors, if their time is virtual.
     pub(super) simulation: Option<Simulation>,
@@ -30,7 +30,7 @@ pub(super) struct Crowd<'a> {
     pub(super) is_over: bool,
 }
 
-impl Crowd<'_> {
+impl SystemThreads<'_> {
     /// Asks all threads to end, waits for them a bounded time, by `wait`, and leaves behind who does not.
     pub(super) fn end(
         &mut self,
@@ -90,7 +90,7 @@ impl Crowd<'_> {
     }
 }
 
-impl Drop for Crowd<'_> {
+impl Drop for SystemThreads<'_> {
     fn drop(&mut self) {
         if self.is_over {
             return;
