@@ -7,7 +7,7 @@
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
 //! - [`reclaim`], [`spare`], [`latest_slots`], [`byte_ring`]: memory off the real-time path, and values that
 //!   one thread replaces while others read them.
-//! - [`relay`], [`summons`], [`park`], [`spin`]: how threads take turns, wait and look for each other.
+//! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and look for each other.
 //! - [`events`], [`tape`], [`path`]: what is recorded of a run, replayed, and checked by tests.
 
 // The model is the same whichever tool checks it: shuttle has loom's names.
@@ -23,10 +23,10 @@ pub mod latest_slots;
 pub mod park;
 pub mod path;
 pub mod reclaim;
-pub mod relay;
+pub mod failover;
 pub mod arc_cache;
 pub mod spin;
-pub mod summons;
+pub mod parker;
 pub mod tape;
 pub mod tick_list;
 pub mod timer_queue;

@@ -1,6 +1,6 @@
 //! Counts events for crews of threads: who waits sees that the count has changed, or is woken.
 //!
-//! A crew is threads that all act on an event alike, so that it is enough if one of them hears of it, and wakes the others when they are needed. To wake a thread on another core takes a while (20 µs on a
+//! A workers is threads that all act on an event alike, so that it is enough if one of them hears of it, and wakes the others when they are needed. To wake a thread on another core takes a while (20 µs on a
 //! virtual machine); so one whose wait a handler of signals has interrupted [need not](EventCount::announce_here) before it acts. Where several crews wait, each has to hear of each event.
 //!
 //! ```
@@ -55,14 +55,14 @@ impl EventCount {
         }
     }
 
-    /// One more crew waits from now on: to be called before any of it does.
+    /// One more workers waits from now on: to be called before any of it does.
     pub fn join(&self) {
         self.crews.fetch_add(1, Ordering::AcqRel);
-        // Against that of `announce_here`: who does not know of this crew has counted before the crew first looks.
+        // Against that of `announce_here`: who does not know of this workers has counted before the workers first looks.
         fence(Ordering::SeqCst);
     }
 
-    /// A crew that has [joined](Self::join) waits no more.
+    /// A workers that has [joined](Self::join) waits no more.
     pub fn leave(&self) {
         self.crews.fetch_sub(1, Ordering::AcqRel);
     }

@@ -290,7 +290,7 @@ impl Journal {
                 latched.cause == event.cause
             }) == Some(true)
         {
-            // Another member of the crew has heard of it just before.
+            // Another member of the workers has heard of it just before.
             return;
         }
         if degree > self.degree() {

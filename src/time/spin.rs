@@ -93,11 +93,11 @@ mod tests {
         let here = system.executor("here").build().unwrap();
         let there = system.executor("there").build().unwrap();
         here.process("spinner").spawn(spin(stopped)).unwrap();
-        let relay = async move {
+        let failover = async move {
             gone.recv().await?;
             Ok(stop.send(()).await?)
         };
-        here.process("relay").priority(20).spawn(relay).unwrap();
+        here.process("failover").priority(20).spawn(failover).unwrap();
         let outside = async move { Ok(go.send(()).await?) };
         there.process("outside").spawn(outside).unwrap();
         system.run().unwrap();

@@ -166,7 +166,7 @@ fn poison_ends_a_network() {
         Ok(())
     };
     left.process("producer").spawn(produce).unwrap();
-    let relay = async move {
+    let failover = async move {
         loop {
             match input.recv().await {
                 Ok(n) => pass.send(n).await?,
@@ -178,7 +178,7 @@ fn poison_ends_a_network() {
             }
         }
     };
-    right.process("relay").spawn(relay).unwrap();
+    right.process("failover").spawn(failover).unwrap();
     let consume = async move {
         for n in 0..1000 {
             assert_eq!(passed.recv().await?, n);

@@ -1,7 +1,7 @@
-//! The functions that bring something to safety: who runs which is the relay's; here is what runs, and how it went.
+//! The functions that bring something to safety: who runs which is the failover's; here is what runs, and how it went.
 
 use crate::error::{Result, SetupError};
-use luna_core::relay::{Leg, Relay, Turn};
+use luna_core::failover::{Leg, FailoverSequence, Turn};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;
@@ -92,7 +92,7 @@ pub(super) enum Moment {
     Ended,
 }
 
-/// What a member of the crew finds to do.
+/// What a member of the workers finds to do.
 pub(super) enum Task {
     /// It was run. False: this member was left behind meanwhile, and is to go.
     Ran(bool),
@@ -104,8 +104,8 @@ pub(super) enum Task {
 
 /// Functions that run one after the other.
 pub(crate) struct Functions {
-    relay: Relay,
-    /// By the numbers of the relay, and in the order of their ids.
+    failover: FailoverSequence,
+    /// By the numbers of the failover, and in the order of their ids.
     slots: PiLock<Vec<Slot>>,
     next_id: AtomicU64,
     /// The instant of the trigger, 0 before.
@@ -117,7 +117,7 @@ pub(crate) struct Functions {
 impl Functions {
     pub(super) fn new() -> Self {
         Self {
-            relay: Relay::new(),
+            failover: FailoverSequence::new(),
             slots: PiLock::new(Vec::with_capacity(MOST)),
             next_id: AtomicU64::new(0),
             triggered: AtomicU64::new(0),
@@ -151,7 +151,7 @@ impl Functions {
             return Err(too_many().into());
         }
         // Under the lock, so that who is told to run it finds it.
-        let Some(number) = self.relay.add() else {
+        let Some(number) = self.failover.add() else {
             drop(slots);
             return Err(over().into());
         };
@@ -160,7 +160,7 @@ impl Functions {
         slot.id = id;
         slots.push(slot);
         drop(slots);
-        if self.relay.is_under_way() {
+        if self.failover.is_under_way() {
             // Who watches sleeps for the shortest limit that it knew of.
             signals::announce_event();
         }
@@ -181,14 +181,14 @@ impl Functions {
             let is_withdrawn = taken.is_some() && slot.began.is_none();
             slot.is_withdrawn |= is_withdrawn;
             // Under the lock, so that who is told to run one finds the right one.
-            let is_free = is_withdrawn && self.relay.remove();
+            let is_free = is_withdrawn && self.failover.remove();
             (is_withdrawn, taken, is_free.then(|| slots.remove(number)))
         };
         is_withdrawn
     }
 
-    pub(super) fn relay(&self) -> &Relay {
-        &self.relay
+    pub(super) fn failover(&self) -> &FailoverSequence {
+        &self.failover
     }
 
     /// Begins, if it was not begun before; then `now` is the instant of the trigger.
@@ -198,12 +198,12 @@ impl Functions {
         let _ = self
             .triggered
             .compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
-        self.relay.begin()
+        self.failover.begin()
     }
 
     /// Whether it can be as it was before it began; then it is.
     pub(crate) fn may_reset(&self) -> bool {
-        if self.relay.is_under_way() {
+        if self.failover.is_under_way() {
             return false;
         }
         for slot in self.slots.lock().iter_mut() {
@@ -213,7 +213,7 @@ impl Functions {
                 slot.outcome = FunctionOutcome::NotRun;
             }
         }
-        self.relay.again();
+        self.failover.again();
         self.triggered.store(0, Ordering::Relaxed);
         self.has_called.store(false, Ordering::Relaxed);
         true
@@ -221,7 +221,7 @@ impl Functions {
 
     /// Whether they have begun, and none was called yet.
     pub(super) fn wait_for_the_first(&self) -> bool {
-        self.relay.is_under_way() && !self.has_called.load(Ordering::Acquire)
+        self.failover.is_under_way() && !self.has_called.load(Ordering::Acquire)
     }
 
     /// Says how long all of them may take together. The last to say so knows of all.
@@ -239,7 +239,7 @@ impl Functions {
         has_crashed: impl Fn(u8) -> bool,
         around: impl Fn(Moment),
     ) -> Task {
-        match self.relay.take(member) {
+        match self.failover.take(member) {
             Leg::Rest => Task::Until(Instant::NEVER),
             Leg::Run(turn) => Task::Ran(self.run(turn, around)),
             Leg::Watch(turn) => self.watch(turn, has_crashed(turn.member())),
@@ -259,7 +259,7 @@ impl Functions {
         };
         let Some(mut run) = run else {
             // Withdrawn, or it has hung in an earlier round.
-            return self.relay.finish(turn);
+            return self.failover.finish(turn);
         };
         let is_first = !self.has_called.load(Ordering::Relaxed);
         around(Moment::Begins(is_first.then(|| began + shortest)));
@@ -287,7 +287,7 @@ impl Functions {
         slot.took = slot.running.take().map(|began| Instant::now_real() - began);
         slot.run = Some(run);
         // Under the lock, as the watcher's decision is: one of the two comes first.
-        self.relay.finish(turn)
+        self.failover.finish(turn)
     }
 
     fn watch(&self, turn: Turn, has_crashed: bool) -> Task {
@@ -300,7 +300,7 @@ impl Functions {
         if now < until && !has_crashed {
             return Task::Until(until.min(now + shortest));
         }
-        if !self.relay.leave_behind(turn) {
+        if !self.failover.leave_behind(turn) {
             // It has just ended.
             return Task::Until(now);
         }
@@ -340,6 +340,6 @@ fn shortest(slots: &[Slot]) -> Duration {
 
 impl fmt::Debug for Functions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.relay.fmt(f)
+        self.failover.fmt(f)
     }
 }

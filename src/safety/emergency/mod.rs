@@ -1,12 +1,12 @@
 //! The emergency manager: threads above all others that wait for an emergency and then bring the machine to safety.
 
-mod crew;
+mod workers;
 mod functions;
 mod panics;
-mod rouser;
+mod watchdog_timer;
 mod trigger;
 
-pub(crate) use crew::EmergencyThread;
+pub(crate) use workers::EmergencyThread;
 pub(crate) use functions::LIMIT;
 pub use functions::{FunctionOutcome, FunctionReport};
 pub use trigger::EmergencyTrigger;
@@ -17,7 +17,7 @@ use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
 use crate::logging::Log;
 use crate::system::Plan;
-use crew::Crew;
+use workers::EmergencyWorkers;
 use functions::{Functions, Run};
 use luna_core::current::ProcessId;
 use luna_core::path;
@@ -36,7 +36,7 @@ const LOOKS_ON: Duration = Duration::from_millis(1);
 /// The exit status of a program that panics.
 const PANICKED: i32 = 101;
 
-/// What the triggers share with the crew. It lives from the system's making.
+/// What the triggers share with the workers. It lives from the system's making.
 #[derive(Debug)]
 pub(crate) struct Emergency {
     pub(crate) at_emergency: Functions,
@@ -44,8 +44,8 @@ pub(crate) struct Emergency {
     pub(crate) journal: Journal,
     /// Who waits for the safe state.
     pub(super) waiting: Waiting,
-    crew: Crew,
-    /// The system has ended: the crew is to end, once the functions have run if there is an emergency.
+    workers: EmergencyWorkers,
+    /// The system has ended: the workers is to end, once the functions have run if there is an emergency.
     is_to_end: AtomicBool,
     /// Where the processes run, if time is virtual there.
     simulation: OnceLock<SimulationHandle>,
@@ -99,7 +99,7 @@ impl Emergency {
             at_safe_state: Functions::new(),
             journal: Journal::new(),
             waiting: Waiting::new(),
-            crew: Crew::default(),
+            workers: EmergencyWorkers::default(),
             is_to_end: AtomicBool::new(false),
             simulation: OnceLock::new(),
             plan,
@@ -122,7 +122,7 @@ impl Emergency {
 
     fn bound_crashes(&self) {
         self.at_emergency
-            .tell_limits(|limits| self.crew.bound_crashes(limits));
+            .tell_limits(|limits| self.workers.bound_crashes(limits));
     }
 
     /// Says who records that the safety state changes.
@@ -152,11 +152,11 @@ impl Emergency {
         });
     }
 
-    /// Wakes the crew; the first trigger counts. From any thread, on the real-time path too: O(1), at most four system calls, and the wait until the functions begin that
+    /// Wakes the workers; the first trigger counts. From any thread, on the real-time path too: O(1), at most four system calls, and the wait until the functions begin that
     /// [`emergency`] tells of.
     pub(crate) fn trigger(&self, cause: Cause) {
         self.begin(cause);
-        let is_called = self.crew.call_here();
+        let is_called = self.workers.call_here();
         if !is_called {
             signals::announce_event();
         }
@@ -182,10 +182,10 @@ impl Emergency {
     /// Waits until the functions have run, but no longer than `at_most`.
     fn wait_for_functions(&self, at_most: Duration) {
         let until = Instant::now_real() + at_most;
-        let is_over = || !self.has_begun() || self.is_safe() || !self.crew.serves();
+        let is_over = || !self.has_begun() || self.is_safe() || !self.workers.serves();
         path::off_path(|| {
             while !is_over() && Instant::now_real() < until {
-                std::thread::sleep(crew::LOOKS_EVERY);
+                std::thread::sleep(workers::LOOKS_EVERY);
             }
         });
     }
@@ -225,10 +225,10 @@ impl Emergency {
 
     /// Keeps this thread's core until the first function begins, which another core's wake-up may delay.
     fn look_on(&self) {
-        if self.simulation.get().is_some() || !self.crew.serves() {
+        if self.simulation.get().is_some() || !self.workers.serves() {
             return;
         }
-        // On the core of a thread with a lower priority the crew has preempted it before this is reached; with a time limit all the same.
+        // On the core of a thread with a lower priority the workers has preempted it before this is reached; with a time limit all the same.
         let until = Instant::now_real() + LOOKS_ON;
         while self.at_emergency.wait_for_the_first() && Instant::now_real() < until {
             std::hint::spin_loop();
@@ -242,7 +242,7 @@ impl Emergency {
             .note(Degree::SafeState, cause, Instant::now(), || {
                 is_entered = true;
                 has_functions = self.at_safe_state.begin(Instant::now_real())
-                    && !self.at_safe_state.relay().is_done();
+                    && !self.at_safe_state.failover().is_done();
                 true
             });
         if has_functions {
@@ -276,12 +276,12 @@ impl Emergency {
 
     /// Whether there is an emergency: the functions have run, or will.
     pub(crate) fn has_begun(&self) -> bool {
-        self.at_emergency.relay().has_begun()
+        self.at_emergency.failover().has_begun()
     }
 
     /// Whether the functions have run.
     pub(crate) fn is_safe(&self) -> bool {
-        self.at_emergency.relay().is_done()
+        self.at_emergency.failover().is_done()
     }
 
     /// What is to be told at the end. Drops the functions.
@@ -306,13 +306,13 @@ impl Emergency {
         signals::announce_event();
     }
 
-    /// Whether the crew may end: there is no emergency and none will begin, or its functions have run; and no others do.
+    /// Whether the workers may end: there is no emergency and none will begin, or its functions have run; and no others do.
     fn may_end(&self) -> bool {
-        let relay = self.at_emergency.relay();
+        let failover = self.at_emergency.failover();
         self.is_to_end.load(Ordering::Acquire)
-            && !self.at_safe_state.relay().is_under_way()
-            && (relay.is_done() || relay.close())
+            && !self.at_safe_state.failover().is_under_way()
+            && (failover.is_done() || failover.close())
             // Nobody would run what begins from now on.
-            && self.at_safe_state.relay().retire()
+            && self.at_safe_state.failover().retire()
     }
 }

@@ -1,22 +1,22 @@
 //! Who runs which of several jobs, each once and one after the other, by threads of which any may get stuck.
 //!
-//! The members of a crew all come to the same [`Relay`]. It says to one of them that it [runs](Leg::Run) the next job, and to the others that they [watch](Leg::Watch)
-//! that one. If it takes too long, a watcher [leaves it behind](Relay::leave_behind), and the next job is anybody's. One word, changed by compare-and-swap:
+//! The members of a workers all come to the same [`FailoverSequence`]. It says to one of them that it [runs](Leg::Run) the next job, and to the others that they [watch](Leg::Watch)
+//! that one. If it takes too long, a watcher [leaves it behind](FailoverSequence::leave_behind), and the next job is anybody's. One word, changed by compare-and-swap:
 //! so a job is run once, by one member, and either its runner has finished it or it was left behind, never both.
 //!
 //! ```
-//! use luna_core::relay::{Leg, Relay};
+//! use luna_core::failover::{Leg, FailoverSequence};
 //!
-//! let relay = Relay::new();
-//! let (brakes, lamp) = (relay.add().unwrap(), relay.add().unwrap());
-//! assert_eq!(relay.take(0), Leg::Rest); // not yet
-//! assert!(relay.begin() && !relay.begin());
-//! let Leg::Run(turn) = relay.take(0) else { panic!("it is free") };
-//! assert_eq!((turn.job(), relay.take(1)), (brakes, Leg::Watch(turn)));
-//! assert!(relay.leave_behind(turn)); // member 0 hangs
-//! let Leg::Run(turn) = relay.take(1) else { panic!("it is free") };
+//! let failover = FailoverSequence::new();
+//! let (brakes, lamp) = (failover.add().unwrap(), failover.add().unwrap());
+//! assert_eq!(failover.take(0), Leg::Rest); // not yet
+//! assert!(failover.begin() && !failover.begin());
+//! let Leg::Run(turn) = failover.take(0) else { panic!("it is free") };
+//! assert_eq!((turn.job(), failover.take(1)), (brakes, Leg::Watch(turn)));
+//! assert!(failover.leave_behind(turn)); // member 0 hangs
+//! let Leg::Run(turn) = failover.take(1) else { panic!("it is free") };
 //! assert_eq!(turn.job(), lamp);
-//! assert!(relay.finish(turn) && relay.is_done());
+//! assert!(failover.finish(turn) && failover.is_done());
 //! ```
 
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
@@ -28,7 +28,7 @@ pub const MOST_JOBS: usize = 1 << 12;
 /// Who does what, in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits last.
 ///
 /// Phases only go from ready to begun to done, or from ready or done to closed; done goes to ready as a new round.
-pub struct Relay {
+pub struct FailoverSequence {
     word: AtomicU64,
 }
 
@@ -55,7 +55,7 @@ impl Turn {
 /// What a member has to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leg {
-    /// Run this job, and then [`finish`](Relay::finish) it.
+    /// Run this job, and then [`finish`](FailoverSequence::finish) it.
     Run(Turn),
     /// See to it that this does not take too long.
     Watch(Turn),
@@ -125,7 +125,7 @@ impl State {
     }
 }
 
-impl Relay {
+impl FailoverSequence {
     /// No jobs yet.
     #[cfg(not(loom))]
     pub const fn new() -> Self {
@@ -291,13 +291,13 @@ impl Relay {
     }
 }
 
-impl Default for Relay {
+impl Default for FailoverSequence {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl fmt::Debug for Relay {
+impl fmt::Debug for FailoverSequence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.state().fmt(f)
     }

@@ -3,9 +3,9 @@
 //! For one that waits on the caller's core, with a higher priority: no other core has to be woken, and it runs before the call returns. Who is told that it does not come, since it is busy, turns to another.
 //!
 //! ```
-//! use luna_core::summons::Summons;
+//! use luna_core::parker::Parker;
 //!
-//! static SUMMONS: Summons = Summons::new();
+//! static SUMMONS: Parker = Parker::new();
 //! assert!(!SUMMONS.call()); // it does not sleep yet
 //! let sleeper = std::thread::spawn(|| SUMMONS.sleep(|| false));
 //! while !SUMMONS.call() {}
@@ -26,11 +26,11 @@ const CALLED: u32 = 2;
 
 /// What one thread sleeps in, and others call it by.
 #[derive(Debug)]
-pub struct Summons {
+pub struct Parker {
     state: Futex,
 }
 
-impl Summons {
+impl Parker {
     /// Of a thread that does not sleep.
     #[cfg(not(loom))]
     #[expect(clippy::new_without_default, reason = "belongs to one thread")]
@@ -87,7 +87,7 @@ mod loom_tests {
     #[test]
     fn who_is_told_that_it_comes_is_seen() {
         loom::model(|| {
-            let shared = Arc::new((Summons::new(), AtomicUsize::new(0)));
+            let shared = Arc::new((Parker::new(), AtomicUsize::new(0)));
             let callers: Vec<_> = [1, 2]
                 .into_iter()
                 .map(|work| {
@@ -112,7 +112,7 @@ mod loom_tests {
     #[test]
     fn it_does_not_sleep_through_what_it_waits_for() {
         loom::model(|| {
-            let shared = Arc::new((Summons::new(), AtomicBool::new(false)));
+            let shared = Arc::new((Parker::new(), AtomicBool::new(false)));
             let other = shared.clone();
             let ends = loom::thread::spawn(move || {
                 other.1.store(true, Ordering::Relaxed);

@@ -5,17 +5,17 @@
 //!
 //! To wake a thread on another core takes long where the machine is a virtual one. So those of the reserve wait on the cores of the system's real-time threads, one each: a trigger on such a core calls
 //! that one, which takes the core over and runs the functions. And a signal that is handled on the thread of one on duty wakes nobody else. Who begins so has the others
-//! [roused](super::rouser) when they are to look after it.
+//! [roused](super::watchdog_timer) when they are to look after it.
 
 mod member;
 
 use super::Emergency;
 use super::panics;
-use super::rouser::{self, Rouser, RouserThread};
+use super::watchdog_timer::{self, WatchdogTimer, RouserThread};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
 use luna_core::path::{self, Call};
-use luna_core::summons::Summons;
+use luna_core::parker::Parker;
 use luna_executors::ProcessRegistry;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::facts::Source;
@@ -44,11 +44,11 @@ pub(super) const LOOKS_EVERY: Duration = Duration::from_micros(200);
 
 /// What the members know of each other.
 #[derive(Debug)]
-pub(super) struct Crew {
+pub(super) struct EmergencyWorkers {
     /// Members with a lower number are on duty.
     on_duty: AtomicU32,
     /// What those of the reserve sleep in; of the others' nothing is used.
-    summons: [Summons; MOST],
+    parker: [Parker; MOST],
     /// The core on which each of the reserve waits. None for one that would not take over a core.
     cores: OnceLock<Vec<Option<usize>>>,
     /// The members' numbers in the kernel.
@@ -68,14 +68,14 @@ pub(super) struct Crew {
     has_announced: AtomicBool,
     crash: OnceLock<CrashSlot>,
     /// Who wakes the others when the first function has begun. None where they are better woken before.
-    rouser: OnceLock<Arc<Rouser>>,
+    watchdog_timer: OnceLock<Arc<WatchdogTimer>>,
 }
 
-impl Default for Crew {
+impl Default for EmergencyWorkers {
     fn default() -> Self {
         Self {
             on_duty: AtomicU32::new(ON_DUTY),
-            summons: [const { Summons::new() }; MOST],
+            parker: [const { Parker::new() }; MOST],
             cores: OnceLock::new(),
             numbers: [const { OnceLock::new() }; MOST],
             left_behind: AtomicU16::new(0),
@@ -86,12 +86,12 @@ impl Default for Crew {
             has_noted: AtomicBool::new(false),
             has_announced: AtomicBool::new(false),
             crash: OnceLock::new(),
-            rouser: OnceLock::new(),
+            watchdog_timer: OnceLock::new(),
         }
     }
 }
 
-impl Crew {
+impl EmergencyWorkers {
     /// Whether there is somebody to run the functions.
     pub(super) fn serves(&self) -> bool {
         self.members.load(Ordering::Relaxed) > 0
@@ -124,9 +124,9 @@ impl Crew {
     /// So many more are on duty.
     fn call_reserve(&self, more: u32) {
         self.on_duty.fetch_add(more, Ordering::AcqRel);
-        for summons in &self.summons[ON_DUTY as usize..] {
+        for parker in &self.parker[ON_DUTY as usize..] {
             // One that is busy looks before it sleeps.
-            summons.call();
+            parker.call();
         }
     }
 
@@ -139,18 +139,18 @@ impl Crew {
         place.is_some_and(|place| {
             // One of the same priority, such as a function of another system, does not give way, nor does a thread with a deadline.
             path::expected(Call::Wake, thread::current_policy).rank() < EMERGENCY_PRIORITY
-                && self.summons[ON_DUTY as usize + place].call()
+                && self.parker[ON_DUTY as usize + place].call()
         })
     }
 }
 
-/// The crew, as the system sees it. Dropping it ends it.
+/// The workers, as the system sees it. Dropping it ends it.
 pub(crate) struct EmergencyThread {
     emergency: Arc<Emergency>,
     living: Arc<ProcessRegistry>,
     policy: Policy,
     threads: Vec<Thread<()>>,
-    rouser: Option<RouserThread>,
+    watchdog_timer: Option<RouserThread>,
     listeners: Option<Listeners>,
     signals: Option<SignalWatch>,
     crash: Option<CrashWatch>,
@@ -159,7 +159,7 @@ pub(crate) struct EmergencyThread {
 }
 
 impl EmergencyThread {
-    /// Starts the crew, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes. `cores` are those of
+    /// Starts the workers, at the highest priority if the system is a `real_time` one. It hears the signals that ask the program to end, and of crashes. `cores` are those of
     /// real-time threads.
     pub(crate) fn start(
         emergency: Arc<Emergency>,
@@ -175,12 +175,12 @@ impl EmergencyThread {
         ]))?;
         let crash = supported(CrashWatch::install())?;
         panics::install_hook();
-        let crew = &emergency.crew;
-        crew.hears_signals
+        let workers = &emergency.workers;
+        workers.hears_signals
             .store(signals.is_some(), Ordering::Relaxed);
         if let Some(crash) = &crash {
             // A system is started once.
-            let _ = crew.crash.set(crash.slot());
+            let _ = workers.crash.set(crash.slot());
             emergency.bound_crashes();
         }
         let has_one_core = thread::available_cores().len() == 1;
@@ -195,7 +195,7 @@ impl EmergencyThread {
             living,
             policy,
             threads: Vec::with_capacity(MOST),
-            rouser: None,
+            watchdog_timer: None,
             listeners: Some(Listeners::new()),
             signals,
             crash,
@@ -209,20 +209,20 @@ impl EmergencyThread {
                     .and_then(|place| cores.get(place)),
             )?;
         }
-        let crew = &all.emergency.crew;
+        let workers = &all.emergency.workers;
         let reserve = all.threads[ON_DUTY as usize..].iter();
         let cores = reserve.map(|thread| {
             let obtained = thread.obtained();
             core_to_take_over(policy, obtained.policy, obtained.core)
         });
-        let _ = crew.cores.set(cores.collect());
+        let _ = workers.cores.set(cores.collect());
         // Behind the members, so that the kernel chooses it last for signals.
-        let hears_signals = crew.hears_signals.load(Ordering::Relaxed);
-        all.rouser = RouserThread::start(policy, hears_signals)?;
+        let hears_signals = workers.hears_signals.load(Ordering::Relaxed);
+        all.watchdog_timer = RouserThread::start(policy, hears_signals)?;
         // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
-        let is_better_late = !has_one_core && rouser::wakes_beside_a_function(&Source::machine());
-        if let Some(rouser) = all.rouser.as_ref().filter(|_| is_better_late) {
-            let _ = crew.rouser.set(rouser.rouser());
+        let is_better_late = !has_one_core && watchdog_timer::wakes_beside_a_function(&Source::machine());
+        if let Some(watchdog_timer) = all.watchdog_timer.as_ref().filter(|_| is_better_late) {
+            let _ = workers.watchdog_timer.set(watchdog_timer.watchdog_timer());
         }
         Ok(all)
     }
@@ -246,10 +246,10 @@ impl EmergencyThread {
         let thread = thread::spawn(
             attributes,
             move |_| {
-                let crew = &prepared.crew;
+                let workers = &prepared.workers;
                 // Each number is given once.
-                let _ = crew.numbers[usize::from(member)].set(thread::current_number());
-                crew.members.fetch_add(1, Ordering::Relaxed);
+                let _ = workers.numbers[usize::from(member)].set(thread::current_number());
+                workers.members.fetch_add(1, Ordering::Relaxed);
                 // A thread's first lock asks the kernel for its number: not in an emergency.
                 prepared.bound_crashes();
                 Ok::<_, Infallible>(())
@@ -261,14 +261,14 @@ impl EmergencyThread {
         Ok(())
     }
 
-    /// What the crew was refused.
+    /// What the workers was refused.
     pub(crate) fn shortfalls(&self) -> &[Shortfall] {
         // The others were refused the same.
         let first = self.threads.first();
         first.map_or(&[], |thread| &thread.obtained().shortfalls)
     }
 
-    /// Ends the crew, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
+    /// Ends the workers, which runs the functions before that if there is an emergency; gives the signal that it has heard, if one came. From then on
     /// [`Emergency::is_safe`] says for good whether there was one.
     pub(crate) fn stop(mut self) -> Option<i32> {
         self.is_armed = false;
@@ -278,17 +278,17 @@ impl EmergencyThread {
 
     /// The signal that was heard, before the end was certain.
     fn heard(&self) -> Option<i32> {
-        let heard = self.emergency.crew.heard.load(Ordering::Relaxed);
+        let heard = self.emergency.workers.heard.load(Ordering::Relaxed);
         (heard != 0 && self.emergency.has_begun()).then_some(heard as i32)
     }
 
     fn join(&mut self) {
         self.emergency.end();
-        let crew = &self.emergency.crew;
-        crew.call_reserve(0);
+        let workers = &self.emergency.workers;
+        workers.call_reserve(0);
         for (member, thread) in self.threads.drain(..).enumerate() {
             // One that hangs is left to itself: who watches it may see that only now. There is no event for both, and nobody is in a hurry.
-            while !thread.is_finished() && !crew.is_left_behind(member as u8) {
+            while !thread.is_finished() && !workers.is_left_behind(member as u8) {
                 std::thread::sleep(LOOKS_EVERY);
             }
             if thread.is_finished() {
@@ -303,7 +303,7 @@ impl EmergencyThread {
             }
         }
         drop(self.listeners.take());
-        drop(self.rouser.take());
+        drop(self.watchdog_timer.take());
         if let Some(signals) = self.signals.take() {
             // One that came too late for the functions does what it does after the end.
             signals.give_back(self.heard().is_none());

@@ -5,18 +5,18 @@ use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::AtomicUsize;
 
 struct Scene {
-    relay: Relay,
+    failover: FailoverSequence,
     runs: [AtomicUsize; 2],
 }
 
 impl Scene {
     fn new(jobs: usize) -> Arc<Self> {
-        let relay = Relay::new();
+        let failover = FailoverSequence::new();
         for _ in 0..jobs {
-            relay.add();
+            failover.add();
         }
         Arc::new(Self {
-            relay,
+            failover,
             runs: std::array::from_fn(|_| AtomicUsize::new(0)),
         })
     }
@@ -28,16 +28,16 @@ impl Scene {
     /// A member that is never stuck itself, and at once takes who is before it for stuck.
     fn serve(&self, member: u8) {
         loop {
-            match self.relay.take(member) {
+            match self.failover.take(member) {
                 Leg::Run(turn) => {
                     self.runs[turn.job()].fetch_add(1, Ordering::Relaxed);
-                    if !self.relay.finish(turn) {
+                    if !self.failover.finish(turn) {
                         // It was left behind.
                         return;
                     }
                 }
                 Leg::Watch(turn) => {
-                    self.relay.leave_behind(turn);
+                    self.failover.leave_behind(turn);
                 }
                 Leg::Rest => return,
             }
@@ -49,13 +49,13 @@ impl Scene {
 fn members_that_leave_each_other_behind_run_each_job_once() {
     loom::model(|| {
         let scene = Scene::new(2);
-        assert!(scene.relay.begin());
+        assert!(scene.failover.begin());
         let other = scene.clone();
         let second = loom::thread::spawn(move || other.serve(1));
         scene.serve(0);
         second.join().unwrap();
         // Both may have been left behind only if both jobs were.
-        assert!(scene.relay.is_done());
+        assert!(scene.failover.is_done());
         assert_eq!(scene.runs(), [1, 1]);
     });
 }
@@ -67,10 +67,10 @@ fn of_several_triggers_and_the_end_one_comes_first() {
         let triggers: Vec<_> = (0..2)
             .map(|_| {
                 let scene = scene.clone();
-                loom::thread::spawn(move || scene.relay.begin())
+                loom::thread::spawn(move || scene.failover.begin())
             })
             .collect();
-        let is_closed = scene.relay.close();
+        let is_closed = scene.failover.close();
         let begun = triggers
             .into_iter()
             .map(|one| usize::from(one.join().unwrap()))
@@ -85,13 +85,13 @@ fn of_several_triggers_and_the_end_one_comes_first() {
 fn a_job_that_comes_late_is_run_or_refused() {
     loom::model(|| {
         let scene = Scene::new(1);
-        scene.relay.begin();
+        scene.failover.begin();
         let other = scene.clone();
-        let adds = loom::thread::spawn(move || other.relay.add());
+        let adds = loom::thread::spawn(move || other.failover.add());
         scene.serve(0);
         let added = adds.join().unwrap();
         scene.serve(0);
-        assert!(scene.relay.is_done());
+        assert!(scene.failover.is_done());
         assert_eq!(scene.runs(), [1, usize::from(added.is_some())]);
     });
 }
@@ -103,12 +103,12 @@ fn a_job_that_is_taken_back_meanwhile() {
         let scene = Scene::new(2);
         let other = scene.clone();
         let trigger = loom::thread::spawn(move || {
-            other.relay.begin();
+            other.failover.begin();
             other.serve(1);
         });
-        let is_removed = scene.relay.remove();
+        let is_removed = scene.failover.remove();
         trigger.join().unwrap();
-        assert!(scene.relay.is_done());
+        assert!(scene.failover.is_done());
         assert_eq!(scene.runs(), [1, usize::from(!is_removed)]);
     });
 }
@@ -118,12 +118,12 @@ fn a_job_that_is_taken_back_meanwhile() {
 fn one_that_is_retired_as_it_is_reset() {
     loom::model(|| {
         let scene = Scene::new(1);
-        assert!(scene.relay.begin());
+        assert!(scene.failover.begin());
         scene.serve(0);
         let other = scene.clone();
-        let resets = loom::thread::spawn(move || other.relay.again());
-        assert!(scene.relay.retire());
+        let resets = loom::thread::spawn(move || other.failover.again());
+        assert!(scene.failover.retire());
         resets.join().unwrap();
-        assert!(!scene.relay.begin() && !scene.relay.is_done());
+        assert!(!scene.failover.begin() && !scene.failover.is_done());
     });
 }

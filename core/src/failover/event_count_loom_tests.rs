@@ -1,26 +1,26 @@
-//! Events that one of a crew hears of alone, and jobs that it does: none is lost, and whoever runs one is watched.
+//! Events that one of a workers hears of alone, and jobs that it does: none is lost, and whoever runs one is watched.
 
-use crate::relay::{Leg, Relay};
+use crate::failover::{Leg, FailoverSequence};
 use luna_platform::clock::Instant;
 use luna_platform::event_count::EventCount;
 use luna_platform::sync::Arc;
 use luna_platform::sync::atomic::{AtomicBool, Ordering};
 
-struct Crew {
+struct EmergencyWorkers {
     events: EventCount,
-    relay: Relay,
+    failover: FailoverSequence,
 }
 
-impl Crew {
+impl EmergencyWorkers {
     /// A member that hangs in the job for ever, or leaves behind who does; says whether it hangs. It is interrupted as it is about to wait.
     fn serve(&self, member: u8, interrupt: impl FnOnce()) -> bool {
         let mut interrupt = Some(interrupt);
         loop {
             let seen = self.events.get();
-            match self.relay.take(member) {
+            match self.failover.take(member) {
                 Leg::Run(_) => return true,
                 Leg::Watch(turn) => {
-                    assert!(self.relay.leave_behind(turn));
+                    assert!(self.failover.leave_behind(turn));
                     return false;
                 }
                 Leg::Rest => {
@@ -38,28 +38,28 @@ impl Crew {
 #[test]
 fn one_who_is_interrupted_acts_and_is_watched() {
     loom::model(|| {
-        let crew = Arc::new(Crew {
+        let workers = Arc::new(EmergencyWorkers {
             events: EventCount::new(),
-            relay: Relay::new(),
+            failover: FailoverSequence::new(),
         });
-        crew.relay.add();
-        crew.events.join();
-        let other = crew.clone();
+        workers.failover.add();
+        workers.events.join();
+        let other = workers.clone();
         let second = loom::thread::spawn(move || other.serve(1, || ()));
-        let hangs = crew.serve(0, || {
-            crew.relay.begin();
-            crew.events.announce_here();
+        let hangs = workers.serve(0, || {
+            workers.failover.begin();
+            workers.events.announce_here();
         });
         if hangs {
             // The timer.
-            crew.events.announce();
+            workers.events.announce();
         }
         assert_ne!(hangs, second.join().unwrap());
-        assert!(crew.relay.is_done());
+        assert!(workers.failover.is_done());
     });
 }
 
-/// A second crew joins while a member of the first is told alone: it hears of it all the same.
+/// A second workers joins while a member of the first is told alone: it hears of it all the same.
 #[test]
 fn a_crew_that_joins_meanwhile_hears_of_it() {
     loom::model(|| {

@@ -1,17 +1,17 @@
-//! What a member of the crew does: the functions, watching who runs one, and hearing of signals.
+//! What a member of the workers does: the functions, watching who runs one, and hearing of signals.
 
 use super::super::functions::{Moment, Task};
-use super::{Crew, Emergency};
+use super::{EmergencyWorkers, Emergency};
 use crate::safety::state::Cause;
 use luna_executors::ProcessRegistry;
 use luna_platform::clock::Instant;
 use luna_platform::{signals, thread};
 use std::sync::atomic::Ordering;
 
-impl Crew {
+impl EmergencyWorkers {
     /// The first function is about to be called on the calling thread, of which the others may not know. They are woken when they are to look at it; now if it cannot be then.
     fn rouse_others(&self, at: Instant) {
-        if !self.rouser.get().is_some_and(|rouser| rouser.rouse(at)) {
+        if !self.watchdog_timer.get().is_some_and(|watchdog_timer| watchdog_timer.rouse(at)) {
             signals::announce_event();
         }
     }
@@ -29,11 +29,11 @@ impl Crew {
 
 /// The life of a member.
 pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry) {
-    let crew = &emergency.crew;
+    let workers = &emergency.workers;
     let _clock = emergency.clock().enter();
-    let is_wanted = || crew.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
+    let is_wanted = || workers.is_on_duty(member) || emergency.is_to_end.load(Ordering::Acquire);
     while !is_wanted() {
-        crew.summons[usize::from(member)].sleep(is_wanted);
+        workers.parker[usize::from(member)].sleep(is_wanted);
         // Called on its core: what is there to be run. Those on duty see that it does not take too long.
         if work(emergency, member, living).is_none() {
             return;
@@ -41,7 +41,7 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
     }
     // Who watches must not wait for the core of one that computes for ever.
     thread::unpin_current();
-    crew.accept_signals(true);
+    workers.accept_signals(true);
     loop {
         let seen = signals::event_count();
         let Some(until) = work(emergency, member, living) else {
@@ -56,17 +56,17 @@ pub(super) fn serve(emergency: &Emergency, member: u8, living: &ProcessRegistry)
 
 /// Does what there is to do now; says until when there is nothing more. None: somebody else has taken over, and this thread has a low priority by now.
 fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<Instant> {
-    let crew = &emergency.crew;
+    let workers = &emergency.workers;
     loop {
         emergency.hear();
         if emergency.is_safe() {
             announce(emergency, living);
         }
         match step(emergency, member) {
-            Task::Ran(true) if crew.is_on_duty(member) => crew.accept_signals(true),
+            Task::Ran(true) if workers.is_on_duty(member) => workers.accept_signals(true),
             Task::Ran(true) => {}
             Task::Ran(false) => return None,
-            Task::LeftBehind(other) => crew.leave_behind(other),
+            Task::LeftBehind(other) => workers.leave_behind(other),
             Task::Until(until) => return Some(until),
         }
     }
@@ -74,13 +74,13 @@ fn work(emergency: &Emergency, member: u8, living: &ProcessRegistry) -> Option<I
 
 /// Says once that the functions have run.
 fn announce(emergency: &Emergency, living: &ProcessRegistry) {
-    let crew = &emergency.crew;
-    let is_first = !crew.has_announced.swap(true, Ordering::AcqRel);
-    if let Some(crash) = crew.crash.get().filter(|_| is_first) {
+    let workers = &emergency.workers;
+    let is_first = !workers.has_announced.swap(true, Ordering::AcqRel);
+    if let Some(crash) = workers.crash.get().filter(|_| is_first) {
         crash.announce_done();
     }
-    let crash = crew.heard_crash.load(Ordering::Relaxed);
-    if crash != 0 && !crew.has_noted.swap(true, Ordering::AcqRel) {
+    let crash = workers.heard_crash.load(Ordering::Relaxed);
+    if crash != 0 && !workers.has_noted.swap(true, Ordering::AcqRel) {
         // Who has crashed may hold the journal, and gives it back only now, if ever.
         emergency.note_crash(crash);
     }
@@ -91,22 +91,22 @@ fn announce(emergency: &Emergency, living: &ProcessRegistry) {
 
 /// Does one thing of what there is to do now; the emergency before all else.
 fn step(emergency: &Emergency, member: u8) -> Task {
-    let crash = emergency.crew.crash.get();
+    let crash = emergency.workers.crash.get();
     let has_crashed = |member: u8| crash.is_some_and(|crash| crash.has_crashed(member));
     let around = |moment, is_announced: bool| match moment {
         Moment::Begins(look) => {
-            emergency.crew.accept_signals(false);
-            let number = emergency.crew.numbers[usize::from(member)].get();
+            emergency.workers.accept_signals(false);
+            let number = emergency.workers.numbers[usize::from(member)].get();
             if let Some((crash, number)) = crash.zip(number) {
                 crash.enter(member, *number);
             }
             // Behind the signals: one that this thread has taken before is soon known to the others.
             if let Some(at) = look.filter(|_| !is_announced) {
-                emergency.crew.rouse_others(at);
+                emergency.workers.rouse_others(at);
             }
         }
         Moment::Ended => {
-            let number = emergency.crew.numbers[usize::from(member)].get();
+            let number = emergency.workers.numbers[usize::from(member)].get();
             if let Some((crash, number)) = crash.zip(number) {
                 crash.leave(member, *number);
             }
@@ -129,19 +129,19 @@ fn step(emergency: &Emergency, member: u8) -> Task {
 impl Emergency {
     /// Begins if a signal has come. It has begun when this returns, also if it was another member that heard of it first: or this one would sleep, and not watch that one.
     fn hear(&self) {
-        let crew = &self.crew;
-        if crew.hears_signals.load(Ordering::Relaxed)
+        let workers = &self.workers;
+        if workers.hears_signals.load(Ordering::Relaxed)
             && let Some(number) = signals::received()
         {
-            let is_news = crew.heard.swap(number as u32, Ordering::Relaxed) == 0;
+            let is_news = workers.heard.swap(number as u32, Ordering::Relaxed) == 0;
             if is_news || !self.has_begun() {
                 self.begin(Cause::Signal(number));
             }
         }
-        if let Some(crash) = crew.crash.get()
+        if let Some(crash) = workers.crash.get()
             && let Some(number) = crash.signal()
         {
-            let is_news = crew.heard_crash.swap(number, Ordering::Relaxed) == 0;
+            let is_news = workers.heard_crash.swap(number, Ordering::Relaxed) == 0;
             if is_news || !self.has_begun() {
                 self.begin_for_crash();
             }

@@ -1,6 +1,6 @@
 //! Who wakes those that watch, when the first function may have taken too long.
 //!
-//! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the crew is woken, and runs the first function at once. The
+//! To wake a thread on another core takes its waker a while, 20 µs on a virtual machine, and those who are woken come for the same locks. So only one of the workers is woken, and runs the first function at once. The
 //! others have nothing to do before the shortest limit has passed; but then its thread may compute, and never come back. So it is the kernel's timer that wakes them, by a thread that does nothing else.
 //! Where the timer needs a thread of the kernel's, [below the function](wakes_beside_a_function), they are woken before.
 
@@ -19,16 +19,16 @@ pub(super) fn wakes_beside_a_function(source: &Source) -> bool {
     PreemptionModel::read(source).is_ok_and(|model| model != PreemptionModel::RealTime)
 }
 
-/// What wakes them: what the crew sees of it.
+/// What wakes them: what the workers sees of it.
 #[derive(Debug)]
-pub(super) struct Rouser {
+pub(super) struct WatchdogTimer {
     timer: TimerFd,
     /// The thread has gone, or is to go.
     is_over: AtomicBool,
 }
 
-impl Rouser {
-    /// Wakes all of the crew at `at`; says whether it will. One system call.
+impl WatchdogTimer {
+    /// Wakes all of the workers at `at`; says whether it will. One system call.
     pub(super) fn rouse(&self, at: Instant) -> bool {
         !self.is_over.load(Ordering::Acquire) && self.timer.arm_at(at).is_ok()
     }
@@ -45,12 +45,12 @@ impl Rouser {
 /// Its thread. Dropping it ends it.
 #[derive(Debug)]
 pub(super) struct RouserThread {
-    rouser: Arc<Rouser>,
+    watchdog_timer: Arc<WatchdogTimer>,
     thread: Option<Thread<()>>,
 }
 
 impl RouserThread {
-    /// Starts it with the crew's policy; none where there are no such timers. It takes signals as the crew does: it is there also when all of those hang.
+    /// Starts it with the workers's policy; none where there are no such timers. It takes signals as the workers does: it is there also when all of those hang.
     pub(super) fn start(policy: Policy, hears_signals: bool) -> Result<Option<Self>> {
         let timer = match TimerFd::new() {
             Ok(timer) => timer,
@@ -60,13 +60,13 @@ impl RouserThread {
                 return Err(SetupError::System { message }.into());
             }
         };
-        let rouser = Arc::new(Rouser {
+        let watchdog_timer = Arc::new(WatchdogTimer {
             timer,
             is_over: AtomicBool::new(false),
         });
-        let own = rouser.clone();
+        let own = watchdog_timer.clone();
         let thread = thread::spawn(
-            Attributes::framework("luna-rouser", policy).stack_size(MINIMUM_STACK_SIZE),
+            Attributes::framework("luna-watchdog_timer", policy).stack_size(MINIMUM_STACK_SIZE),
             move |_| {
                 if hears_signals {
                     signals::accept_ends_here();
@@ -77,21 +77,21 @@ impl RouserThread {
         )
         .map_err(|error| Error::not_started("the emergency manager", error))?;
         Ok(Some(Self {
-            rouser,
+            watchdog_timer,
             thread: Some(thread),
         }))
     }
 
-    pub(super) fn rouser(&self) -> Arc<Rouser> {
-        self.rouser.clone()
+    pub(super) fn watchdog_timer(&self) -> Arc<WatchdogTimer> {
+        self.watchdog_timer.clone()
     }
 }
 
 impl Drop for RouserThread {
     fn drop(&mut self) {
-        self.rouser.is_over.store(true, Ordering::Release);
+        self.watchdog_timer.is_over.store(true, Ordering::Release);
         // It has passed. If the kernel refuses that, the thread is left to itself.
-        let is_woken = self.rouser.timer.arm_at(Instant::from_nanos(0)).is_ok();
+        let is_woken = self.watchdog_timer.timer.arm_at(Instant::from_nanos(0)).is_ok();
         if let Some(thread) = self.thread.take().filter(|_| is_woken) {
             // It has nothing of the user's in it.
             let _ = thread.join();
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn the_timer_is_left_to_kernels_whose_timers_need_no_thread() {
-        let folder = std::env::temp_dir().join(format!("luna-rouser-{}", std::process::id()));
+        let folder = std::env::temp_dir().join(format!("luna-watchdog_timer-{}", std::process::id()));
         let source = Source::folder(&folder);
         assert!(!wakes_beside_a_function(&source), "nothing is known");
         for part in ["proc/sys/kernel", "sys/kernel"] {
