@@ -11,7 +11,7 @@ use crate::inbound::{Inbound, Signals};
 use crate::interference;
 use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, overseer, panic_message,
+    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, poll_monitor, panic_message,
     prepare_thread,
 };
 use crate::simulation::{SimulationHandle, Stage, is_stage};
@@ -527,7 +527,7 @@ impl Announced {
         let (_, shared) = self.to_be.get();
         current::home() == Some(shared.home)
             && shared.phase() == Phase::RELEASED
-            && overseer().is_none()
+            && poll_monitor().is_none()
             && !current::is_abandoned()
             && !current::dropped_ends_poison()
     }

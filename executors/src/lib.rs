@@ -84,8 +84,8 @@ pub use {
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
-        Exit, Join, ExitValue, ProcessRegistry, Name, Overseer, ProcessHandle, ProcessSpec, ProcessState,
-        Sentence, Stillness, overseer, panic_message,
+        Exit, Join, ExitValue, ProcessRegistry, Name, PollMonitor, ProcessHandle, ProcessSpec, ProcessState,
+        Verdict, Stillness, poll_monitor, panic_message,
     },
     simulation::{
         ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,

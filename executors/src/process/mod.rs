@@ -5,7 +5,7 @@ mod join;
 mod exit_value;
 mod registry;
 mod name;
-mod overseer;
+mod poll_monitor;
 mod record;
 
 pub(crate) use body::{Body, End, Recorded};
@@ -15,8 +15,8 @@ pub(crate) use exit_value::{Words, WordsMethods};
 pub(crate) use registry::Enrolled;
 pub use registry::{ProcessRegistry, Stillness};
 pub use name::Name;
-pub(crate) use overseer::prepare as prepare_thread;
-pub use overseer::{Overseer, Sentence, overseer};
+pub(crate) use poll_monitor::prepare as prepare_thread;
+pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
 pub(crate) use record::{Notice, Record};
 
 use luna_core::current::{self, ProcessId};
@@ -36,7 +36,7 @@ pub struct ProcessSpec {
     timed: bool,
     listed: bool,
     unhurried: bool,
-    overseer: Option<Arc<dyn Overseer>>,
+    poll_monitor: Option<Arc<dyn PollMonitor>>,
     /// Small, since hardly any has one.
     taper: Option<Box<Arc<dyn Taper>>>,
 }
@@ -54,7 +54,7 @@ impl ProcessSpec {
             timed: false,
             listed: false,
             unhurried: false,
-            overseer: None,
+            poll_monitor: None,
             taper: None,
         }
     }
@@ -102,20 +102,20 @@ impl ProcessSpec {
         self
     }
 
-    /// Lets `overseer` look at each poll, which costs two clock reads and what it does itself.
+    /// Lets `poll_monitor` look at each poll, which costs two clock reads and what it does itself.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// use luna_executors::{Executor, Exit, Overseer, ProcessSpec, Sentence, yield_now};
+    /// use luna_executors::{Executor, Exit, PollMonitor, ProcessSpec, Verdict, yield_now};
     /// use luna_platform::{clock::Instant, thread::Attributes};
     /// use std::sync::Arc;
     /// use std::time::Duration;
     ///
     /// struct AtMost(Duration);
-    /// impl Overseer for AtMost {
+    /// impl PollMonitor for AtMost {
     ///     fn poll_begins(&self, _: Instant) {}
-    ///     fn poll_ends(&self, began: Instant, now: Instant) -> Sentence {
-    ///         if now - began > self.0 { Sentence::Poison } else { Sentence::GoOn }
+    ///     fn poll_ends(&self, began: Instant, now: Instant) -> Verdict {
+    ///         if now - began > self.0 { Verdict::Poison } else { Verdict::GoOn }
     ///     }
     /// }
     ///
@@ -131,8 +131,8 @@ impl ProcessSpec {
     /// # Ok(()) }
     /// ```
     #[must_use]
-    pub fn overseen(mut self, overseer: Arc<dyn Overseer>) -> Self {
-        self.overseer = Some(overseer);
+    pub fn overseen(mut self, poll_monitor: Arc<dyn PollMonitor>) -> Self {
+        self.poll_monitor = Some(poll_monitor);
         self
     }
 

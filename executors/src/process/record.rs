@@ -3,7 +3,7 @@
 use super::join::JoinNode;
 use super::exit_value::{ExitValue, Words};
 use super::registry::ProcessRegistry;
-use super::overseer::{self, Overseer, Sentence};
+use super::poll_monitor::{self, PollMonitor, Verdict};
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::events;
@@ -55,7 +55,7 @@ impl How {
 struct Fate;
 
 impl Fate {
-    /// It was ended by its overseer.
+    /// It was ended by its poll_monitor.
     const POISONED: u8 = 2;
 }
 
@@ -147,7 +147,7 @@ pub(crate) struct Record {
     seen: Seen,
     /// The process' own thread takes it without atomics, unless others look at the process too.
     pub(super) shown: BiasedLock<Shown>,
-    /// If its polls are timed, be it for the overseer's sake.
+    /// If its polls are timed, be it for the poll_monitor's sake.
     timing: Option<Box<Timing>>,
     /// Who ended before it, while it is listed.
     pub(super) after: AtomicPtr<Record>,
@@ -191,7 +191,7 @@ impl Shown {
 
 /// Of a process whose polls are timed.
 struct Timing {
-    overseer: Option<Arc<dyn Overseer>>,
+    poll_monitor: Option<Arc<dyn PollMonitor>>,
     taper: Option<Box<Arc<dyn Taper>>>,
     /// It is not for the taper's sake alone.
     is_timed: bool,
@@ -212,10 +212,10 @@ impl Record {
             [events::current_process(), 0]
         });
         let flag = |is_set, bit| if is_set { bit } else { 0 };
-        let is_timed = spec.timed || spec.overseer.is_some();
+        let is_timed = spec.timed || spec.poll_monitor.is_some();
         let timing = (is_timed || spec.taper.is_some()).then(|| {
             Box::new(Timing {
-                overseer: spec.overseer,
+                poll_monitor: spec.poll_monitor,
                 taper: spec.taper,
                 is_timed,
                 longest_poll: AtomicU64::new(0),
@@ -343,8 +343,8 @@ impl Record {
         self.timing.as_ref()?.taper.as_deref()
     }
 
-    fn overseer(&self) -> Option<&Arc<dyn Overseer>> {
-        self.timing.as_ref()?.overseer.as_ref()
+    fn poll_monitor(&self) -> Option<&Arc<dyn PollMonitor>> {
+        self.timing.as_ref()?.poll_monitor.as_ref()
     }
 
     pub(crate) fn state(&self) -> ProcessState {
@@ -376,15 +376,15 @@ impl Record {
     #[cold]
     pub(super) fn begin_poll(&self) -> Instant {
         let began = Instant::now();
-        if let Some(overseer) = self.overseer() {
-            // It may panic, and is nobody's overseer then.
-            overseer.poll_begins(began);
-            overseer::set(Some(overseer.clone()));
+        if let Some(poll_monitor) = self.poll_monitor() {
+            // It may panic, and is nobody's poll_monitor then.
+            poll_monitor.poll_begins(began);
+            poll_monitor::set(Some(poll_monitor.clone()));
         }
         began
     }
 
-    /// Ends a timed poll. If the overseer wants the process ended, it counts as cancelled from here on.
+    /// Ends a timed poll. If the poll_monitor wants the process ended, it counts as cancelled from here on.
     #[cold]
     pub(super) fn end_poll(&self, began: Instant) {
         let now = Instant::now();
@@ -394,12 +394,12 @@ impl Record {
         {
             longest_poll.store(took, Ordering::Relaxed);
         }
-        let Some(overseer) = self.overseer() else {
+        let Some(poll_monitor) = self.poll_monitor() else {
             return;
         };
         // The record has another, so nothing is freed here.
-        overseer::set(None);
-        if overseer.poll_ends(began, now) == Sentence::Poison {
+        poll_monitor::set(None);
+        if poll_monitor.poll_ends(began, now) == Verdict::Poison {
             self.fate.fetch_or(Fate::POISONED, Ordering::Relaxed);
             self.cancelled.store(true, Ordering::Release);
         }

@@ -374,7 +374,7 @@ pub(crate) unsafe fn run(owner: NonNull<()>) {
     }
 }
 
-/// Polls a process that was cancelled, or has an overseer, or has ended, or whose turns are told.
+/// Polls a process that was cancelled, or has an poll_monitor, or has ended, or whose turns are told.
 ///
 /// # Safety
 ///

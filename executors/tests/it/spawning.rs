@@ -4,7 +4,7 @@
 
 use crate::support;
 use luna_core::current;
-use luna_executors::{Exit, Overseer, ProcessSpec, ProcessState, Sentence, overseer, yield_now};
+use luna_executors::{Exit, PollMonitor, ProcessSpec, ProcessState, Verdict, poll_monitor, yield_now};
 use luna_platform::clock::Instant;
 use std::future::pending;
 use std::sync::Arc;
@@ -158,16 +158,16 @@ fn what_is_refused_is_dropped_where_its_spawner_likes() {
 
 /// Whether the turn that this is called in is looked at, is one in which a body is abandoned, or poisons what is dropped.
 fn turn_of_another() -> bool {
-    overseer().is_some() || current::is_abandoned() || current::dropped_ends_poison()
+    poll_monitor().is_some() || current::is_abandoned() || current::dropped_ends_poison()
 }
 
 #[test]
 fn a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own() {
     struct LooksOn;
-    impl Overseer for LooksOn {
+    impl PollMonitor for LooksOn {
         fn poll_begins(&self, _: Instant) {}
-        fn poll_ends(&self, _: Instant, _: Instant) -> Sentence {
-            Sentence::GoOn
+        fn poll_ends(&self, _: Instant, _: Instant) -> Verdict {
+            Verdict::GoOn
         }
     }
     let _watchdog = watchdog("a_child_of_an_overseen_process_is_built_in_a_turn_of_its_own");

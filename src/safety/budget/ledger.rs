@@ -3,7 +3,7 @@
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
 use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName, UsageSince};
-use luna_executors::{ProcessRegistry, Overseer, Sentence};
+use luna_executors::{ProcessRegistry, PollMonitor, Verdict};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
 use std::any::Any;
@@ -75,8 +75,8 @@ impl Ledger {
 
     /// That of the process that is being polled, if it has budgets.
     pub(crate) fn current() -> Option<Arc<Ledger>> {
-        let overseer: Arc<dyn Any + Send + Sync> = luna_executors::overseer()?;
-        overseer.downcast().ok()
+        let poll_monitor: Arc<dyn Any + Send + Sync> = luna_executors::poll_monitor()?;
+        poll_monitor.downcast().ok()
     }
 
     /// A cycle has ended; says whether the process has to end too. O(1); on an overrun as [`overrun`](Self::overrun).
@@ -195,7 +195,7 @@ impl Ledger {
     }
 }
 
-impl Overseer for Ledger {
+impl PollMonitor for Ledger {
     fn poll_begins(&self, now: Instant) {
         // The first reading is what the first overrun is counted from.
         if self.accounted || !self.has_begun.load(Ordering::Relaxed) {
@@ -204,16 +204,16 @@ impl Overseer for Ledger {
         }
     }
 
-    fn poll_ends(&self, began: Instant, now: Instant) -> Sentence {
+    fn poll_ends(&self, began: Instant, now: Instant) -> Verdict {
         if let Some(budget) = self.poll
             && now.nanos_since(began) > nanos(budget)
         {
             self.overrun(BudgetKind::Poll, budget, None, began, now);
         }
         if self.sentenced.load(Ordering::Relaxed) {
-            Sentence::Poison
+            Verdict::Poison
         } else {
-            Sentence::GoOn
+            Verdict::GoOn
         }
     }
 }

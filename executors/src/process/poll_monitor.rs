@@ -9,17 +9,17 @@ use std::sync::Arc;
 /// Looks at each poll of one process: see [`ProcessSpec::overseen`](super::ProcessSpec::overseen).
 ///
 /// Its methods run on the process' thread, on the real-time path: no allocation, bounded time.
-pub trait Overseer: Any + Send + Sync {
+pub trait PollMonitor: Any + Send + Sync {
     /// A poll begins.
     fn poll_begins(&self, now: Instant);
 
     /// The poll that began at `began` has ended, and says what becomes of the process.
-    fn poll_ends(&self, began: Instant, now: Instant) -> Sentence;
+    fn poll_ends(&self, began: Instant, now: Instant) -> Verdict;
 }
 
 /// What becomes of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sentence {
+pub enum Verdict {
     /// It goes on.
     GoOn,
     /// It is ended, unless it has just ended by itself: its body is dropped where it waits, and the channel ends in it poison their channels.
@@ -28,7 +28,7 @@ pub enum Sentence {
 
 thread_local! {
     /// That of the process whose poll is under way.
-    static OVERSEER: RefCell<Option<Arc<dyn Overseer>>> = const { RefCell::new(None) };
+    static OVERSEER: RefCell<Option<Arc<dyn PollMonitor>>> = const { RefCell::new(None) };
 }
 
 /// Makes the thread's room for it, before the real-time path begins: the first touch registers a destructor, which may allocate.
@@ -36,18 +36,18 @@ pub(crate) fn prepare() {
     OVERSEER.with(|_| {});
 }
 
-/// The overseer of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
-pub fn overseer() -> Option<Arc<dyn Overseer>> {
-    OVERSEER.with(|overseer| overseer.borrow().clone())
+/// The poll_monitor of the process that is being polled on this thread, if it has one. Real-time path: yes; O(1), no system call.
+pub fn poll_monitor() -> Option<Arc<dyn PollMonitor>> {
+    OVERSEER.with(|poll_monitor| poll_monitor.borrow().clone())
 }
 
-/// Makes it the one that [`overseer`] gives. No process is polled within another's poll, so there is none to be restored.
-pub(super) fn set(now: Option<Arc<dyn Overseer>>) {
+/// Makes it the one that [`poll_monitor`] gives. No process is polled within another's poll, so there is none to be restored.
+pub(super) fn set(now: Option<Arc<dyn PollMonitor>>) {
     OVERSEER.set(now);
 }
 
-impl fmt::Debug for dyn Overseer {
+impl fmt::Debug for dyn PollMonitor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Overseer").finish_non_exhaustive()
+        f.debug_struct("PollMonitor").finish_non_exhaustive()
     }
 }
