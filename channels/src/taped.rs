@@ -34,7 +34,7 @@ pub(crate) enum Stamped {
 #[derive(Debug, Default)]
 pub(crate) struct Taped {
     /// Who last came as a sender and as a receiver, 0 for nobody.
-    strands: [u32; 2],
+    branch_logs: [u32; 2],
     /// The greatest stamps that were given here, of sends and of receives.
     last_stamps: [u64; 2],
     /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone, and apart, since
@@ -55,7 +55,7 @@ pub(crate) struct Order {
 impl Taped {
     /// Whether a recorded process has come.
     pub(crate) fn is_used(&self) -> bool {
-        self.strands != [0; 2]
+        self.branch_logs != [0; 2]
     }
 }
 
@@ -64,10 +64,10 @@ impl WaitQueues {
     #[cold]
     pub(crate) fn note_taped(&mut self, is_sender: bool) {
         let is_first = !self.taped.is_used();
-        let strand = current::tape(|tape| tape.strand()).unwrap_or_default();
-        let last = &mut self.taped.strands[usize::from(is_sender)];
-        let last = std::mem::replace(last, strand);
-        self.order.is_ordered |= last != 0 && last != strand;
+        let branch_log = current::tape(|tape| tape.branch_log()).unwrap_or_default();
+        let last = &mut self.taped.branch_logs[usize::from(is_sender)];
+        let last = std::mem::replace(last, branch_log);
+        self.order.is_ordered |= last != 0 && last != branch_log;
         if is_first {
             // All who are recorded are noted, so whoever waits is not.
             self.order.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());

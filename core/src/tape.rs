@@ -1,7 +1,7 @@
 //! What a recorded process tells of the things that nobody could foresee, and a replayed one is told: the contract between the operations and who
 //! records.
 //!
-//! A *strand* is a process, or a branch of it in a parallel construct: what happens one after the other. Operations of a strand are counted, and what
+//! A *branch_log* is a process, or a branch of it in a parallel construct: what happens one after the other. Operations of a branch_log are counted, and what
 //! cannot be foreseen of one is an [`Event`] that bears its number. Where several compete, the event bears a *stamp* too, taken under the lock that decides: a
 //! replay does these events in the order of their stamps.
 //!
@@ -108,7 +108,7 @@ pub trait Tape {
     /// Whether all have done what bears the stamp of the operation that was let in, but for this one.
     fn settle(&self, cx: &mut Context<'_>) -> Poll<()>;
 
-    /// Whether the strand may go on after an operation.
+    /// Whether the branch_log may go on after an operation.
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()>;
 
     /// Which guard an alternative that was let in is to choose.
@@ -126,8 +126,8 @@ pub trait Tape {
     /// Gives the bytes that were noted, so many of them; none if there are no such ones.
     fn get(&self, about: About, name: u32, into: &mut [u8]) -> Option<usize>;
 
-    /// A number of the strand, which no other one has; not 0.
-    fn strand(&self) -> u32;
+    /// A number of the branch_log, which no other one has; not 0.
+    fn branch_log(&self) -> u32;
 
     /// The number of the process in its recording.
     fn process(&self) -> u32;

@@ -1,6 +1,6 @@
 //! How an event is written.
 //!
-//! A byte with its kind and two flags (it is of the process itself, and follows the strand's last event), then what the flags leave open: the path of
+//! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's last event), then what the flags leave open: the path of
 //! the branch, by how many operations it is later. Then what belongs to the kind. Numbers are varints.
 
 use luna_core::tape::{About, What};
@@ -27,15 +27,15 @@ pub(super) enum Kind {
     },
     /// The process has returned.
     Ended,
-    /// It was ended; whether in the middle of an operation. If not, that it is a call says that the strand may have gone on after its last operation.
+    /// It was ended; whether in the middle of an operation. If not, that it is a call says that the branch_log may have gone on after its last operation.
     Cut(bool),
 }
 
-/// An event of a strand.
+/// An event of a branch_log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Event {
     pub(super) path: u32,
-    /// The number of the strand's operation.
+    /// The number of the branch_log's operation.
     pub(super) operation: u64,
     /// The operation does not wait.
     pub(super) is_call: bool,
@@ -49,7 +49,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Of an event of the strand at `path`, `later` operations after the last one there.
+    /// Of an event of the branch_log at `path`, `later` operations after the last one there.
     pub(super) fn new(code: u8, is_call: bool, path: u32, later: u64) -> Self {
         let mut head = Self {
             bytes: [0; LONGEST_HEAD],
@@ -126,7 +126,7 @@ pub(super) fn unzigzag(from: u64, difference: u64) -> u64 {
 pub(super) struct Reader<'a> {
     bytes: &'a [u8],
     last_time: u64,
-    strands: std::collections::HashMap<u32, u64>,
+    branch_logs: std::collections::HashMap<u32, u64>,
 }
 
 impl<'a> Reader<'a> {
@@ -134,7 +134,7 @@ impl<'a> Reader<'a> {
         Self {
             bytes,
             last_time: 0,
-            strands: std::collections::HashMap::new(),
+            branch_logs: std::collections::HashMap::new(),
         }
     }
 
@@ -189,7 +189,7 @@ impl<'a> Reader<'a> {
             _ => 1,
         };
         let operation = self
-            .strands
+            .branch_logs
             .get(&path)
             .copied()
             .unwrap_or_default()
@@ -231,7 +231,7 @@ impl<'a> Reader<'a> {
             CUT_WITHIN => Kind::Cut(true),
             _ => return None,
         };
-        self.strands.insert(path, operation);
+        self.branch_logs.insert(path, operation);
         Some(Event {
             path,
             operation,

@@ -144,7 +144,7 @@ impl Recorder {
         Track {
             recorder: self.clone(),
             ring,
-            strands: std::array::from_fn(|_| Strand::default()),
+            branch_logs: std::array::from_fn(|_| BranchLog::default()),
             own_stamp: Cell::new(0),
             takes: Cell::new(false),
             last_time: Cell::new(0),
@@ -291,21 +291,21 @@ impl std::io::Write for Counting {
 pub(crate) struct Track {
     recorder: Arc<Recorder>,
     ring: Arc<ByteRing>,
-    strands: [Strand; MOST_STRANDS],
+    branch_logs: [BranchLog; MOST_STRANDS],
     /// The stamp that the operation has taken which is looked at now.
     own_stamp: Cell<u64>,
     /// The operation that is looked at now takes a stamp in any case.
     takes: Cell<bool>,
     last_time: Cell<u64>,
     has_ended: Cell<bool>,
-    /// How many operations were begun, by all strands.
+    /// How many operations were begun, by all branch_logs.
     begun: Cell<u64>,
     number: u32,
 }
 
-/// A strand of a process.
+/// A branch_log of a process.
 #[derive(Default)]
-struct Strand {
+struct BranchLog {
     path: Cell<u32>,
     is_used: Cell<bool>,
     operations: Cell<u64>,
@@ -318,70 +318,70 @@ struct Strand {
 }
 
 impl Track {
-    fn here(&self) -> Option<&Strand> {
+    fn here(&self) -> Option<&BranchLog> {
         let path = current::branch_path();
         if path == 0 {
-            return Some(&self.strands[0]);
+            return Some(&self.branch_logs[0]);
         }
-        for strand in &self.strands[1..] {
-            if !strand.is_used.get() {
-                strand.is_used.set(true);
-                strand.path.set(path);
+        for branch_log in &self.branch_logs[1..] {
+            if !branch_log.is_used.get() {
+                branch_log.is_used.set(true);
+                branch_log.path.set(path);
             }
-            if strand.path.get() == path {
-                return Some(strand);
+            if branch_log.path.get() == path {
+                return Some(branch_log);
             }
         }
         self.ring.lose();
         None
     }
 
-    fn begin(&self, strand: &Strand, is_call: bool) {
-        strand.operations.set(strand.operations.get() + 1);
+    fn begin(&self, branch_log: &BranchLog, is_call: bool) {
+        branch_log.operations.set(branch_log.operations.get() + 1);
         self.begun.set(self.begun.get() + 1);
-        strand.begun.set(self.begun.get());
-        strand.runs.set(true);
-        strand.is_call.set(is_call);
+        branch_log.begun.set(self.begun.get());
+        branch_log.runs.set(true);
+        branch_log.is_call.set(is_call);
     }
 
-    fn head(strand: &Strand, code: u8) -> Head {
-        let later = strand.operations.get() - strand.noted.replace(strand.operations.get());
-        Head::new(code, strand.is_call.get(), strand.path.get(), later)
+    fn head(branch_log: &BranchLog, code: u8) -> Head {
+        let later = branch_log.operations.get() - branch_log.noted.replace(branch_log.operations.get());
+        Head::new(code, branch_log.is_call.get(), branch_log.path.get(), later)
     }
 
     /// The process has returned, or the framework has ended it in the middle of an operation.
     pub(crate) fn end(&self) {
-        if self.strands.iter().any(|strand| strand.runs.get()) {
+        if self.branch_logs.iter().any(|branch_log| branch_log.runs.get()) {
             return self.cut();
         }
         if !self.has_ended.replace(true) {
-            self.last(&self.strands[0], ENDED, false);
+            self.last(&self.branch_logs[0], ENDED, false);
             self.ring.close();
         }
     }
 
-    /// Its body is gone: if it has not returned, it was ended. Each strand says how far it had come: a replay is to go there, and no further.
+    /// Its body is gone: if it has not returned, it was ended. Each branch_log says how far it had come: a replay is to go there, and no further.
     pub(crate) fn cut(&self) {
         if self.has_ended.replace(true) {
             return;
         }
         let begun = self.begun.get();
-        let used = self.strands[1..]
+        let used = self.branch_logs[1..]
             .iter()
-            .filter(|strand| strand.is_used.get());
-        for strand in used.chain([&self.strands[0]]) {
-            match strand.runs.get() {
-                true => self.last(strand, CUT_WITHIN, false),
-                // If another strand has done something since, it may have gone on to that: as into a parallel construct, or out of it.
-                false => self.last(strand, CUT, strand.begun.get() < begun),
+            .filter(|branch_log| branch_log.is_used.get());
+        for branch_log in used.chain([&self.branch_logs[0]]) {
+            match branch_log.runs.get() {
+                true => self.last(branch_log, CUT_WITHIN, false),
+                // If another branch_log has done something since, it may have gone on to that: as into a parallel construct, or out of it.
+                false => self.last(branch_log, CUT, branch_log.begun.get() < begun),
             }
         }
         self.ring.close();
     }
 
-    fn last(&self, strand: &Strand, code: u8, has_gone_on: bool) {
-        strand.is_call.set(has_gone_on);
-        self.ring.put(Self::head(strand, code).get(), &[]);
+    fn last(&self, branch_log: &BranchLog, code: u8, has_gone_on: bool) {
+        branch_log.is_call.set(has_gone_on);
+        self.ring.put(Self::head(branch_log, code).get(), &[]);
     }
 }
 
@@ -389,10 +389,10 @@ impl Tape for Track {
     fn enter(&self, _: &mut Context<'_>) -> Poll<Turn> {
         self.own_stamp.set(0);
         self.takes.set(false);
-        if let Some(strand) = self.here()
-            && !strand.runs.get()
+        if let Some(branch_log) = self.here()
+            && !branch_log.runs.get()
         {
-            self.begin(strand, false);
+            self.begin(branch_log, false);
         }
         Poll::Ready(Turn::Record)
     }
@@ -400,8 +400,8 @@ impl Tape for Track {
     fn call(&self, takes: bool) -> Turn {
         self.own_stamp.set(0);
         self.takes.set(takes);
-        if let Some(strand) = self.here() {
-            self.begin(strand, true);
+        if let Some(branch_log) = self.here() {
+            self.begin(branch_log, true);
         }
         Turn::Record
     }
@@ -412,14 +412,14 @@ impl Tape for Track {
 
     fn leave(&self, event: Event) {
         self.takes.set(false);
-        let Some(strand) = self.here() else { return };
-        if !strand.runs.replace(false) {
+        let Some(branch_log) = self.here() else { return };
+        if !branch_log.runs.replace(false) {
             return;
         }
-        if event.what == What::Done && event.stamp == 0 && !strand.is_call.get() {
+        if event.what == What::Done && event.stamp == 0 && !branch_log.is_call.get() {
             return;
         }
-        let mut head = Self::head(strand, code_of(event.what));
+        let mut head = Self::head(branch_log, code_of(event.what));
         match event.what {
             What::Done => head.number(event.stamp),
             What::Failed => head.number(event.number),
@@ -434,8 +434,8 @@ impl Tape for Track {
     }
 
     fn abandon(&self) {
-        if let Some(strand) = self.here() {
-            strand.runs.set(false);
+        if let Some(branch_log) = self.here() {
+            branch_log.runs.set(false);
         }
     }
 
@@ -463,12 +463,12 @@ impl Tape for Track {
     }
 
     fn put(&self, about: About, name: u32, bytes: &[u8]) {
-        let Some(strand) = self.here() else { return };
-        if !strand.runs.get() {
-            self.begin(strand, true);
+        let Some(branch_log) = self.here() else { return };
+        if !branch_log.runs.get() {
+            self.begin(branch_log, true);
         }
-        strand.runs.set(false);
-        let mut head = Self::head(strand, code_about(about));
+        branch_log.runs.set(false);
+        let mut head = Self::head(branch_log, code_about(about));
         head.number(u64::from(name));
         head.number(bytes.len() as u64);
         self.ring.put(head.get(), bytes);
@@ -478,7 +478,7 @@ impl Tape for Track {
         None
     }
 
-    fn strand(&self) -> u32 {
+    fn branch_log(&self) -> u32 {
         (self.number.wrapping_mul(0x9e37_79b1) ^ current::branch_path()).max(1)
     }
 

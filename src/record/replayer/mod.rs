@@ -4,7 +4,7 @@
 //! when nobody can run, that is when all that came before has happened.
 
 mod stamps;
-mod strand;
+mod branch_log;
 mod tape;
 mod track;
 
@@ -20,7 +20,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use strand::Strand;
+use branch_log::BranchLog;
 
 type Queues = BTreeMap<u32, VecDeque<Noted>>;
 /// A process: its parent's number or 0, its name, and which it is of these.
@@ -105,13 +105,13 @@ impl Replayer {
             .get(&0)
             .and_then(VecDeque::back)
             .is_some_and(|event| event.kind == Kind::Ended);
-        let strands = queues.into_iter();
-        let strands = strands.map(|(path, events)| (path, Strand::new(events)));
+        let branch_logs = queues.into_iter();
+        let branch_logs = branch_logs.map(|(path, events)| (path, BranchLog::new(events)));
         Track {
             replayer: self.clone(),
             name: name.to_owned(),
             number,
-            strands: RefCell::new(strands.collect()),
+            branch_logs: RefCell::new(branch_logs.collect()),
             end: RefCell::new(Box::pin(Sleep::until(at(END)))),
             begun: Cell::new(false),
             outputs: Cell::new(0),

@@ -1,7 +1,7 @@
 //! What the operations of a replayed process are told.
 
 use super::stamps::after;
-use super::strand::Stage;
+use super::branch_log::Stage;
 use super::track::{Track, told};
 use crate::record::error::RecordError;
 use crate::record::event::{Event as Noted, Kind};
@@ -13,21 +13,21 @@ impl Tape for Track {
         if self.is_off() {
             return Poll::Pending;
         }
-        let entered = self.with_strand(|strand| {
-            match strand.stage {
+        let entered = self.with_strand(|branch_log| {
+            match branch_log.stage {
                 Stage::Running(turn) => return Poll::Ready(Ok(turn)),
                 Stage::Entering => {}
                 Stage::Idle => {
-                    strand.operations += 1;
-                    strand.is_call = false;
-                    strand.stage = Stage::Entering;
+                    branch_log.operations += 1;
+                    branch_log.is_call = false;
+                    branch_log.stage = Stage::Entering;
                 }
             }
-            let entered = self.entering(strand, cx);
+            let entered = self.entering(branch_log, cx);
             if let Poll::Ready(Ok(turn)) = entered {
-                strand.stage = Stage::Running(turn);
+                branch_log.stage = Stage::Running(turn);
             }
-            entered.map_err(|found| (strand.operations, strand.events.front().map(told), found))
+            entered.map_err(|found| (branch_log.operations, branch_log.events.front().map(told), found))
         });
         match entered {
             Poll::Pending => Poll::Pending,
@@ -46,10 +46,10 @@ impl Tape for Track {
         if self.is_off() {
             return Turn::Look;
         }
-        self.with_strand(|strand| {
-            strand.operations += 1;
-            strand.is_call = true;
-            strand.stage = Stage::Running(Turn::Look);
+        self.with_strand(|branch_log| {
+            branch_log.operations += 1;
+            branch_log.is_call = true;
+            branch_log.stage = Stage::Running(Turn::Look);
         });
         let turn = match self.take_event(true) {
             Some(Noted {
@@ -75,7 +75,7 @@ impl Tape for Track {
                 Turn::Look
             }
         };
-        self.with_strand(|strand| strand.stage = Stage::Running(turn));
+        self.with_strand(|branch_log| branch_log.stage = Stage::Running(turn));
         turn
     }
 
@@ -87,13 +87,13 @@ impl Tape for Track {
         if self.is_off() {
             return;
         }
-        let stage = self.with_strand(|strand| std::mem::replace(&mut strand.stage, Stage::Idle));
+        let stage = self.with_strand(|branch_log| std::mem::replace(&mut branch_log.stage, Stage::Idle));
         let Stage::Running(turn) = stage else { return };
         self.idle_polls.set(0);
-        let operation = self.with_strand(|strand| strand.operations);
+        let operation = self.with_strand(|branch_log| branch_log.operations);
         match turn {
             Turn::Given(given) => {
-                if !self.with_strand(|strand| strand.is_call) {
+                if !self.with_strand(|branch_log| branch_log.is_call) {
                     self.take_event(false);
                 }
                 let is_same = given.what == event.what
@@ -125,7 +125,7 @@ impl Tape for Track {
     }
 
     fn abandon(&self) {
-        self.with_strand(|strand| strand.stage = Stage::Idle);
+        self.with_strand(|branch_log| branch_log.stage = Stage::Idle);
     }
 
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()> {
@@ -133,21 +133,21 @@ impl Tape for Track {
             return Poll::Pending;
         }
         self.with_strand(
-            |strand| match strand.events.front().map(|event| &event.kind) {
+            |branch_log| match branch_log.events.front().map(|event| &event.kind) {
                 // What came after it was not recorded any more.
                 Some(Kind::Cut(_))
-                    if strand.events[0].operation == strand.operations
-                        && !strand.events[0].is_call =>
+                    if branch_log.events[0].operation == branch_log.operations
+                        && !branch_log.events[0].is_call =>
                 {
                     Poll::Pending
                 }
-                _ => strand.wait_for_calls(cx),
+                _ => branch_log.wait_for_calls(cx),
             },
         )
     }
 
     fn choice(&self) -> Option<u32> {
-        self.with_strand(|strand| match strand.stage {
+        self.with_strand(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(Event {
                 what: What::Chosen,
                 number,
@@ -158,7 +158,7 @@ impl Tape for Track {
     }
 
     fn stamp(&self, _: bool) -> u64 {
-        self.with_strand(|strand| match strand.stage {
+        self.with_strand(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(event)) => event.stamp,
             _ => 0,
         })
@@ -172,7 +172,7 @@ impl Tape for Track {
         if self.is_off() {
             return;
         }
-        self.with_strand(|strand| strand.operations += 1);
+        self.with_strand(|branch_log| branch_log.operations += 1);
         let output = self.outputs.get() + 1;
         self.outputs.set(output);
         match self.take_event(true) {
@@ -198,9 +198,9 @@ impl Tape for Track {
             return None;
         }
         let is_call = matches!(about, About::Input | About::Output);
-        self.with_strand(|strand| match is_call {
-            true => strand.operations += 1,
-            false => strand.stage = Stage::Idle,
+        self.with_strand(|branch_log| match is_call {
+            true => branch_log.operations += 1,
+            false => branch_log.stage = Stage::Idle,
         });
         let what = match about {
             About::Cycle => "a cycle of a loop",
@@ -236,7 +236,7 @@ impl Tape for Track {
         }
     }
 
-    fn strand(&self) -> u32 {
+    fn branch_log(&self) -> u32 {
         1
     }
 
@@ -254,9 +254,9 @@ impl Tape for Track {
     }
 
     fn settle(&self, cx: &mut Context<'_>) -> Poll<()> {
-        self.with_strand(|strand| match strand.stage {
+        self.with_strand(|branch_log| match branch_log.stage {
             Stage::Running(Turn::Given(Event { stamp, .. })) if stamp != 0 => {
-                strand.wait_for(after(stamp), cx)
+                branch_log.wait_for(after(stamp), cx)
             }
             _ => Poll::Ready(()),
         })
@@ -264,10 +264,10 @@ impl Tape for Track {
 
     fn differs(&self, what: &'static str) {
         if !self.is_off() {
-            let (operation, expected) = self.with_strand(|strand| {
+            let (operation, expected) = self.with_strand(|branch_log| {
                 (
-                    strand.operations,
-                    match strand.stage {
+                    branch_log.operations,
+                    match branch_log.stage {
                         Stage::Running(Turn::Given(_)) => "that it does",
                         _ => "something else",
                     },

@@ -2,7 +2,7 @@
 
 use super::Replayer;
 use super::stamps::{LATE, at};
-use super::strand::Strand;
+use super::branch_log::BranchLog;
 use crate::record::error::{Divergence, RecordError};
 use crate::record::event::{Event as Noted, Kind};
 use luna_core::current;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::task::{Context, Poll};
 
-/// How often a process is polled without an event, when one of its strands is past what was recorded: the others may have some left.
+/// How often a process is polled without an event, when one of its branch_logs is past what was recorded: the others may have some left.
 const MOST_IDLE_POLLS: u32 = 1000;
 
 /// What replays one process.
@@ -24,15 +24,15 @@ pub(crate) struct Track {
     pub(super) name: String,
     /// In the recording, from 1.
     pub(super) number: u32,
-    pub(super) strands: RefCell<HashMap<u32, Strand>>,
+    pub(super) branch_logs: RefCell<HashMap<u32, BranchLog>>,
     pub(super) end: RefCell<Pin<Box<Sleep>>>,
     pub(super) begun: Cell<bool>,
     pub(super) outputs: Cell<u64>,
     /// The recording says nothing more of it.
     pub(super) past_end: Cell<bool>,
-    /// It returned in the recording. Else what a strand does after its last event was not recorded any more.
+    /// It returned in the recording. Else what a branch_log does after its last event was not recorded any more.
     pub(super) returns: bool,
-    /// A strand has done something at once after that: it cannot be made to wait for that.
+    /// A branch_log has done something at once after that: it cannot be made to wait for that.
     pub(super) has_overrun: Cell<bool>,
     /// How often it was polled since the last event or operation.
     pub(super) idle_polls: Cell<u32>,
@@ -41,13 +41,13 @@ pub(crate) struct Track {
 impl Track {
     /// Whether the body is not to be polled any more: it has come further than the recording, or the replay has come to a difference, and it would only go on.
     pub(crate) fn rests(&self) -> bool {
-        let is_at_cut = |strand: &Strand| {
-            let next = strand.events.front();
+        let is_at_cut = |branch_log: &BranchLog| {
+            let next = branch_log.events.front();
             next.is_some_and(|event| {
-                matches!(event.kind, Kind::Cut(_)) && event.operation <= strand.operations
+                matches!(event.kind, Kind::Cut(_)) && event.operation <= branch_log.operations
             })
         };
-        if self.has_overrun.get() || self.strands.borrow().get(&0).is_some_and(is_at_cut) {
+        if self.has_overrun.get() || self.branch_logs.borrow().get(&0).is_some_and(is_at_cut) {
             let polls = self.idle_polls.get() + 1;
             self.idle_polls.set(polls);
             if polls > MOST_IDLE_POLLS {
@@ -60,10 +60,10 @@ impl Track {
     /// Whether the body may be polled for the first time.
     pub(crate) fn begins(&self, cx: &mut Context<'_>) -> bool {
         if !self.begun.get() {
-            let mut strands = self.strands.borrow_mut();
-            let polled = strands
+            let mut branch_logs = self.branch_logs.borrow_mut();
+            let polled = branch_logs
                 .get_mut(&0)
-                .map_or(Poll::Ready(()), |strand| strand.wait_for_calls(cx));
+                .map_or(Poll::Ready(()), |branch_log| branch_log.wait_for_calls(cx));
             self.begun.set(polled.is_ready());
         }
         self.begun.get()
@@ -84,22 +84,22 @@ impl Track {
         if self.is_off() {
             return;
         }
-        let mut strands = self.strands.borrow_mut();
-        let strand = strands
+        let mut branch_logs = self.branch_logs.borrow_mut();
+        let branch_log = branch_logs
             .entry(0)
-            .or_insert_with(|| Strand::new(VecDeque::new()));
-        let next = strand.events.front();
+            .or_insert_with(|| BranchLog::new(VecDeque::new()));
+        let next = branch_log.events.front();
         if next
-            .is_some_and(|event| event.kind == Kind::Ended && event.operation == strand.operations)
+            .is_some_and(|event| event.kind == Kind::Ended && event.operation == branch_log.operations)
         {
-            strand.events.pop_front();
+            branch_log.events.pop_front();
             self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
-            drop(strands);
+            drop(branch_logs);
             return self.check_rest();
         }
-        let operation = strand.operations;
+        let operation = branch_log.operations;
         let expected = next.map(told);
-        drop(strands);
+        drop(branch_logs);
         match expected {
             Some(expected) => self.differ(operation, None, expected, "the process returns".into()),
             None => self.beyond(operation, "the process returns"),
@@ -111,9 +111,9 @@ impl Track {
         if self.replayer.differs() || !self.replayer.is_whole || self.past_end.get() {
             return;
         }
-        let strands = self.strands.borrow();
-        for strand in strands.values() {
-            let next = strand.events.front();
+        let branch_logs = self.branch_logs.borrow();
+        for branch_log in branch_logs.values() {
+            let next = branch_log.events.front();
             if let Some(event) = next.filter(|event| !matches!(event.kind, Kind::Cut(_))) {
                 let (expected, operation) = (told(event), event.operation);
                 return self.differ(operation, None, expected, "nothing".into());
@@ -153,19 +153,19 @@ impl Track {
             || self.replayer.is_over.load(Ordering::Relaxed)
     }
 
-    pub(super) fn with_strand<R>(&self, f: impl FnOnce(&mut Strand) -> R) -> R {
-        let mut strands = self.strands.borrow_mut();
-        let strand = strands
+    pub(super) fn with_strand<R>(&self, f: impl FnOnce(&mut BranchLog) -> R) -> R {
+        let mut branch_logs = self.branch_logs.borrow_mut();
+        let branch_log = branch_logs
             .entry(current::branch_path())
-            .or_insert_with(|| Strand::new(VecDeque::new()));
-        f(strand)
+            .or_insert_with(|| BranchLog::new(VecDeque::new()));
+        f(branch_log)
     }
 
-    /// Takes the strand's next event, if it is of the present operation and a call as it is.
+    /// Takes the branch_log's next event, if it is of the present operation and a call as it is.
     pub(super) fn take_event(&self, is_call: bool) -> Option<Noted> {
-        self.with_strand(|strand| {
-            let operation = strand.operations;
-            strand.events.pop_front_if(|event| {
+        self.with_strand(|branch_log| {
+            let operation = branch_log.operations;
+            branch_log.events.pop_front_if(|event| {
                 let is_same = event.operation == operation && event.is_call == is_call;
                 is_same && !matches!(event.kind, Kind::Cut(_))
             })
@@ -178,11 +178,11 @@ impl Track {
 
     pub(super) fn entering(
         &self,
-        strand: &mut Strand,
+        branch_log: &mut BranchLog,
         cx: &mut Context<'_>,
     ) -> Poll<Result<Turn, &'static str>> {
-        let operation = strand.operations;
-        let Some(event) = strand.events.front() else {
+        let operation = branch_log.operations;
+        let Some(event) = branch_log.events.front() else {
             return match current::branch_path() {
                 0 => Poll::Ready(Err("it goes on")),
                 // A branch that has no events, or none any more, foresees all, as its process goes on to its end.
@@ -212,8 +212,8 @@ impl Track {
                 stamp,
             } => {
                 let polled = match what {
-                    What::Done | What::Chosen if stamp != 0 => strand.wait_for(at(stamp), cx),
-                    What::Failed | What::TimedOut => strand.wait_for_calls_after_this(cx),
+                    What::Done | What::Chosen if stamp != 0 => branch_log.wait_for(at(stamp), cx),
+                    What::Failed | What::TimedOut => branch_log.wait_for_calls_after_this(cx),
                     _ => Poll::Ready(()),
                 };
                 polled.map(|()| {
@@ -228,22 +228,22 @@ impl Track {
             // It is the last one.
             Kind::Ended => Poll::Ready(Ok(Turn::Look)),
             // A partner may have had it all the same: so it is offered, when all else has happened.
-            Kind::Cut(true) => strand.wait_for(at(LATE), cx).map(|()| Ok(Turn::Look)),
+            Kind::Cut(true) => branch_log.wait_for(at(LATE), cx).map(|()| Ok(Turn::Look)),
             Kind::Cut(false) => Poll::Ready(Ok(Turn::Look)),
         }
     }
 
     /// There is no event for what is done now.
     pub(super) fn nothing_for(&self, output: Option<u64>, found: &str) {
-        let (operation, expected, is_cut) = self.with_strand(|strand| {
-            let next = strand.events.front();
+        let (operation, expected, is_cut) = self.with_strand(|branch_log| {
+            let next = branch_log.events.front();
             let is_cut = match next {
                 Some(event) => {
-                    matches!(event.kind, Kind::Cut(_)) && event.operation < strand.operations
+                    matches!(event.kind, Kind::Cut(_)) && event.operation < branch_log.operations
                 }
                 None => current::branch_path() != 0 && !self.returns,
             };
-            (strand.operations, next.map(told), is_cut)
+            (branch_log.operations, next.map(told), is_cut)
         });
         if is_cut {
             return self.has_overrun.set(true);

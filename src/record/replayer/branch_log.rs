@@ -1,4 +1,4 @@
-//! One strand of a replayed process: its events, and how far it has come in them.
+//! One branch_log of a replayed process: its events, and how far it has come in them.
 
 use super::stamps::after;
 use crate::record::event::{Event as Noted, Kind};
@@ -16,8 +16,8 @@ pub(super) enum Stage {
     Running(Turn),
 }
 
-/// A strand of a process.
-pub(super) struct Strand {
+/// A branch_log of a process.
+pub(super) struct BranchLog {
     pub(super) events: VecDeque<Noted>,
     pub(super) operations: u64,
     pub(super) stage: Stage,
@@ -27,7 +27,7 @@ pub(super) struct Strand {
     sleep: Option<Pin<Box<Sleep>>>,
 }
 
-impl Strand {
+impl BranchLog {
     pub(super) fn new(events: VecDeque<Noted>) -> Self {
         Self {
             events,
