@@ -4,7 +4,7 @@ use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::taped;
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_core::events;
-use luna_core::tape::{Event, Turn, What};
+use luna_core::replay_log::{Event, Turn, What};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::cell::UnsafeCell;
 use std::fmt;

@@ -1,4 +1,4 @@
-//! What operations tell the [tape](luna_core::tape) of their process, if it is recorded or replayed.
+//! What operations tell the [tape](luna_core::replay_log) of their process, if it is recorded or replayed.
 //!
 //! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
 //! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
@@ -7,7 +7,7 @@
 use crate::core::Channel;
 use crate::wait_point::WaitQueues;
 use luna_core::current;
-use luna_core::tape::{Event, OUTSIDER, Tape, Turn, What};
+use luna_core::replay_log::{Event, OUTSIDER, ReplayLog, Turn, What};
 use luna_platform::clock::Instant;
 use std::collections::VecDeque;
 use std::task::{Context, Poll};
@@ -83,7 +83,7 @@ impl WaitQueues {
         self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
 
-    /// The stamp of what happens here now, if it has to have one: see [`Tape::stamp`].
+    /// The stamp of what happens here now, if it has to have one: see [`ReplayLog::stamp`].
     pub(crate) fn stamp(&mut self, of: Stamped) -> u64 {
         match self.taped.is_used() {
             true => self.stamp_if(self.order.is_ordered, of),
@@ -192,7 +192,7 @@ pub(crate) fn has_waited(order: u64) {
 }
 
 /// The stamp that a partner gave; one that is not recorded gives none.
-pub(crate) fn known(tape: &dyn Tape, order: u64) -> u64 {
+pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     if order == OUTSIDER {
         tape.outside(OUTSIDE_PARTNER);
         return 0;
@@ -220,7 +220,7 @@ pub(crate) fn outside(construct: &'static str) {
 /// The time: as it was recorded, in a process with a tape.
 pub(crate) fn now() -> Instant {
     if current::is_taped() {
-        return luna_core::tape::now();
+        return luna_core::replay_log::now();
     }
     Instant::now()
 }

@@ -27,7 +27,7 @@ pub mod failover;
 pub mod arc_cache;
 pub mod spin;
 pub mod parker;
-pub mod tape;
+pub mod replay_log;
 pub mod tick_list;
 pub mod timer_queue;
 pub mod wait_list;

@@ -4,7 +4,7 @@ use crate::csp::alone;
 use crate::csp::tree::Tree;
 use crate::error::{Error, Result};
 use crate::logging::Log;
-use crate::record::Tapes;
+use crate::record::ReplayLogs;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
 use luna_core::events;
@@ -339,7 +339,7 @@ pub(crate) struct Common {
     pub(crate) living: Arc<ProcessRegistry>,
     pub(crate) clock: Clock,
     pub(crate) log: Log,
-    pub(crate) tapes: Tapes,
+    pub(crate) tapes: ReplayLogs,
 }
 
 thread_local! {

@@ -7,7 +7,7 @@ use super::error::{LinkError, OsError};
 use crate::record::{self, Untaped};
 use luna_channels::{ChannelEnd, Ended};
 use luna_core::current;
-use luna_core::tape::{Event, Turn};
+use luna_core::replay_log::{Event, Turn};
 use luna_executors::{FileError, readable, writable, yield_now};
 use luna_platform::file;
 use luna_platform::reactor::ReactorError;

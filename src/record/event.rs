@@ -3,7 +3,7 @@
 //! A byte with its kind and two flags (it is of the process itself, and follows the branch_log's last event), then what the flags leave open: the path of
 //! the branch, by how many operations it is later. Then what belongs to the kind. Numbers are varints.
 
-use luna_core::tape::{About, What};
+use luna_core::replay_log::{About, What};
 
 /// What is written at the most before the bytes of an input or output.
 pub(super) const LONGEST_HEAD: usize = 64;

@@ -48,7 +48,7 @@ pub use value::Value;
 
 use crate::error::Result;
 use luna_core::current;
-use luna_core::tape::{About, Event, Taper, Turn};
+use luna_core::replay_log::{About, Event, Taper, Turn};
 use luna_executors::ProcessSpec;
 use recorder::Recorder;
 use replayer::Replayer;
@@ -255,10 +255,10 @@ impl TapePlan {
         }
     }
 
-    pub(crate) fn start(self, system: &str) -> Result<Tapes> {
+    pub(crate) fn start(self, system: &str) -> Result<ReplayLogs> {
         Ok(match self.mode {
-            Mode::None => Tapes::None,
-            Mode::Record(path, room) => Tapes::Record(Recorder::start(
+            Mode::None => ReplayLogs::None,
+            Mode::Record(path, room) => ReplayLogs::Record(Recorder::start(
                 &path,
                 room,
                 system,
@@ -267,24 +267,24 @@ impl TapePlan {
             )?),
             Mode::Replay(replayer) => {
                 replayer.check_system(system)?;
-                Tapes::Replay(replayer)
+                ReplayLogs::Replay(replayer)
             }
         })
     }
 }
 
 /// What records or replays a system that runs.
-pub(crate) enum Tapes {
+pub(crate) enum ReplayLogs {
     None,
     Record(Arc<Recorder>),
     Replay(Arc<Replayer>),
 }
 
-impl Tapes {
+impl ReplayLogs {
     /// Whether processes have tapes.
     #[inline]
     pub(crate) fn are_there(&self) -> bool {
-        !matches!(self, Tapes::None)
+        !matches!(self, ReplayLogs::None)
     }
 
     /// Gives the process its tape.
@@ -292,21 +292,21 @@ impl Tapes {
     pub(crate) fn tape(&self, spec: ProcessSpec) -> ProcessSpec {
         let parent = current::tape(|tape| tape.process()).unwrap_or_default();
         let track = match self {
-            Tapes::None => return spec,
-            Tapes::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
-            Tapes::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
+            ReplayLogs::None => return spec,
+            ReplayLogs::Record(recorder) => Track::Record(recorder.track(parent, spec.name())),
+            ReplayLogs::Replay(replayer) => Track::Replay(replayer.track(parent, spec.name())),
         };
         spec.taped(Arc::new(Kept(track)))
     }
 
     pub(crate) fn is_replay(&self) -> bool {
-        matches!(self, Tapes::Replay(_))
+        matches!(self, ReplayLogs::Replay(_))
     }
 
     /// What was done in a recorded run that is not recorded.
     pub(crate) fn outside(&self) -> Option<RecordError> {
         match self {
-            Tapes::Record(recorder) => recorder.outside(),
+            ReplayLogs::Record(recorder) => recorder.outside(),
             _ => None,
         }
     }
@@ -314,9 +314,9 @@ impl Tapes {
     /// To be called when all processes have ended.
     pub(crate) fn finish(&self) -> Result<Option<RecordReport>, RecordError> {
         match self {
-            Tapes::None => Ok(None),
-            Tapes::Record(recorder) => recorder.finish().map(Some),
-            Tapes::Replay(replayer) => replayer.finish().map(Some),
+            ReplayLogs::None => Ok(None),
+            ReplayLogs::Record(recorder) => recorder.finish().map(Some),
+            ReplayLogs::Replay(replayer) => replayer.finish().map(Some),
         }
     }
 }

@@ -5,7 +5,7 @@ use super::event::{CUT, CUT_WITHIN, ENDED, Head, code_about, code_of, zigzag};
 use super::file::{BlockKind, Writer};
 use luna_core::byte_ring::ByteRing;
 use luna_core::current;
-use luna_core::tape::{About, Event, Tape, Turn, What};
+use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
 use luna_executors::Name;
 use luna_platform::thread::{Attributes, Policy, Thread, spawn};
 use std::cell::Cell;
@@ -385,7 +385,7 @@ impl Track {
     }
 }
 
-impl Tape for Track {
+impl ReplayLog for Track {
     fn enter(&self, _: &mut Context<'_>) -> Poll<Turn> {
         self.own_stamp.set(0);
         self.takes.set(false);

@@ -4,7 +4,7 @@ use super::error::RecordError;
 use super::event::{Event, Kind, Reader};
 use super::file::{BlockKind, blocks};
 use super::recorder::file_error;
-use luna_core::tape::About;
+use luna_core::replay_log::About;
 use std::collections::HashMap;
 use std::path::Path;
 

@@ -12,7 +12,7 @@ use luna_platform::clock::Instant;
 #[inline]
 pub fn now() -> Instant {
     if current::is_taped() {
-        return luna_core::tape::now();
+        return luna_core::replay_log::now();
     }
     Instant::now()
 }

@@ -9,7 +9,7 @@ use crate::select_state::SelectState;
 use crate::taped;
 use luna_core::current::{self, Process, WakeHandle};
 use luna_core::events;
-use luna_core::tape::{Event, Turn, What};
+use luna_core::replay_log::{Event, Turn, What};
 use std::fmt;
 use std::future::Future;
 use std::marker::PhantomPinned;

@@ -6,7 +6,7 @@ use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::taped;
 use luna_core::current::{self, PendingWake};
-use luna_core::tape::Event;
+use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::fmt;

@@ -8,7 +8,7 @@ use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::events;
-use luna_core::tape::Event;
+use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;

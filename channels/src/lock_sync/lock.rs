@@ -7,7 +7,7 @@ use super::mutex::Mutex;
 use crate::taped;
 use luna_core::current::{self, Inheritor, Renewal};
 use luna_core::events;
-use luna_core::tape::Event;
+use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;

@@ -11,7 +11,7 @@ use crate::taped;
 use crate::waiter::Outcome;
 use luna_core::current::{self, Inheritor, Renewal, WakeHandle};
 use luna_core::events;
-use luna_core::tape::{Event, Turn, What};
+use luna_core::replay_log::{Event, Turn, What};
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::cell::UnsafeCell;

@@ -10,7 +10,7 @@ use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
 use luna_core::spin;
-use luna_core::tape::Event;
+use luna_core::replay_log::Event;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

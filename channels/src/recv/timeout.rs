@@ -5,7 +5,7 @@ use crate::error::RecvTimeoutError;
 use crate::taped;
 use luna_core::current;
 use luna_core::events;
-use luna_core::tape::Event;
+use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
 use std::future::Future;
 use std::pin::Pin;

@@ -5,7 +5,7 @@ use std::task::Context;
 
 /// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
 /// runs below its process, in the lowest six; the one between says that it is a part and not the whole. Above them, whether the process has a
-/// [tape](crate::tape), and in the upper half which branch it is, if it has. One word, since it is saved and restored around each poll.
+/// [tape](crate::replay_log), and in the upper half which branch it is, if it has. One word, since it is saved and restored around each poll.
 #[derive(Clone, Copy)]
 pub(super) struct Branch(pub(super) u64);
 

@@ -47,7 +47,7 @@ pub use wake_handle::{PlainPendingWake, PendingWake, WakeHandle};
 
 use crate::path;
 use crate::arc_cache::ArcCache;
-use crate::tape::Tape;
+use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
 use home_thread::HomeThread;
@@ -71,7 +71,7 @@ struct Thread {
     on_path: Cell<bool>,
     abandons: Cell<bool>,
     queue: RunQueue,
-    tape: Cell<Option<NonNull<dyn Tape>>>,
+    tape: Cell<Option<NonNull<dyn ReplayLog>>>,
 }
 
 thread_local! {

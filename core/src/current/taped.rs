@@ -2,12 +2,12 @@
 
 use super::THREAD;
 use super::branch::Branch;
-use crate::tape::Tape;
+use crate::replay_log::ReplayLog;
 use std::ptr::NonNull;
 
 /// Polls the current process as one that has `tape`: it has no [plain turns](super::plain_turn), and all its operations find the tape.
-pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
-    struct Restore(Branch, Option<NonNull<dyn Tape>>);
+pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
+    struct Restore(Branch, Option<NonNull<dyn ReplayLog>>);
     impl Drop for Restore {
         fn drop(&mut self) {
             THREAD.with(|thread| {
@@ -17,9 +17,9 @@ pub fn with_tape<R>(tape: &dyn Tape, poll: impl FnOnce() -> R) -> R {
         }
     }
     let is_replay = tape.is_replay();
-    let tape: *const (dyn Tape + '_) = tape;
+    let tape: *const (dyn ReplayLog + '_) = tape;
     // SAFETY: the same pointer; it is taken back before what it borrows goes, and `tape` lends it for no longer than a call.
-    let tape: *mut (dyn Tape + 'static) = unsafe { std::mem::transmute(tape) };
+    let tape: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(tape) };
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
         thread.branch.set(Branch(branch.0 | Branch::TAPED));
@@ -61,7 +61,7 @@ pub fn is_replayed() -> bool {
 }
 
 /// Calls `f` with the current process' tape, if it has one.
-pub fn tape<R>(f: impl FnOnce(&dyn Tape) -> R) -> Option<R> {
+pub fn tape<R>(f: impl FnOnce(&dyn ReplayLog) -> R) -> Option<R> {
     is_taped().then(|| {
         let tape = THREAD.with(|thread| thread.tape.get())?;
         // SAFETY: `with_tape` sets it from a reference that lives until it takes it back, and the closure cannot keep what it is lent.

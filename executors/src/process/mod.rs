@@ -20,7 +20,7 @@ pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
 pub(crate) use record::{Notice, Record};
 
 use luna_core::current::{self, ProcessId};
-use luna_core::tape::Taper;
+use luna_core::replay_log::Taper;
 use luna_platform::memory::copy_words;
 use std::any::Any;
 use std::fmt;
@@ -136,7 +136,7 @@ impl ProcessSpec {
         self
     }
 
-    /// Lets `taper` put the process' [tape](luna_core::tape) in around each of its polls. Processes without one pay nothing.
+    /// Lets `taper` put the process' [tape](luna_core::replay_log) in around each of its polls. Processes without one pay nothing.
     #[doc(hidden)]
     #[must_use]
     pub fn taped(mut self, taper: Arc<dyn Taper>) -> Self {

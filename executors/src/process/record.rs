@@ -9,7 +9,7 @@ use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::events;
 use luna_core::biased_lock::BiasedLock;
 use luna_core::path;
-use luna_core::tape::Taper;
+use luna_core::replay_log::Taper;
 use luna_core::wait_list::WaitList;
 use luna_platform::clock::Instant;
 use std::any::Any;

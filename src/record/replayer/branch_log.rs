@@ -2,7 +2,7 @@
 
 use super::stamps::after;
 use crate::record::event::{Event as Noted, Kind};
-use luna_core::tape::Turn;
+use luna_core::replay_log::Turn;
 use luna_core::timer_queue::Sleep;
 use luna_platform::clock::Instant;
 use std::collections::VecDeque;

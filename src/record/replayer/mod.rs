@@ -5,7 +5,7 @@
 
 mod stamps;
 mod branch_log;
-mod tape;
+mod replay_log;
 mod track;
 
 pub(crate) use track::Track;

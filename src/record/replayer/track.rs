@@ -6,7 +6,7 @@ use super::branch_log::BranchLog;
 use crate::record::error::{Divergence, RecordError};
 use crate::record::event::{Event as Noted, Kind};
 use luna_core::current;
-use luna_core::tape::{About, Event, Turn, What};
+use luna_core::replay_log::{About, Event, Turn, What};
 use luna_core::timer_queue::Sleep;
 use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};

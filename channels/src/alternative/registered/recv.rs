@@ -7,7 +7,7 @@ use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
 use luna_core::events;
-use luna_core::tape::{Event, Turn, What};
+use luna_core::replay_log::{Event, Turn, What};
 use luna_platform::sync::atomic::Ordering;
 use std::fmt;
 use std::future::Future;

@@ -5,8 +5,8 @@
 //! cannot be foreseen of one is an [`Event`] that bears its number. Where several compete, the event bears a *stamp* too, taken under the lock that decides: a
 //! replay does these events in the order of their stamps.
 //!
-//! An operation that is awaited [enters](Tape::enter) once, [leaves](Tape::leave) once when it is decided, and goes on when it is not [held](Tape::hold) any more. One that is
-//! not awaited makes a [call](Tape::call), and leaves. Nothing of this happens in a process that is neither recorded nor replayed.
+//! An operation that is awaited [enters](ReplayLog::enter) once, [leaves](ReplayLog::leave) once when it is decided, and goes on when it is not [held](ReplayLog::hold) any more. One that is
+//! not awaited makes a [call](ReplayLog::call), and leaves. Nothing of this happens in a process that is neither recorded nor replayed.
 
 use crate::current;
 use luna_platform::clock::Instant;
@@ -89,7 +89,7 @@ pub enum Turn {
 }
 
 /// Who records or replays a process. Used on the process' thread alone, in its polls.
-pub trait Tape {
+pub trait ReplayLog {
     /// An awaited operation begins, or is polled again before it was let in. Pending: it is to wait, and changes nothing yet.
     fn enter(&self, cx: &mut Context<'_>) -> Poll<Turn>;
 

@@ -5,10 +5,10 @@ use super::branch_log::Stage;
 use super::track::{Track, told};
 use crate::record::error::RecordError;
 use crate::record::event::{Event as Noted, Kind};
-use luna_core::tape::{About, Event, Tape, Turn, What};
+use luna_core::replay_log::{About, Event, ReplayLog, Turn, What};
 use std::task::{Context, Poll};
 
-impl Tape for Track {
+impl ReplayLog for Track {
     fn enter(&self, cx: &mut Context<'_>) -> Poll<Turn> {
         if self.is_off() {
             return Poll::Pending;
