@@ -1,7 +1,7 @@
 //! Periodic loops: absolute slots, a policy for late ones, and statistics of each cycle.
 
 use super::grid::{Grid, Trim};
-use super::manager::Seat;
+use super::manager::TimerSlot;
 use super::registry::{LoopName, Scope};
 use super::spin;
 use super::statistics::Statistics;
@@ -80,7 +80,7 @@ pub struct Periodic {
     /// Whether that cycle is still under way.
     in_cycle: bool,
     /// Where the loop waits, if the system has a timer manager.
-    seat: Option<Seat>,
+    slot_of_timer: Option<TimerSlot>,
     /// Whether its slots are still those that it joined: only then the manager ticks for them.
     is_on_grid: bool,
     /// The parameters of the process that has made it.
@@ -159,9 +159,9 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         // The process is not here yet; who is, if anybody, is another.
         Some(_) => None,
     };
-    let seat = scope
+    let slot_of_timer = scope
         .manager()
-        .map(|manager| Seat::new(manager.clone(), length));
+        .map(|manager| TimerSlot::new(manager.clone(), length));
     Ok(Periodic {
         statistics: Some(statistics),
         scope,
@@ -178,7 +178,7 @@ pub fn periodic(name: &str, period: Duration) -> Result<Periodic> {
         guard: 0,
         began: None,
         in_cycle: false,
-        seat,
+        slot_of_timer,
         is_on_grid: true,
         parameters,
         prepared,
@@ -495,10 +495,10 @@ impl Periodic {
 
     /// Waits for the manager's tick at `at`; `false` if none comes: the loop then waits by its executor's deadline.
     async fn wait_for_tick(&mut self, at: Instant) -> bool {
-        match &mut self.seat {
-            Some(seat) if self.is_on_grid => seat.wait(at).await,
-            Some(seat) => {
-                seat.leave();
+        match &mut self.slot_of_timer {
+            Some(slot_of_timer) if self.is_on_grid => slot_of_timer.wait(at).await,
+            Some(slot_of_timer) => {
+                slot_of_timer.leave();
                 false
             }
             None => false,

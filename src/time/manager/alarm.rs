@@ -1,6 +1,6 @@
 //! What the manager's thread sleeps in: a timer for each base, and one for the next deadline of a callback.
 
-use super::bases::Arm;
+use super::timer_groups::Arm;
 use crate::error::SetupError;
 use luna_core::park::Parker;
 use luna_platform::clock::Instant;
@@ -21,7 +21,7 @@ pub(super) enum Alarm {
 
 pub(super) struct Files {
     reactor: Reactor,
-    /// The bases', and the callbacks' as the last.
+    /// The timer_groups', and the callbacks' as the last.
     timers: Box<[TimerFd]>,
 }
 
@@ -43,13 +43,13 @@ const DISARMED: Armed = Armed {
 };
 
 impl Alarm {
-    /// With timers for so many bases. Allocates; a file for each timer and three more.
-    pub(super) fn new(bases: usize) -> Result<Self, SetupError> {
-        match files(bases)? {
+    /// With timers for so many timer_groups. Allocates; a file for each timer and three more.
+    pub(super) fn new(timer_groups: usize) -> Result<Self, SetupError> {
+        match files(timer_groups)? {
             Some(files) => Ok(Alarm::Files(files)),
             None => Ok(Alarm::Sleep(Sleep {
                 parker: Parker::new(),
-                timers: PiLock::new(vec![DISARMED; bases + 1].into()),
+                timers: PiLock::new(vec![DISARMED; timer_groups + 1].into()),
             })),
         }
     }
@@ -80,12 +80,12 @@ impl Alarm {
     pub(super) fn wait(&self, expired: &mut dyn FnMut(usize, u64)) {
         match self {
             Alarm::Files(files) => {
-                let bases = files.timers.len() - 1;
+                let timer_groups = files.timers.len() - 1;
                 let mut on_ready = |token: u64, _| {
                     let number = token as usize;
                     // One that was disarmed meanwhile did not expire; an error would be that.
                     let times = files.timers[number].take().unwrap_or(0);
-                    if times > 0 && number < bases {
+                    if times > 0 && number < timer_groups {
                         expired(number, times);
                     }
                 };
@@ -145,16 +145,16 @@ impl Sleep {
     }
 
     fn wait(&self, expired: &mut dyn FnMut(usize, u64)) {
-        let (bases, first) = {
+        let (timer_groups, first) = {
             let timers = self.timers.lock();
             let first = timers.iter().map(|armed| armed.next).min();
             (timers.len() - 1, first.unwrap_or(Instant::NEVER))
         };
         self.parker.park(first);
         let now = Instant::now();
-        for number in 0..=bases {
+        for number in 0..=timer_groups {
             let times = self.timers.lock()[number].take(now);
-            if times > 0 && number < bases {
+            if times > 0 && number < timer_groups {
                 expired(number, times);
             }
         }
@@ -179,7 +179,7 @@ impl Armed {
 
 /// The kernel's timers, where it has any that are files.
 #[cfg(unix)]
-fn files(bases: usize) -> Result<Option<Files>, SetupError> {
+fn files(timer_groups: usize) -> Result<Option<Files>, SetupError> {
     use std::os::fd::AsFd;
     let reactor = match Reactor::new() {
         Err(ReactorError::Unsupported) => return Ok(None),
@@ -192,7 +192,7 @@ fn files(bases: usize) -> Result<Option<Files>, SetupError> {
             .map_err(refused)?;
         Ok(timer)
     };
-    let timers: Result<Box<[TimerFd]>, SetupError> = (0..=bases).map(timer).collect();
+    let timers: Result<Box<[TimerFd]>, SetupError> = (0..=timer_groups).map(timer).collect();
     Ok(Some(Files {
         timers: timers?,
         reactor,

@@ -1,7 +1,7 @@
 //! Functions that the manager's thread calls, each slot of a period or once at an instant.
 
 use super::Engine;
-use super::bases::Place;
+use super::timer_groups::Place;
 use super::heap::Heap;
 use super::report::CallbackReport;
 use crate::error::SetupError;
@@ -305,7 +305,7 @@ impl Table {
         let entry = &mut self.entries[callback];
         entry.turn += 1;
         if let (Some(mut place), Some(engine)) = (entry.place.take(), engine) {
-            engine.bases.vacate(&mut place, &engine.alarm);
+            engine.timer_groups.vacate(&mut place, &engine.alarm);
         }
         entry.wish.take().is_some()
     }
@@ -345,7 +345,7 @@ impl Table {
         };
         let deadline = deadline.as_nanos();
         let rides = entry.place.as_mut().is_some_and(|place| {
-            engine.bases.settle(place, entry.deadline, &engine.alarm);
+            engine.timer_groups.settle(place, entry.deadline, &engine.alarm);
             place.base().is_some()
         });
         let heap = if rides {

@@ -2,36 +2,36 @@
 //!
 //! ```text
 //!   loop, in `next`                        manager's thread
-//!   1 has a seat on a base whose ticks     a sleeps on the alarm: the timers of all bases
+//!   1 has a slot_of_timer on a base whose ticks     a sleeps on the alarm: the timers of all timer_groups
 //!     come at its slots                    b reads the timer: how many ticks came
 //!   2 lists itself with the base's    ---> c takes off all whose slot has come, under the list's lock
 //!     list, or sees that its slot          d wakes them, most urgent first, without a lock
 //!     was fired                            e runs the callbacks that are due
 //! ```
 //!
-//! `bases` says which loops share a timer, `alarm` is the timers, `seat` a loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines,
+//! `timer_groups` says which loops share a timer, `alarm` is the timers, `slot_of_timer` a loop's place, `callbacks` what is called on the thread itself, `heap` their deadlines,
 //! `thread` the thread's life, `handle` what the user has of it. That a tick is never slept through is for [`luna_core::tick_list`].
 //!
-//! Locks, in this order: the callbacks', the bases', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
+//! Locks, in this order: the callbacks', the timer_groups', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
 
 mod alarm;
-mod bases;
+mod timer_groups;
 mod callbacks;
 mod handle;
 mod heap;
 mod report;
-mod seat;
+mod timer_slot;
 mod thread;
 
 pub use callbacks::Firing;
 pub use handle::{TimerCallback, TimerManager};
 pub use report::{CallbackReport, TickReport, TimersReport};
-pub(crate) use seat::Seat;
+pub(crate) use timer_slot::TimerSlot;
 pub(crate) use thread::ManagerThread;
 
 use crate::error::SetupError;
 use alarm::Alarm;
-use bases::{Bases, Place};
+use timer_groups::{TimerGroups, Place};
 use callbacks::Callbacks;
 use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
@@ -57,7 +57,7 @@ pub enum Timers {
     Manager,
 }
 
-/// How many timers of the kernel there are for bases: so many periods that are no multiples of each other, or phases, at a time.
+/// How many timers of the kernel there are for timer_groups: so many periods that are no multiples of each other, or phases, at a time.
 const BASES: usize = 16;
 
 /// The room for callbacks unless it is asked for.
@@ -75,7 +75,7 @@ pub(crate) struct Manager {
 /// What needs the kernel's timers.
 struct Engine {
     alarm: Alarm,
-    bases: Bases,
+    timer_groups: TimerGroups,
 }
 
 impl Manager {
@@ -92,9 +92,9 @@ impl Manager {
     pub(crate) fn prepare(&self, most: usize) -> Result<(), SetupError> {
         let alarm = Alarm::new(BASES)?;
         self.callbacks.close_room(most);
-        let bases = Bases::new(BASES);
+        let timer_groups = TimerGroups::new(BASES);
         // It is launched once.
-        let _ = self.engine.set(Engine { alarm, bases });
+        let _ = self.engine.set(Engine { alarm, timer_groups });
         Ok(())
     }
 
@@ -119,17 +119,17 @@ impl Manager {
         start.plus_nanos(since - since % period)
     }
 
-    /// The list of the base on which `place` waits for `at`, after it has found its place anew if that is to be; none if there is no room. O(1); O(bases) and a system call where the place is a new
+    /// The list of the base on which `place` waits for `at`, after it has found its place anew if that is to be; none if there is no room. O(1); O(timer_groups) and a system call where the place is a new
     /// one.
     fn list_for(&self, place: &mut Place, at: Instant) -> Option<&TickList> {
         let engine = self.engine.get()?;
-        engine.bases.settle(place, at, &engine.alarm);
-        engine.bases.list(place)
+        engine.timer_groups.settle(place, at, &engine.alarm);
+        engine.timer_groups.list(place)
     }
 
     fn vacate(&self, place: &mut Place) {
         if let Some(engine) = self.engine.get() {
-            engine.bases.vacate(place, &engine.alarm);
+            engine.timer_groups.vacate(place, &engine.alarm);
         }
     }
 }

@@ -76,12 +76,12 @@ impl ManagerThread {
         self.join();
         let shared = &self.shared;
         let (callbacks, earlier_callbacks) = shared.manager.callbacks.reports();
-        let bases = shared.manager.engine.get().map(|engine| &engine.bases);
+        let timer_groups = shared.manager.engine.get().map(|engine| &engine.timer_groups);
         let report = TimersReport {
             policy: policy.unwrap_or_default(),
-            ticks: bases
+            ticks: timer_groups
                 .into_iter()
-                .flat_map(|bases| bases.used())
+                .flat_map(|timer_groups| timer_groups.used())
                 .map(|base| {
                     let [period, ticks, missed, latest] = [
                         &base.counted.period,
@@ -99,7 +99,7 @@ impl ManagerThread {
                 })
                 .collect(),
             woken: shared.woken.load(Ordering::Relaxed),
-            loops_without_timer: bases.map_or(0, |bases| bases.refused()),
+            loops_without_timer: timer_groups.map_or(0, |timer_groups| timer_groups.refused()),
             callbacks,
             earlier_callbacks,
         };
@@ -137,7 +137,7 @@ impl Drop for End<'_> {
     fn drop(&mut self) {
         current::set_on_path(false);
         // Whoever still waits takes the deadlines of its own thread.
-        self.engine.bases.close();
+        self.engine.timer_groups.close();
         if std::thread::panicking() {
             // A fault of the framework: nobody keeps time any more as the system was told.
             self.shared.emergency.trigger_by_panic();
@@ -161,7 +161,7 @@ impl Shared {
             let mut woken = 0;
             engine.alarm.wait(&mut |number, times| {
                 let now = Instant::now();
-                let base = engine.bases.base(number);
+                let base = engine.timer_groups.base(number);
                 base.counted.expired(times, now);
                 while !base.list.fire(now, due) {
                     woken += due.wake();

@@ -1,4 +1,4 @@
-//! Which loops share a timer: bases, on whose ticks the slots of several loops lie.
+//! Which loops share a timer: timer_groups, on whose ticks the slots of several loops lie.
 //!
 //! A base has the period of a loop of its own. Loops whose period is a multiple of that, and whose slots lie on its ticks, ride on it. When a finer base comes that carries another one's
 //! ticks, or the last loop of a base's own period goes, that base is *stale*: nobody joins it, and who is on it looks for another place when it waits for the next time. So at most
@@ -9,7 +9,7 @@ use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The timers of the bases.
+/// The timers of the timer_groups.
 pub(super) trait Arm {
     /// The timer of `base` expires at `first`, which may have passed, and every `period` nanoseconds from then on.
     fn arm(&self, base: usize, first: Instant, period: u64);
@@ -19,9 +19,9 @@ pub(super) trait Arm {
     fn now(&self) -> Instant;
 }
 
-pub(super) struct Bases {
+pub(super) struct TimerGroups {
     rows: PiLock<Box<[Row]>>,
-    bases: Box<[Base]>,
+    timer_groups: Box<[TimerGroup]>,
     /// Changes when who has a place may find a better one.
     generation: AtomicU64,
     /// How often there was no room.
@@ -42,7 +42,7 @@ struct Row {
 }
 
 /// What the thread and the loops use of a base without the lock.
-pub(super) struct Base {
+pub(super) struct TimerGroup {
     pub(super) list: TickList,
     pub(super) counted: Counted,
 }
@@ -101,28 +101,28 @@ impl Row {
     }
 }
 
-impl Bases {
+impl TimerGroups {
     pub(super) fn new(most: usize) -> Self {
-        let base = |_| Base {
+        let base = |_| TimerGroup {
             list: TickList::new(),
             counted: Counted::default(),
         };
         Self {
             rows: PiLock::new(vec![Row::default(); most].into()),
-            bases: (0..most).map(base).collect(),
+            timer_groups: (0..most).map(base).collect(),
             generation: AtomicU64::new(0),
             refused: AtomicU64::new(0),
         }
     }
 
-    pub(super) fn base(&self, number: usize) -> &Base {
-        &self.bases[number]
+    pub(super) fn base(&self, number: usize) -> &TimerGroup {
+        &self.timer_groups[number]
     }
 
     /// All that were ever used.
-    pub(super) fn used(&self) -> impl Iterator<Item = &Base> {
-        let is_used = |base: &&Base| base.counted.period.load(Ordering::Relaxed) > 0;
-        self.bases.iter().filter(is_used)
+    pub(super) fn used(&self) -> impl Iterator<Item = &TimerGroup> {
+        let is_used = |base: &&TimerGroup| base.counted.period.load(Ordering::Relaxed) > 0;
+        self.timer_groups.iter().filter(is_used)
     }
 
     /// How often a loop or callback found no room.
@@ -131,12 +131,12 @@ impl Bases {
     }
 
     pub(super) fn list(&self, place: &Place) -> Option<&TickList> {
-        Some(&self.bases[place.base?].list)
+        Some(&self.timer_groups[place.base?].list)
     }
 
     /// Nobody fires any more.
     pub(super) fn close(&self) {
-        self.bases.iter().for_each(|base| base.list.close());
+        self.timer_groups.iter().for_each(|base| base.list.close());
     }
 
     /// Sees to it that a tick comes at `at`, the next slot of whoever has `place`, if there is room. O(1) where nothing has changed.
@@ -202,7 +202,7 @@ impl Bases {
             .or_else(|| free(&|row| row.period == 0))
             .or_else(|| free(&|_| true))?;
         if !rows[base].is_of(period, offset) {
-            self.bases[base].counted.begin(period, offset);
+            self.timer_groups[base].counted.begin(period, offset);
         }
         let own = Row {
             period,

@@ -1,19 +1,19 @@
 //! A loop's place with the manager.
 
 use super::Manager;
-use super::bases::Place;
+use super::timer_groups::Place;
 use luna_core::tick_list::Woken;
 use luna_executors::UnderWay;
 use luna_platform::clock::Instant;
 use std::sync::Arc;
 
 /// Where a loop waits for its slots. Given up when it is dropped.
-pub(crate) struct Seat {
+pub(crate) struct TimerSlot {
     manager: Arc<Manager>,
     place: Place,
 }
 
-impl Seat {
+impl TimerSlot {
     pub(crate) fn new(manager: Arc<Manager>, period: u64) -> Self {
         Self {
             manager,
@@ -39,7 +39,7 @@ impl Seat {
     }
 }
 
-impl Drop for Seat {
+impl Drop for TimerSlot {
     fn drop(&mut self) {
         self.leave();
     }

@@ -53,8 +53,8 @@ impl Loop {
     }
 
     /// Waits for its next slot: a tick comes then, if it has a place.
-    fn next(&mut self, bases: &Bases, timers: &Fake) -> Option<usize> {
-        bases.settle(&mut self.0, Instant::from_nanos(self.1), timers);
+    fn next(&mut self, timer_groups: &TimerGroups, timers: &Fake) -> Option<usize> {
+        timer_groups.settle(&mut self.0, Instant::from_nanos(self.1), timers);
         if let Some(base) = self.0.base() {
             assert!(timers.ticks_at(base, self.1), "no tick at {}", self.1);
         }
@@ -65,83 +65,83 @@ impl Loop {
 
 #[test]
 fn multiples_in_phase_ride_on_one_timer() {
-    let (bases, timers) = (Bases::new(4), Fake::default());
+    let (timer_groups, timers) = (TimerGroups::new(4), Fake::default());
     let mut loops = [(1, 7), (2, 7), (10, 7), (10, 12)]
         .map(|(period, first)| Loop::new(period * MS, first * MS));
     for a_loop in &mut loops {
-        assert_eq!(a_loop.next(&bases, &timers), Some(0));
+        assert_eq!(a_loop.next(&timer_groups, &timers), Some(0));
     }
     assert_eq!(timers.periods(), [1]);
     // Out of phase, and no multiple.
     let mut shifted = Loop::new(2 * MS, 7 * MS + 1);
-    assert_eq!(shifted.next(&bases, &timers), Some(1));
+    assert_eq!(shifted.next(&timer_groups, &timers), Some(1));
     let mut other = Loop::new(1_500_000, 8 * MS);
-    assert_eq!(other.next(&bases, &timers), Some(2));
+    assert_eq!(other.next(&timer_groups, &timers), Some(2));
 }
 
 #[test]
 fn a_finer_period_takes_the_coarser_ones_along() {
-    let (bases, timers) = (Bases::new(4), Fake::default());
+    let (timer_groups, timers) = (TimerGroups::new(4), Fake::default());
     let mut coarse = [10, 15].map(|period| Loop::new(period * MS, 30 * MS));
     for a_loop in &mut coarse {
-        a_loop.next(&bases, &timers);
+        a_loop.next(&timer_groups, &timers);
     }
     assert_eq!(timers.periods(), [10, 15]);
     let mut fine = Loop::new(5 * MS, 30 * MS);
-    fine.next(&bases, &timers);
+    fine.next(&timer_groups, &timers);
     assert_eq!(timers.periods(), [5, 10, 15], "until they wait again");
-    let moved = coarse.each_mut().map(|a_loop| a_loop.next(&bases, &timers));
+    let moved = coarse.each_mut().map(|a_loop| a_loop.next(&timer_groups, &timers));
     assert_eq!(moved, [fine.0.base(); 2]);
     assert_eq!(timers.periods(), [5]);
     // And without it they have timers of their own again.
-    bases.vacate(&mut fine.0, &timers);
+    timer_groups.vacate(&mut fine.0, &timers);
     for a_loop in &mut coarse {
-        a_loop.next(&bases, &timers);
+        a_loop.next(&timer_groups, &timers);
     }
     assert_eq!(timers.periods(), [10, 15]);
     for a_loop in &mut coarse {
-        bases.vacate(&mut a_loop.0, &timers);
+        timer_groups.vacate(&mut a_loop.0, &timers);
     }
     assert_eq!(timers.periods(), [0; 0]);
 }
 
 #[test]
 fn without_room_a_loop_has_no_place_until_somebody_goes() {
-    let (bases, timers) = (Bases::new(2), Fake::default());
+    let (timer_groups, timers) = (TimerGroups::new(2), Fake::default());
     let mut loops = [2, 3, 5].map(|period| Loop::new(period * MS, 30 * MS));
-    let places = loops.each_mut().map(|a_loop| a_loop.next(&bases, &timers));
+    let places = loops.each_mut().map(|a_loop| a_loop.next(&timer_groups, &timers));
     assert_eq!(places, [Some(0), Some(1), None]);
-    assert_eq!(bases.refused(), 1);
+    assert_eq!(timer_groups.refused(), 1);
     // It does not ask in every cycle.
-    assert_eq!(loops[2].next(&bases, &timers), None);
-    assert_eq!(bases.refused(), 1);
-    bases.vacate(&mut loops[0].0, &timers);
-    assert_eq!(loops[2].next(&bases, &timers), Some(0));
+    assert_eq!(loops[2].next(&timer_groups, &timers), None);
+    assert_eq!(timer_groups.refused(), 1);
+    timer_groups.vacate(&mut loops[0].0, &timers);
+    assert_eq!(loops[2].next(&timer_groups, &timers), Some(0));
     // One that is stale ticks on as long as there is no better place.
     let mut rider = Loop::new(6 * MS, 30 * MS);
-    assert_eq!(rider.next(&bases, &timers), Some(1));
-    bases.vacate(&mut loops[1].0, &timers);
-    assert_eq!(rider.next(&bases, &timers), Some(1));
+    assert_eq!(rider.next(&timer_groups, &timers), Some(1));
+    timer_groups.vacate(&mut loops[1].0, &timers);
+    assert_eq!(rider.next(&timer_groups, &timers), Some(1));
     assert_eq!(timers.periods(), [3, 5]);
-    bases.vacate(&mut loops[2].0, &timers);
-    assert_eq!(rider.next(&bases, &timers), Some(0));
+    timer_groups.vacate(&mut loops[2].0, &timers);
+    assert_eq!(rider.next(&timer_groups, &timers), Some(0));
     assert_eq!(timers.periods(), [6]);
 }
 
 #[test]
 fn a_loop_whose_slots_move_finds_a_place_for_them() {
-    let (bases, timers) = (Bases::new(4), Fake::default());
+    let (timer_groups, timers) = (TimerGroups::new(4), Fake::default());
     let mut a_loop = Loop::new(2 * MS, 10 * MS);
-    a_loop.next(&bases, &timers);
+    a_loop.next(&timer_groups, &timers);
     a_loop.1 += 77;
-    a_loop.next(&bases, &timers);
-    a_loop.next(&bases, &timers);
+    a_loop.next(&timer_groups, &timers);
+    a_loop.next(&timer_groups, &timers);
     assert_eq!(timers.0.borrow().len(), 1);
 }
 
 #[test]
 fn any_loops_that_come_and_go_have_their_ticks() {
-    let (bases, timers) = (Bases::new(6), Fake::default());
+    let (timer_groups, timers) = (TimerGroups::new(6), Fake::default());
     let now = &timers.1;
     now.set(1_200 * MS);
     let mut loops: Vec<Loop> = Vec::new();
@@ -163,7 +163,7 @@ fn any_loops_that_come_and_go_have_their_ticks() {
             }
             1 if !loops.is_empty() => {
                 let mut gone = loops.swap_remove(below(loops.len() as u64) as usize);
-                bases.vacate(&mut gone.0, &timers);
+                timer_groups.vacate(&mut gone.0, &timers);
             }
             _ if !loops.is_empty() => {
                 let one = below(loops.len() as u64) as usize;
@@ -172,7 +172,7 @@ fn any_loops_that_come_and_go_have_their_ticks() {
                     a_loop.1 += a_loop.0.period;
                 }
                 // `next` looks whether a tick comes.
-                placed += u32::from(a_loop.next(&bases, &timers).is_some());
+                placed += u32::from(a_loop.next(&timer_groups, &timers).is_some());
                 a_loop.1 -= a_loop.0.period;
             }
             _ => {}
@@ -180,11 +180,11 @@ fn any_loops_that_come_and_go_have_their_ticks() {
     }
     assert!(placed > 5_000, "{placed}");
     for a_loop in &mut loops {
-        bases.vacate(&mut a_loop.0, &timers);
+        timer_groups.vacate(&mut a_loop.0, &timers);
     }
     assert!(timers.0.borrow().is_empty());
     assert!(
-        bases
+        timer_groups
             .rows
             .lock()
             .iter()
