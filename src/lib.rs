@@ -50,7 +50,7 @@ pub mod record;
 mod report;
 mod safety;
 mod system;
-mod tell;
+mod notice;
 mod time;
 
 pub use csp::composition::{self, Composition};

@@ -2,7 +2,7 @@
 
 use crate::csp::network;
 use crate::system::deadlock::{Sleeping, find};
-use crate::tell::tell;
+use crate::notice::notice;
 use luna_core::current::ProcessId;
 use std::time::Duration;
 
@@ -30,6 +30,6 @@ pub(crate) fn tell_if_stuck(process: ProcessId) -> bool {
     for wait in found.waits {
         text.push_str(&format!("\n  {wait}"));
     }
-    tell!("{text}");
+    notice!("{text}");
     true
 }

@@ -8,7 +8,7 @@
 use super::emergency::Emergency;
 use super::state::{Cause, Degree};
 use crate::error::{Error, Result, SetupError};
-use crate::tell::tell;
+use crate::notice::notice;
 use luna_platform::clock::Instant;
 use luna_platform::memory;
 use luna_platform::parent::outlive_requests;
@@ -126,7 +126,7 @@ pub fn guard<T>(prepare: impl FnOnce() -> std::io::Result<T>, neutral: impl FnOn
     let prepared = match prepare() {
         Ok(prepared) => prepared,
         Err(error) => {
-            tell!("luna: the guardian is not ready: {error}");
+            notice!("luna: the guardian is not ready: {error}");
             std::process::exit(1);
         }
     };
@@ -267,7 +267,7 @@ fn lost(emergency: &Emergency, is_strict: bool) {
         emergency
             .journal
             .note(Degree::Warning, Cause::GuardianLost, now, || true);
-        tell!(
+        notice!(
             "luna: the guardian has ended: nobody would bring the machine to safety if this program were killed"
         );
     }
@@ -284,7 +284,7 @@ impl Drop for GuardianWatch {
         }
         // It hears of it by the end of its output, which `recv` does by the reader's end.
         if self.ended.recv_timeout(ENDS_WITHIN) == Err(mpsc::RecvTimeoutError::Timeout) {
-            tell!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
+            notice!("luna: the guardian did not end within {ENDS_WITHIN:?} and is left to itself");
             return;
         }
         let _ = self.child.wait();

@@ -21,7 +21,7 @@ use std::time::Duration;
 
 use super::plan::{ExecutorPlan, Place, Settings};
 use super::register::REMEMBERED;
-use crate::tell::tell;
+use crate::notice::notice;
 
 /// The heap that is fetched before the start when memory is locked: what bodies allocate in spite of it all comes from here first.
 const HEAP_IN_ADVANCE: usize = 4 << 20;
@@ -315,7 +315,7 @@ fn watch_parent(
         Ok(thread) => Ok(Some(thread)),
         Err(error) if is_strict => Err(ParentThread::refused(&error)),
         Err(error) => {
-            tell!("luna: {}", ParentThread::refused(&error));
+            notice!("luna: {}", ParentThread::refused(&error));
             Ok(None)
         }
     }

@@ -4,7 +4,7 @@
 
 use super::plan::{ExecutorPlan, NamedThread, Place, ProcessPlan};
 use crate::csp::composition::ThreadPart;
-use crate::tell::tell;
+use crate::notice::notice;
 use luna_executors::ExecutorHandle;
 use luna_platform::shortfall::SpinRefusal;
 use luna_platform::thread::Attributes;
@@ -81,7 +81,7 @@ fn join_as(
             own.get_or_insert(why);
         }
         if refusal(others_core, name, core).is_some() && end_spin() {
-            tell!(
+            notice!(
                 "luna: `{other}` looks for work before it sleeps no longer, since `{name}` may run on its core; pin that one to another core"
             );
         }

@@ -6,7 +6,7 @@
 //! reported, but not the one that is returned.
 
 use crate::error::Error;
-use crate::tell::tell;
+use crate::notice::notice;
 use luna_platform::clock::Instant;
 use std::cell::RefCell;
 use std::time::Duration;
@@ -46,7 +46,7 @@ impl PendingErrors {
         let next = later.first().map_or(Instant::NEVER, |next| next.due);
         self.0.replace(later);
         for Pending { text, .. } in due {
-            tell!("luna: {text}");
+            notice!("luna: {text}");
         }
         next
     }
@@ -55,7 +55,7 @@ impl PendingErrors {
     pub(super) fn settle(&self, returned: Option<&Error>) {
         for Pending { error, text, .. } in self.0.take() {
             if Some(&error) != returned {
-                tell!("luna: {text}");
+                notice!("luna: {text}");
             }
         }
     }

@@ -15,7 +15,7 @@ use crate::parameters::FileWatch;
 use crate::record::RecordError;
 use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
-use crate::tell::tell;
+use crate::notice::notice;
 use crate::time::{ManagerThread, StolenTime, Witness};
 use luna_core::current::ProcessId;
 use luna_core::{current, reclaim};
@@ -140,7 +140,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     }
     for function in safety.failed() {
         // Only now: standard error may be a pipe that nobody reads.
-        tell!("luna: emergency function {function}; the others ran");
+        notice!("luna: emergency function {function}; the others ran");
     }
     plan.parameters().end();
     // Nobody of the system records any more, but who was left behind.
@@ -153,7 +153,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let mut members = plan.members();
     for left_behind in members.started.left_behind() {
         if left_behind.handle.state() == ProcessState::Running {
-            tell!(
+            notice!(
                 "luna: process `{}` was still computing or in a blocking call, so its `post_run` does not run",
                 left_behind.name()
             );
@@ -162,7 +162,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
         std::mem::forget(left_behind.take_resident());
     }
     for line in Warnings::rest(&members) {
-        tell!("{line}");
+        notice!("{line}");
     }
     let recorded = running.common.tapes.finish();
     let processes = members.started.reports();
@@ -226,7 +226,7 @@ pub(super) fn run(plan: &Plan) -> Result<Report> {
     let livelock = livelock(&members.started, standstill, clock.now());
     if let Some(livelock) = livelock.as_ref().filter(|_| report.end != End::Livelock) {
         // What ended the system first, though something graver has come of it.
-        tell!("luna: {livelock}");
+        notice!("luna: {livelock}");
     }
     let error = match report.end {
         End::Undriven => failed_before,
@@ -294,7 +294,7 @@ fn announce_shortfalls(
             reasons.push(reason);
         }
     }
-    tell!(
+    notice!(
         "luna: system `{}` runs with best effort, without {} of what it asked for ({}). {}",
         plan.name(),
         all.len(),
@@ -365,7 +365,7 @@ fn watch(
         }
         let (lines, warn_again) = warnings.collect(&plan.members(), Instant::now());
         for line in lines {
-            tell!("{line}");
+            notice!("{line}");
         }
         // What a hypervisor takes makes nobody late where time stands meanwhile.
         let next_sample = if scope.has_loops() && !launched.clock.is_virtual() {
@@ -384,7 +384,7 @@ fn watch(
                     emergency.trigger(Cause::Deadlock);
                     pending.add(&Error::Deadlock(Box::new(deadlock.clone())));
                 } else {
-                    tell!("luna: {deadlock}");
+                    notice!("luna: {deadlock}");
                 }
             }
         }
@@ -392,7 +392,7 @@ fn watch(
         until = until.min(pending.report_due());
         if let Some(file) = &mut file {
             if let Err(error) = file.look(plan.parameters()) {
-                tell!("luna: {error}");
+                notice!("luna: {error}");
             }
             until = until.min(file.next());
         }

@@ -3,7 +3,7 @@
 use super::plan::{NamedThread, Phase, Plan};
 use crate::report::ThreadReport;
 use crate::safety::Cause;
-use crate::tell::tell;
+use crate::notice::notice;
 use luna_executors::{Executor, Simulation};
 use luna_platform::clock::Instant;
 use luna_platform::thread::{Obtained, Policy};
@@ -76,7 +76,7 @@ impl SystemThreads<'_> {
             }
         }
         for report in reports.iter().filter(|report| report.abandoned) {
-            tell!(
+            notice!(
                 "luna: `{}` did not end within {GRACE:?} and is left to itself",
                 report.name
             );

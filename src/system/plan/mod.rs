@@ -20,7 +20,7 @@ use crate::parameters::Store;
 use crate::record::TapePlan;
 use crate::report::Report;
 use crate::safety::{Emergency, Guardian};
-use crate::tell::tell;
+use crate::notice::notice;
 use crate::time::Manager;
 use luna_core::current::ProcessId;
 use luna_executors::ProcessHandle;
@@ -209,7 +209,7 @@ impl Plan {
         // A program that has an error to report, or panics, ends because of that.
         let has_reason = self.was_refused.load(Ordering::Relaxed) || std::thread::panicking();
         if !waiting.is_empty() && !has_reason {
-            tell!(
+            notice!(
                 "luna: system `{}` was dropped without `run`: none of its processes ({}) has run",
                 self.name,
                 waiting.len()

@@ -4,14 +4,14 @@ use std::fmt;
 use std::io::Write;
 
 /// Writes a line, as `eprintln!` does, but never panics: standard error may be a pipe whose reader is gone, and that must not end a system without its emergency functions.
-macro_rules! tell {
+macro_rules! notice {
     ($($line:tt)*) => {
-        $crate::tell::line(format_args!($($line)*))
+        $crate::notice::line(format_args!($($line)*))
     };
 }
-pub(crate) use tell;
+pub(crate) use notice;
 
-/// See [`tell!`].
+/// See [`notice!`].
 pub(crate) fn line(line: fmt::Arguments<'_>) {
     // In one write, so that lines of several threads stay whole. Who does not read it misses it.
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
