@@ -44,13 +44,13 @@ mod error;
 #[cfg(unix)]
 pub mod external;
 mod logging;
+mod notice;
 pub mod parameters;
 pub mod prelude;
 pub mod record;
 mod report;
 mod safety;
 mod system;
-mod notice;
 mod time;
 
 pub use csp::composition::{self, Composition};

@@ -1,7 +1,7 @@
 //! Waiting for the end of a channel, without offering to communicate.
 
-use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::taped;
+use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_core::events;
 use luna_core::replay_log::{Event, Turn, What};

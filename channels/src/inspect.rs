@@ -3,7 +3,7 @@
 //! Not for the real-time path: [`places`] looks at each channel under its lock, one after the other, so what it gives is no snapshot of
 //! one instant, unless everybody waits.
 
-use crate::wait_point::{Ending, WaitQueues, WaitPoint};
+use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::User;
 use luna_core::events;
@@ -299,7 +299,10 @@ impl Places {
     /// # Safety
     ///
     /// `before` is listed here.
-    unsafe fn after(&mut self, before: Option<NonNull<WaitPoint>>) -> &mut Option<NonNull<WaitPoint>> {
+    unsafe fn after(
+        &mut self,
+        before: Option<NonNull<WaitPoint>>,
+    ) -> &mut Option<NonNull<WaitPoint>> {
         match before {
             // SAFETY: the contract.
             Some(before) => unsafe { &mut (*Self::links(before)).after },
@@ -312,7 +315,10 @@ impl Places {
     /// # Safety
     ///
     /// `after` is listed here.
-    unsafe fn before(&mut self, after: Option<NonNull<WaitPoint>>) -> &mut Option<NonNull<WaitPoint>> {
+    unsafe fn before(
+        &mut self,
+        after: Option<NonNull<WaitPoint>>,
+    ) -> &mut Option<NonNull<WaitPoint>> {
         match after {
             // SAFETY: the contract.
             Some(after) => unsafe { &mut (*Self::links(after)).before },

@@ -43,18 +43,18 @@ mod ended;
 mod error;
 mod extended;
 mod finally;
+mod hand_off_slots;
 pub mod inspect;
 pub mod lock_sync;
-mod wait_point;
 mod recv;
 mod select_state;
 mod send;
 mod source;
-mod hand_off_slots;
 mod stamp;
 mod stream;
 mod taken;
 mod taped;
+mod wait_point;
 mod waiter;
 
 #[cfg(all(test, loom))]

@@ -15,8 +15,8 @@
 //! Nobody waits for another to leave an intermediate state: a claim that fails is final for that node, and the owner that finds its
 //! selection chosen takes the lock of the one channel to learn the outcome.
 
-use luna_core::current::{PlainPendingWake, Process, WakeHandle};
 use luna_core::biased_lock::{BiasedGuard, BiasedLock, InsideGuard};
+use luna_core::current::{PlainPendingWake, Process, WakeHandle};
 use luna_platform::clock::{Clock, Instant};
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
@@ -86,7 +86,12 @@ impl SelectState {
     /// # Safety
     ///
     /// The owner calls this, and the selection is closed.
-    pub(crate) unsafe fn open(&self, wakeup: WakeHandle, several: bool, limit: Option<(Instant, u32)>) {
+    pub(crate) unsafe fn open(
+        &self,
+        wakeup: WakeHandle,
+        several: bool,
+        limit: Option<(Instant, u32)>,
+    ) {
         self.gated.store(several, Ordering::Relaxed);
         self.has_plain_wakeup.store(false, Ordering::Relaxed);
         if let Some((instant, first_late)) = limit {

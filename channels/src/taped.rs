@@ -351,7 +351,7 @@ impl<T> Channel<T> {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use crate::inspect::{Identity, PlaceKind};
-    use crate::wait_point::Place;
+    use crate::wait_point::WaitPoint;
 
     #[track_caller]
     fn check(come: &[u64], capacity: usize, stamp: u64, keeps_newest: bool) -> Vec<usize> {

@@ -1,11 +1,11 @@
 //! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
 
+use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
-use crate::hand_off_slots::{Nodes, Side, HandOffSlots};
 use crate::taped::{Order, Taped};
+use luna_core::biased_lock::{BiasedGuard, BiasedLock, BriefGuard, InsideGuard};
 use luna_core::current::{Inheritor, ProcessId, User};
 use luna_core::events;
-use luna_core::biased_lock::{BriefGuard, BiasedGuard, BiasedLock, InsideGuard};
 use luna_core::wait_list::{WaitList, WaitNode};
 use std::ops::Deref;
 use std::ptr::NonNull;

@@ -1,7 +1,7 @@
 //! The node of a waiting operation, and what it comes to.
 
 use crate::select_state::SelectState;
-use luna_core::current::{self, PlainPendingWake, Process, PendingWake, User, WakeHandle};
+use luna_core::current::{self, PendingWake, PlainPendingWake, Process, User, WakeHandle};
 use luna_core::wait_list::WaitNode;
 use luna_platform::sync::UnsafeCell;
 use luna_platform::sync::atomic::{AtomicU8, Ordering};
@@ -351,7 +351,9 @@ impl<T> Waiter<T> {
     ///
     /// `node` is listed, and the lock is held that guards it; or it was settled, and this is its future.
     #[inline(always)]
-    pub(crate) unsafe fn selection(node: NonNull<Waiter<T>>) -> Option<(NonNull<SelectState>, u32)> {
+    pub(crate) unsafe fn selection(
+        node: NonNull<Waiter<T>>,
+    ) -> Option<(NonNull<SelectState>, u32)> {
         // SAFETY: the contract; the selection is there if the node was begun in full.
         unsafe {
             let link = Self::link(node);

@@ -14,20 +14,20 @@
 #[cfg(shuttle)]
 extern crate shuttle as loom;
 
+pub mod arc_cache;
+pub mod biased_lock;
 pub mod byte_ring;
 pub mod current;
 pub mod events;
+pub mod failover;
 mod fetch;
-pub mod biased_lock;
 pub mod latest_slots;
 pub mod park;
+pub mod parker;
 pub mod path;
 pub mod reclaim;
-pub mod failover;
-pub mod arc_cache;
-pub mod spin;
-pub mod parker;
 pub mod replay_log;
+pub mod spin;
 pub mod tick_list;
 pub mod timer_queue;
 pub mod wait_list;

@@ -6,7 +6,7 @@
 //! A wait that begins while its tick is being fired is not lost: the list remembers how far it was fired, and both are done under its lock. So either the
 //! wait is listed before, and fired; or it sees that its instant has passed, and does not begin.
 
-use crate::current::{self, Priority, PendingWake, Renewal, WakeHandle};
+use crate::current::{self, PendingWake, Priority, Renewal, WakeHandle};
 use crate::wait_list::{WaitList, WaitNode};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
@@ -124,7 +124,9 @@ impl TickList {
                 if due.who.len() == due.who.capacity() {
                     return false;
                 }
-                let ready = waiting.take_off(node).map_or(PendingWake::NOBODY, WakeHandle::take);
+                let ready = waiting
+                    .take_off(node)
+                    .map_or(PendingWake::NOBODY, WakeHandle::take);
                 due.who
                     .push((node.as_ref().priority(), due.who.len(), ready));
                 node.cast::<Node>().as_ref().leave(Left::Fired);

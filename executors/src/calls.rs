@@ -1,7 +1,7 @@
 //! The calls on the pool that the processes of a thread have begun: counted, since their ends wake processes.
 
-use crate::quiescence::Quiescence;
 use crate::process::ProcessRegistry;
+use crate::quiescence::Quiescence;
 use crate::simulation::Stage;
 use luna_platform::clock::Clock;
 use std::cell::RefCell;
@@ -23,7 +23,10 @@ thread_local! {
 }
 
 /// Counts the calls of this thread in `quiescence` until the guard is dropped.
-pub(crate) fn enter(quiescence: Arc<Quiescence>, living: Option<Arc<ProcessRegistry>>) -> DeskGuard {
+pub(crate) fn enter(
+    quiescence: Arc<Quiescence>,
+    living: Option<Arc<ProcessRegistry>>,
+) -> DeskGuard {
     HERE.set(Some(Desk {
         quiescence,
         living,

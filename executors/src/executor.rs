@@ -9,18 +9,18 @@ use crate::counted::Counted;
 use crate::deadlines::Deadlines;
 use crate::inbound::{Inbound, Signals};
 use crate::interference;
-use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, poll_monitor, panic_message,
-    prepare_thread,
+    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, Record, panic_message,
+    poll_monitor, prepare_thread,
 };
+use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::{SimulationHandle, Stage, is_stage};
 use crate::task;
 use crate::watch;
+use luna_core::arc_cache::ArcCache;
 use luna_core::current::{self, Home};
 use luna_core::events;
 use luna_core::reclaim;
-use luna_core::arc_cache::ArcCache;
 use luna_core::spin::{self, Outside};
 use luna_core::timer_queue::{Attention, TimerQueue};
 use luna_platform::clock::Instant;

@@ -1,6 +1,6 @@
 //! Who waits for which file, found by the number of the file's descriptor.
 
-use luna_core::current::{Priority, PendingWake, WakeHandle};
+use luna_core::current::{PendingWake, Priority, WakeHandle};
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::reactor::{BorrowedFd, Interest, Readiness};
 use std::os::fd::{AsRawFd, RawFd};

@@ -17,7 +17,7 @@
 //! protocol of the [`Bell`], which says what the bell is.
 
 use crate::quiescence::Quiescence;
-use crate::remote_wakes::{Near, Seat, RemoteWakes};
+use crate::remote_wakes::{Near, RemoteWakes, Seat};
 use luna_core::spin;
 use luna_platform::bell::Bell;
 use luna_platform::clock::Instant;
@@ -130,7 +130,12 @@ impl Inbound {
     }
 
     /// Gives all of `remote_wakes`, those of this executor, who were woken at `level`. O(their number); owner only.
-    pub(crate) fn take<T: Copy>(&self, level: u8, remote_wakes: &RemoteWakes<T>, woken: impl FnMut(T)) {
+    pub(crate) fn take<T: Copy>(
+        &self,
+        level: u8,
+        remote_wakes: &RemoteWakes<T>,
+        woken: impl FnMut(T),
+    ) {
         // The signal goes first: who marks after the look signals again.
         self.signals.fetch_and(!(1 << level), Ordering::AcqRel);
         remote_wakes.take(&self.near, level, woken);

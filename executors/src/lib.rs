@@ -84,8 +84,8 @@ pub use {
     interference::{Interference, Turn, interference, look_at_clock},
     os_thread::{Nested, OsThread, block_on, block_on_patiently},
     process::{
-        Exit, Join, ExitValue, ProcessRegistry, Name, PollMonitor, ProcessHandle, ProcessSpec, ProcessState,
-        Verdict, Stillness, poll_monitor, panic_message,
+        Exit, ExitValue, Join, Name, PollMonitor, ProcessHandle, ProcessRegistry, ProcessSpec,
+        ProcessState, Stillness, Verdict, panic_message, poll_monitor,
     },
     simulation::{
         ClockDriver, DriveError, DrivenClock, Pace, Simulation, SimulationHandle, Standstill,

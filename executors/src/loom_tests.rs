@@ -5,7 +5,7 @@
 
 use crate::inbound::Inbound;
 use crate::quiescence::{Look, Quiescence, Sleeper, look};
-use crate::remote_wakes::{Seat, RemoteWakes};
+use crate::remote_wakes::{RemoteWakes, Seat};
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use loom::thread;

@@ -3,10 +3,11 @@
 use crate::calls;
 use crate::counted::Counted;
 use crate::executor::{Executor, Phase};
-use crate::quiescence::{Quiescence, Sleeper};
 use crate::process::{
-    Enrolled, ExitValue, ProcessRegistry, ProcessHandle, ProcessSpec, Record, Recorded, prepare_thread,
+    Enrolled, ExitValue, ProcessHandle, ProcessRegistry, ProcessSpec, Record, Recorded,
+    prepare_thread,
 };
+use crate::quiescence::{Quiescence, Sleeper};
 use crate::simulation::{SimulationHandle, is_stage};
 use crate::watch;
 use luna_core::current::{self, Home, ProcessId};

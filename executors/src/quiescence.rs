@@ -182,7 +182,10 @@ mod tests {
 
     #[test]
     fn all_are_still_only_if_each_is_and_nothing_is_under_way() {
-        let (one, mut two) = (Home(Quiescence::new(), false), Home(Quiescence::new(), false));
+        let (one, mut two) = (
+            Home(Quiescence::new(), false),
+            Home(Quiescence::new(), false),
+        );
         assert!(!one.0.fall_still());
         assert!(matches!(look(&[&one, &two]), Look::Stirring));
         assert!(two.0.fall_still(), "the one that was awake is watched");

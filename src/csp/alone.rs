@@ -1,8 +1,8 @@
 //! What `luna::run` says when its body waits for nobody: there is no system around it that could look after it.
 
 use crate::csp::network;
-use crate::system::deadlock::{Sleeping, find};
 use crate::notice::notice;
+use crate::system::deadlock::{Sleeping, find};
 use luna_core::current::ProcessId;
 use std::time::Duration;
 

@@ -7,10 +7,10 @@ use crate::logging::Log;
 use crate::record::ReplayLogs;
 use crate::safety::Emergency;
 use crate::time::{LoopName, Scope};
-use luna_core::events;
 use luna_core::arc_cache::ArcCache;
+use luna_core::events;
 use luna_executors::{
-    Announced, ExitValue, ProcessRegistry, OsThread, ProcessSpec, Refused, SimulationHandle,
+    Announced, ExitValue, OsThread, ProcessRegistry, ProcessSpec, Refused, SimulationHandle,
 };
 use luna_platform::clock::Clock;
 use luna_platform::memory::copy_words;

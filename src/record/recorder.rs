@@ -345,13 +345,18 @@ impl Track {
     }
 
     fn head(branch_log: &BranchLog, code: u8) -> Head {
-        let later = branch_log.operations.get() - branch_log.noted.replace(branch_log.operations.get());
+        let later =
+            branch_log.operations.get() - branch_log.noted.replace(branch_log.operations.get());
         Head::new(code, branch_log.is_call.get(), branch_log.path.get(), later)
     }
 
     /// The process has returned, or the framework has ended it in the middle of an operation.
     pub(crate) fn end(&self) {
-        if self.branch_logs.iter().any(|branch_log| branch_log.runs.get()) {
+        if self
+            .branch_logs
+            .iter()
+            .any(|branch_log| branch_log.runs.get())
+        {
             return self.cut();
         }
         if !self.has_ended.replace(true) {
@@ -412,7 +417,9 @@ impl ReplayLog for Track {
 
     fn leave(&self, event: Event) {
         self.takes.set(false);
-        let Some(branch_log) = self.here() else { return };
+        let Some(branch_log) = self.here() else {
+            return;
+        };
         if !branch_log.runs.replace(false) {
             return;
         }
@@ -463,7 +470,9 @@ impl ReplayLog for Track {
     }
 
     fn put(&self, about: About, name: u32, bytes: &[u8]) {
-        let Some(branch_log) = self.here() else { return };
+        let Some(branch_log) = self.here() else {
+            return;
+        };
         if !branch_log.runs.get() {
             self.begin(branch_log, true);
         }

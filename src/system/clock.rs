@@ -1,7 +1,7 @@
 //! Which clock a system goes by: the machine's, or one of its own.
 
 use crate::error::{Error, Result};
-use luna_executors::{DrivenClock, ProcessRegistry, Pace, Simulation};
+use luna_executors::{DrivenClock, Pace, ProcessRegistry, Simulation};
 use std::fmt;
 use std::sync::Arc;
 

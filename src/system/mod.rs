@@ -3,7 +3,6 @@
 mod builder;
 mod clock;
 mod compose;
-mod system_threads;
 pub mod deadlock;
 mod launch;
 mod neighbours;
@@ -16,6 +15,7 @@ mod safety;
 mod stand_in;
 mod stolen;
 mod supervise;
+mod system_threads;
 mod warnings;
 
 pub use builder::{Executor, ExecutorBuilder, ProcessBuilder, Thread};

@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::report::{EarlierProcesses, ProcessReport};
 use crate::safety::{Cause, Emergency};
 use luna_core::current::ProcessId;
-use luna_executors::{Exit, ProcessRegistry, Name, ProcessHandle};
+use luna_executors::{Exit, Name, ProcessHandle, ProcessRegistry};
 use std::collections::{BTreeMap, BTreeSet, HashSet, VecDeque};
 use std::hash::{BuildHasherDefault, Hasher};
 

@@ -1,6 +1,5 @@
 //! The run: from the release of the bodies to the report.
 
-use super::system_threads::SystemThreads;
 use super::deadlock::Deadlock;
 use super::launch::{Launched, launch};
 use super::pending_errors::PendingErrors;
@@ -8,14 +7,15 @@ use super::plan::{Phase, Plan, Running};
 use super::quiet::Lookout;
 use super::register::{Funeral, Register};
 use super::stolen::{Stolen, Window};
+use super::system_threads::SystemThreads;
 use super::warnings::Warnings;
 use crate::csp::process::{Common, clean_up};
 use crate::error::{Error, Result, SetupError};
+use crate::notice::notice;
 use crate::parameters::FileWatch;
 use crate::record::RecordError;
 use crate::report::{End, Report};
 use crate::safety::{Cause, Emergency};
-use crate::notice::notice;
 use crate::time::{ManagerThread, StolenTime, Witness};
 use luna_core::current::ProcessId;
 use luna_core::{current, reclaim};

@@ -1,9 +1,9 @@
 //! The threads of a system that runs, and their end: in a bounded time, however it comes.
 
 use super::plan::{NamedThread, Phase, Plan};
+use crate::notice::notice;
 use crate::report::ThreadReport;
 use crate::safety::Cause;
-use crate::notice::notice;
 use luna_executors::{Executor, Simulation};
 use luna_platform::clock::Instant;
 use luna_platform::thread::{Obtained, Policy};

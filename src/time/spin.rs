@@ -97,7 +97,10 @@ mod tests {
             gone.recv().await?;
             Ok(stop.send(()).await?)
         };
-        here.process("failover").priority(20).spawn(failover).unwrap();
+        here.process("failover")
+            .priority(20)
+            .spawn(failover)
+            .unwrap();
         let outside = async move { Ok(go.send(()).await?) };
         there.process("outside").spawn(outside).unwrap();
         system.run().unwrap();

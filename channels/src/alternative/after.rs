@@ -1,9 +1,9 @@
 //! Delays, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
 use crate::taped;
+use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake};
 use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
@@ -123,7 +123,11 @@ impl RawGuard for After {
         Some(self.sleep.deadline())
     }
 
-    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        _: Option<&mut WaitQueues>,
+        _: &mut Context<'_>,
+    ) -> Attempt {
         if self.sleep.has_come() {
             Attempt::Ready(PendingWake::NOBODY)
         } else {

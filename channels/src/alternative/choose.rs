@@ -6,17 +6,19 @@
 
 use super::guard::Attempt;
 use super::list::{MOST_GUARDS, Open};
-use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
+use crate::wait_point::{WaitPoint, WaitQueues};
 use arrayvec::ArrayVec;
-use luna_core::current::{PendingWake, WakeHandle};
 use luna_core::biased_lock::BiasedGuard;
+use luna_core::current::{PendingWake, WakeHandle};
 use luna_platform::clock::Instant;
 use std::ptr::NonNull;
 use std::task::Context;
 
 /// The locks of an alternative's places.
-pub(super) struct Locks<'a>(ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MOST_GUARDS>);
+pub(super) struct Locks<'a>(
+    ArrayVec<(NonNull<WaitPoint>, BiasedGuard<'a, WaitQueues>), MOST_GUARDS>,
+);
 
 impl Locks<'_> {
     /// Locks all places of `open`, each once. O(n) locks.

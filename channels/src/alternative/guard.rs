@@ -1,9 +1,9 @@
 //! What an alternative may offer.
 
-use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
-use luna_core::current::{PlainPendingWake, Process, PendingWake};
+use crate::wait_point::{WaitPoint, WaitQueues};
+use luna_core::current::{PendingWake, PlainPendingWake, Process};
 use luna_platform::clock::Instant;
 use std::pin::Pin;
 use std::ptr::NonNull;

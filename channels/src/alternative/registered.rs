@@ -14,8 +14,8 @@
 //! The selection's gate is held around both, so one of both sees the other. It is a lock that favours a home: where senders and owner are processes of
 //! one, none of this takes a read-modify-write. It is held for O(1) steps.
 
-mod fast_path;
 mod entry;
+mod fast_path;
 mod recv;
 
 pub(crate) use entry::Entry;

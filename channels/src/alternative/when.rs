@@ -1,10 +1,10 @@
 //! Deadlines that are looked up when they come, as guards and alone.
 
 use super::guard::{Attempt, Guard, RawGuard};
-use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
 use crate::taped;
+use crate::wait_point::{WaitPoint, WaitQueues};
 use luna_core::current::{self, PendingWake};
 use luna_core::replay_log::Event;
 use luna_core::timer_queue::Sleep;
@@ -152,7 +152,11 @@ impl<D: Due> RawGuard for When<D> {
         self.due.stamp()
     }
 
-    unsafe fn attempt(self: Pin<&mut Self>, _: Option<&mut WaitQueues>, _: &mut Context<'_>) -> Attempt {
+    unsafe fn attempt(
+        self: Pin<&mut Self>,
+        _: Option<&mut WaitQueues>,
+        _: &mut Context<'_>,
+    ) -> Attempt {
         if self.is_due() {
             Attempt::Ready(PendingWake::NOBODY)
         } else {

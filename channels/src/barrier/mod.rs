@@ -20,9 +20,9 @@ pub use sync::SyncOp;
 
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::wait_point::{WaitQueues, PlaceApart};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
+use crate::wait_point::{PlaceApart, WaitQueues};
 use crate::waiter::Waiter;
 use luna_core::current::{self, User};
 use luna_core::reclaim::{self, Retired};

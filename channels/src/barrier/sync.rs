@@ -2,9 +2,9 @@
 
 use super::{Barrier, Shared};
 use crate::alternative::{Attempt, Guard, RawGuard};
-use crate::wait_point::{WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
 use crate::stamp::Stamp;
+use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, PendingWake, Renewal, WakeHandle};
 use luna_platform::sync::atomic::Ordering;

@@ -3,11 +3,11 @@
 use super::{CallError, Message};
 use crate::alternative::{Attempt, Guard, RawGuard};
 use crate::error::SendError;
-use crate::wait_point::{Ending, WaitQueues, WaitPoint};
 use crate::select_state::SelectState;
 use crate::send::{SendOp, Sender};
 use crate::source::Offered;
 use crate::stamp::Stamp;
+use crate::wait_point::{Ending, WaitPoint, WaitQueues};
 use luna_core::current;
 use std::fmt;
 use std::future::Future;

@@ -2,8 +2,8 @@
 
 use crate::core::Channel;
 use crate::extended::{Mode, Noted};
-use crate::wait_point::Ending;
 use crate::recv::Receiver;
+use crate::wait_point::Ending;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{Inheritor, Priority};
 use luna_platform::sync::atomic::Ordering;

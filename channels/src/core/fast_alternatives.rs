@@ -4,14 +4,14 @@
 //! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
 
 use super::fast_path::{give_to_first, take_from_first};
-use super::{FastPath, Channel};
+use super::{Channel, FastPath};
 use crate::alternative::{Entry, Look};
-use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::select_state::SelectState;
 use crate::source::{Offered, Source};
+use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{PlainPendingWake, Process};
 use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{PlainPendingWake, Process};
 use std::ptr::NonNull;
 
 /// A partner at home.

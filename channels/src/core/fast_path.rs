@@ -11,8 +11,8 @@
 
 use super::Channel;
 use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
-use crate::wait_point::{LastUser, WaitQueues, WaitPoint, user_number};
 use crate::source::{Offered, Source};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, user_number};
 use crate::waiter::Waiter;
 use luna_core::current::{self, PlainPendingWake, Process};
 use luna_core::events;

@@ -4,13 +4,13 @@ use super::{Channel, Ending};
 use crate::alternative::Entry;
 use crate::buffer::WhenFull;
 use crate::call::boost_to_receiver;
-use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::source::{Offered, Source};
 use crate::taped::{self, Stamped};
+use crate::wait_point::{LastUser, WaitQueues, user_number};
 use crate::waiter::{Outcome, Waiter};
-use luna_core::current::{self, Inheritor, Priority, PendingWake, WakeHandle};
-use luna_core::events;
 use luna_core::biased_lock::BiasedGuard;
+use luna_core::current::{self, Inheritor, PendingWake, Priority, WakeHandle};
+use luna_core::events;
 use luna_core::wait_list::{WaitList, WaitNode};
 use luna_platform::sync::atomic::Ordering;
 use std::collections::VecDeque;
@@ -513,7 +513,11 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     /// The current process accepts calls here: from now on it is who clients wait for.
     #[inline]
     pub(crate) fn note_server(&mut self) {
-        let is_known = self.lists.server.as_ref().is_some_and(Inheritor::is_current);
+        let is_known = self
+            .lists
+            .server
+            .as_ref()
+            .is_some_and(Inheritor::is_current);
         if !is_known && self.lists.ending == Ending::Open {
             self.lists.server = Inheritor::current();
             self.lists.find_whether_plain();

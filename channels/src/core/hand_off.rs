@@ -1,9 +1,9 @@
 //! What two do who are awake at the same time, on different threads: see [`hand_off_slots`](crate::hand_off_slots).
 
-use super::{Channel, Locked, ChannelGuard};
-use crate::wait_point::{LastUser, user_number};
-use crate::source::{Offered, Source};
+use super::{Channel, ChannelGuard, Locked};
 use crate::hand_off_slots::{Side, has_room};
+use crate::source::{Offered, Source};
+use crate::wait_point::{LastUser, user_number};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Renewal};
 use luna_core::events;

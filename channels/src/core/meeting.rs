@@ -10,10 +10,10 @@
 //! ```
 
 use super::FastPath;
-use crate::wait_point::{LastUser, WaitQueues, WaitPoint, user_number};
+use crate::wait_point::{LastUser, WaitPoint, WaitQueues, user_number};
 use crate::waiter::Waiter;
-use luna_core::current::{self, Process};
 use luna_core::biased_lock::InsideGuard;
+use luna_core::current::{self, Process};
 use luna_core::wait_list::WaitNode;
 use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;

@@ -17,22 +17,22 @@
 
 mod fast_alternatives;
 mod fast_path;
-mod meeting;
-mod hand_off;
 mod guard;
+mod hand_off;
+mod meeting;
 
 pub(crate) use fast_path::FastPath;
+pub(crate) use guard::{ChannelGuard, Locked, Received, Sent};
 pub(crate) use hand_off::HandOff;
-pub(crate) use guard::{Locked, Received, ChannelGuard, Sent};
 
 use crate::alternative::Entry;
 use crate::buffer::{Buffer, WhenFull};
 use crate::ended::take_watcher;
 use crate::finally::Finally;
 use crate::inspect::{Identity, Stored};
-pub(crate) use crate::wait_point::Ending;
-use crate::wait_point::{WaitQueues, WaitPoint};
 pub(crate) use crate::taken::Taken;
+pub(crate) use crate::wait_point::Ending;
+use crate::wait_point::{WaitPoint, WaitQueues};
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, Renewal, WakeHandle};
 use luna_core::reclaim::{self, Retired};

@@ -7,7 +7,7 @@ use super::guard::MutexGuard;
 use super::wait::{WaitOp, WaitTimeout, WaitTimeoutResult};
 use crate::finally::Finally;
 use crate::inspect::{Identity, PlaceKind, Stored, register, unregister};
-use crate::wait_point::{LastUser, WaitQueues, PlaceApart};
+use crate::wait_point::{LastUser, PlaceApart, WaitQueues};
 use luna_core::current::{self, User};
 use luna_core::reclaim::{self, Retired};
 use luna_core::wait_list::WaitNode;

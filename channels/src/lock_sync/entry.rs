@@ -78,7 +78,11 @@ impl Entry {
     ///
     /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` is live; [`end`](Self::end) is called before the
     /// entry goes, or the entry stays for ever.
-    pub(super) unsafe fn begin(entry: NonNull<Entry>, core: NonNull<Core>, inheritor: Option<Inheritor>) {
+    pub(super) unsafe fn begin(
+        entry: NonNull<Entry>,
+        core: NonNull<Core>,
+        inheritor: Option<Inheritor>,
+    ) {
         // SAFETY: the contract.
         unsafe {
             Waiter::begin(Self::waiter(entry), false, None, None);

@@ -15,13 +15,13 @@ mod barrier;
 mod call;
 mod channel;
 mod extended;
+mod hand_off_slots;
 #[cfg(shuttle)]
 mod large;
 mod lock_sync;
 mod registered;
 #[cfg(shuttle)]
 mod schedules;
-mod hand_off_slots;
 
 use crate::{Receiver, RecvError, RecvOp, SendOp, Sender};
 use loom::future::block_on;

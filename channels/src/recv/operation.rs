@@ -1,16 +1,16 @@
 //! A receive under way.
 
 use super::Receiver;
-use crate::core::{FastPath, Ending, HandOff, Received, Taken};
+use crate::core::{Ending, FastPath, HandOff, Received, Taken};
 use crate::error::{RecvError, RecvTimeoutError};
 use crate::extended::{Mode, Noted, Plain};
-use crate::select_state::SelectState;
 use crate::hand_off_slots::Side;
+use crate::select_state::SelectState;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
-use luna_core::spin;
 use luna_core::replay_log::Event;
+use luna_core::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

@@ -1,16 +1,16 @@
 //! A send under way.
 
 use super::Sender;
-use crate::core::{FastPath, Ending, HandOff, Sent};
+use crate::core::{Ending, FastPath, HandOff, Sent};
 use crate::error::{SendError, SendTimeoutError};
+use crate::hand_off_slots::Side;
 use crate::select_state::SelectState;
 use crate::source::{InNode, Offered, Source};
-use crate::hand_off_slots::Side;
 use crate::taped;
 use crate::waiter::{Outcome, Waiter};
 use luna_core::current::{self, WakeHandle};
-use luna_core::spin;
 use luna_core::replay_log::Event;
+use luna_core::spin;
 use std::cell::UnsafeCell;
 use std::fmt;
 use std::future::Future;

@@ -7,7 +7,6 @@ mod common;
 
 mod alternatives;
 mod alternatives_anywhere;
-mod fast_alternatives;
 mod alternatives_stress;
 mod auto_traits;
 mod barrier;
@@ -24,6 +23,7 @@ mod ended;
 mod errors_give_way;
 mod extended;
 mod fairness;
+mod fast_alternatives;
 mod foreign_executors;
 mod given_back;
 mod hostile;

@@ -2,8 +2,8 @@
 
 #[cfg(not(loom))]
 mod running {
-    use crate::current::{self, Home, HomeGuard as Entered};
     use crate::biased_lock::{ALONE, BiasedLock};
+    use crate::current::{self, Home, HomeGuard as Entered};
     use crate::timer_queue::TimerQueue;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};

@@ -115,8 +115,8 @@ impl fmt::Debug for Guest {
 #[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
-    use crate::current::{LEVELS, Lone, ProcessId, enter_home, with_process};
     use crate::biased_lock::BiasedLock;
+    use crate::current::{LEVELS, Lone, ProcessId, enter_home, with_process};
     use std::task::Waker;
 
     fn guest() -> Guest {

@@ -1,7 +1,7 @@
 //! What a process was lent, and what it waits for: see [`Inheritor`](super::Inheritor).
 
-use super::inheritor::Lent;
 use super::home_thread::HomeThread;
+use super::inheritor::Lent;
 use super::process::LEVELS;
 use crate::wait_list::WaitList;
 use std::cell::UnsafeCell;

@@ -61,7 +61,8 @@ impl Inheritor {
     /// The first call on a plain thread allocates, and makes a few system calls; later ones are O(1). None while the thread ends.
     #[inline]
     pub fn current_or_thread() -> Option<Inheritor> {
-        Inheritor::current().or_else(|| super::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
+        Inheritor::current()
+            .or_else(|| super::this_thread().map(|thread| Inheritor::to(To::Thread(thread))))
     }
 
     fn to(to: To) -> Inheritor {
@@ -181,7 +182,11 @@ impl Inheritor {
             }
             To::Thread(inheritor) => {
                 // What a plain thread's own is now is asked when it is boosted.
-                let own = if inheritor.is_plain() { 0 } else { inheritor.own_rank() };
+                let own = if inheritor.is_plain() {
+                    0
+                } else {
+                    inheritor.own_rank()
+                };
                 if thread > own {
                     Lent::Thread(thread)
                 } else {
@@ -393,7 +398,8 @@ mod tests {
     #[test]
     fn a_branch_is_lent_what_its_process_is_above_it() {
         within(10, || {
-            let mut inheritor = super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
+            let mut inheritor =
+                super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
             inheritor.lend(at(20));
             super::super::with_branch_below(false, 3, 0, || assert_eq!(priority(), at(20)));
             inheritor.lend(at(8));
@@ -406,7 +412,8 @@ mod tests {
     #[test]
     fn a_process_is_lent_as_a_whole_what_its_branch_then_is_below() {
         within(10, || {
-            let mut inheritor = super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
+            let mut inheritor =
+                super::super::with_branch_below(false, 3, 0, Inheritor::current).unwrap();
             assert_eq!(inheritor.boost_whole(at(10)), Ordering::Equal);
             inheritor.boost_whole(at(20));
             assert_eq!(priority(), at(20));

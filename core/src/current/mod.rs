@@ -7,9 +7,9 @@
 mod branch;
 mod branches;
 mod guest;
-mod inheritor;
 mod home_thread;
 mod inheritance;
+mod inheritor;
 mod lone;
 mod poisoning;
 mod process;
@@ -27,9 +27,9 @@ pub use branch::{
 };
 pub use branches::Branches;
 pub use guest::Guest;
-pub use inheritor::Inheritor;
 #[cfg(not(loom))]
 pub use home_thread::{RefusedBoosts, refused_boosts};
+pub use inheritor::Inheritor;
 pub use lone::Lone;
 pub use poisoning::{dropped_ends_poison, poison_dropped_ends};
 pub use process::{Activity, Home, LEVELS, Methods, Place, Priority, Process, ProcessId, User};
@@ -43,10 +43,10 @@ pub use turn::{
     give_turn, outside, plain_turn, priority, process, take_interrupted, this_process,
     unrecorded_turn, user, with_process,
 };
-pub use wake_handle::{PlainPendingWake, PendingWake, WakeHandle};
+pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
-use crate::path;
 use crate::arc_cache::ArcCache;
+use crate::path;
 use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};

@@ -1,7 +1,7 @@
 //! What the framework knows of a process.
 
-use super::inheritor::Lent;
 use super::inheritance::{Inheritance, LevelNow};
+use super::inheritor::Lent;
 use super::lone;
 use super::references::References;
 use super::run_queue::Link;

@@ -25,7 +25,7 @@ impl Wake for Counted {
     }
 }
 
-fn pending_wake(counted: &std::sync::Arc<Counted>) -> Ready {
+fn pending_wake(counted: &std::sync::Arc<Counted>) -> PendingWake {
     let waker = Waker::from(counted.clone());
     WakeHandle::of(&Context::from_waker(&waker)).take()
 }
@@ -140,7 +140,8 @@ fn a_branch_is_outranked_by_what_its_process_is_not() {
 #[test]
 fn wakeups_ready_at_the_level_of_the_branch_that_made_them() {
     within(5, |cx| {
-        let (own, other) = with_branch_below(false, 2, 0, || (WakeHandle::of(cx), WakeHandle::of(cx)));
+        let (own, other) =
+            with_branch_below(false, 2, 0, || (WakeHandle::of(cx), WakeHandle::of(cx)));
         assert!(!own.is_of(cx), "the process itself is readied elsewhere");
         with_branch_below(false, 2, 0, || assert!(own.is_of(cx)));
         own.take().wake();

@@ -1,6 +1,6 @@
 //! Events that one of a workers hears of alone, and jobs that it does: none is lost, and whoever runs one is watched.
 
-use crate::failover::{Leg, FailoverSequence};
+use crate::failover::{FailoverSequence, Leg};
 use luna_platform::clock::Instant;
 use luna_platform::event_count::EventCount;
 use luna_platform::sync::Arc;

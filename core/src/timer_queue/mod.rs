@@ -123,7 +123,10 @@ impl TimerQueue {
                     heap.remove(first);
                     self.publish_next(&heap);
                     let node = &mut *first.as_ptr();
-                    let ready = node.wakeup.take().map_or(PendingWake::NOBODY, WakeHandle::take);
+                    let ready = node
+                        .wakeup
+                        .take()
+                        .map_or(PendingWake::NOBODY, WakeHandle::take);
                     // The sleep may be gone from here on.
                     node.fired.store(true, Ordering::Release);
                     ready

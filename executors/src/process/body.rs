@@ -1,8 +1,8 @@
 //! The body of a process, and what is done around each of its polls.
 
 use super::exit_value::{ExitValue, Words};
-use super::registry::ProcessRegistry;
 use super::record::{RawExit, Record};
+use super::registry::ProcessRegistry;
 use luna_core::current;
 use std::any::Any;
 use std::future::Future;

@@ -1,23 +1,23 @@
 //! A process as others see it: its name, state and end.
 
 mod body;
-mod join;
 mod exit_value;
-mod registry;
+mod join;
 mod name;
 mod poll_monitor;
 mod record;
+mod registry;
 
 pub(crate) use body::{Body, End, Recorded};
-pub use join::Join;
 pub use exit_value::ExitValue;
 pub(crate) use exit_value::{Words, WordsMethods};
-pub(crate) use registry::Enrolled;
-pub use registry::{ProcessRegistry, Stillness};
+pub use join::Join;
 pub use name::Name;
 pub(crate) use poll_monitor::prepare as prepare_thread;
 pub use poll_monitor::{PollMonitor, Verdict, poll_monitor};
 pub(crate) use record::{Notice, Record};
+pub(crate) use registry::Enrolled;
+pub use registry::{ProcessRegistry, Stillness};
 
 use luna_core::current::{self, ProcessId};
 use luna_core::replay_log::Taper;

@@ -1,13 +1,13 @@
 //! What outlives the body of a process: its name, what it does, and how it ended.
 
-use super::join::JoinNode;
 use super::exit_value::{ExitValue, Words};
-use super::registry::ProcessRegistry;
+use super::join::JoinNode;
 use super::poll_monitor::{self, PollMonitor, Verdict};
+use super::registry::ProcessRegistry;
 use super::{Exit, Name, ProcessSpec, ProcessState, panic_message};
+use luna_core::biased_lock::BiasedLock;
 use luna_core::current::{Activity, LEVELS, Process, ProcessId};
 use luna_core::events;
-use luna_core::biased_lock::BiasedLock;
 use luna_core::path;
 use luna_core::replay_log::Taper;
 use luna_core::wait_list::WaitList;
@@ -488,7 +488,11 @@ impl Record {
     }
 
     /// Ends a process whose body could not be made.
-    pub(crate) fn end_panicked(self: &Arc<Self>, payload: Box<dyn Any + Send>, living: &ProcessRegistry) {
+    pub(crate) fn end_panicked(
+        self: &Arc<Self>,
+        payload: Box<dyn Any + Send>,
+        living: &ProcessRegistry,
+    ) {
         self.finish(RawExit::Panicked(payload), living);
     }
 

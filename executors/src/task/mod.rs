@@ -21,7 +21,7 @@ mod waker;
 use crate::executor::{self, Shared};
 use crate::interference;
 use crate::process::{Body, End, ExitValue, Notice, Record, Words, WordsMethods};
-use crate::remote_wakes::{Seat, RemoteWakes};
+use crate::remote_wakes::{RemoteWakes, Seat};
 use luna_core::current::{self, Methods, Place, Process};
 use luna_core::events;
 use luna_core::reclaim::Retired;
@@ -442,7 +442,8 @@ pub(crate) fn end_all(why: &str) {
         // others. SAFETY: who comes is given a turn below, before anything else is done, or
         // retired.
         let queued = unsafe { current::next_ready() }.map(NonNull::cast::<Task>);
-        let next = queued.or_else(|| SEATS.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
+        let next =
+            queued.or_else(|| SEATS.with_borrow(|remote_wakes| remote_wakes.next(&mut number)));
         let Some(task) = next else {
             return;
         };

@@ -6,8 +6,8 @@ use crate::support;
 use luna_core::current::{User, dropped_ends_poison, user};
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
-    Executor, ExecutorHandle, Exit, ProcessRegistry, ProcessHandle, ProcessSpec, ProcessState, has_given_up,
-    yield_now,
+    Executor, ExecutorHandle, Exit, ProcessHandle, ProcessRegistry, ProcessSpec, ProcessState,
+    has_given_up, yield_now,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;

@@ -7,13 +7,13 @@ mod support;
 
 mod blocking_calls;
 mod endings;
+mod exit_value;
 mod files;
 mod files_before_the_start;
 mod files_shared;
 mod foreign_combinators;
 mod interference;
 mod joining;
-mod exit_value;
 mod levels;
 mod observing;
 mod operations_outlive_their_process;

@@ -3,7 +3,9 @@
 #![cfg(not(loom))]
 
 use crate::support;
-use luna_executors::{Executor, Exit, ProcessRegistry, OsThread, ProcessSpec, ProcessState, yield_now};
+use luna_executors::{
+    Executor, Exit, OsThread, ProcessRegistry, ProcessSpec, ProcessState, yield_now,
+};
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;
 use std::future::pending;

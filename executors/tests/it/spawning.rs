@@ -4,7 +4,9 @@
 
 use crate::support;
 use luna_core::current;
-use luna_executors::{Exit, PollMonitor, ProcessSpec, ProcessState, Verdict, poll_monitor, yield_now};
+use luna_executors::{
+    Exit, PollMonitor, ProcessSpec, ProcessState, Verdict, poll_monitor, yield_now,
+};
 use luna_platform::clock::Instant;
 use std::future::pending;
 use std::sync::Arc;

@@ -5,7 +5,7 @@
 use crate::support;
 use luna_core::timer_queue::Sleep;
 use luna_executors::{
-    Executor, Exit, ProcessRegistry, OsThread, ProcessSpec, Stillness, block_on_patiently, blocking,
+    Executor, Exit, OsThread, ProcessRegistry, ProcessSpec, Stillness, block_on_patiently, blocking,
 };
 use luna_platform::clock::Instant;
 use luna_platform::thread::Attributes;

@@ -3,9 +3,9 @@
 //! The time of a replay's virtual clock is the stamp of the event that is next: who has an event with a stamp sleeps until then, and the clock moves
 //! when nobody can run, that is when all that came before has happened.
 
-mod stamps;
 mod branch_log;
 mod replay_log;
+mod stamps;
 mod track;
 
 pub(crate) use track::Track;
@@ -14,13 +14,13 @@ use super::error::RecordError;
 use super::event::{Event as Noted, Kind};
 use super::recorder::RecordReport;
 use super::recording::Recording;
+use branch_log::BranchLog;
 use luna_core::timer_queue::Sleep;
 use stamps::{END, at};
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use branch_log::BranchLog;
 
 type Queues = BTreeMap<u32, VecDeque<Noted>>;
 /// A process: its parent's number or 0, its name, and which it is of these.

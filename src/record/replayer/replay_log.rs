@@ -1,7 +1,7 @@
 //! What the operations of a replayed process are told.
 
-use super::stamps::after;
 use super::branch_log::Stage;
+use super::stamps::after;
 use super::track::{Track, told};
 use crate::record::error::RecordError;
 use crate::record::event::{Event as Noted, Kind};
@@ -27,7 +27,13 @@ impl ReplayLog for Track {
             if let Poll::Ready(Ok(turn)) = entered {
                 branch_log.stage = Stage::Running(turn);
             }
-            entered.map_err(|found| (branch_log.operations, branch_log.events.front().map(told), found))
+            entered.map_err(|found| {
+                (
+                    branch_log.operations,
+                    branch_log.events.front().map(told),
+                    found,
+                )
+            })
         });
         match entered {
             Poll::Pending => Poll::Pending,
@@ -87,7 +93,8 @@ impl ReplayLog for Track {
         if self.is_off() {
             return;
         }
-        let stage = self.with_strand(|branch_log| std::mem::replace(&mut branch_log.stage, Stage::Idle));
+        let stage =
+            self.with_strand(|branch_log| std::mem::replace(&mut branch_log.stage, Stage::Idle));
         let Stage::Running(turn) = stage else { return };
         self.idle_polls.set(0);
         let operation = self.with_strand(|branch_log| branch_log.operations);

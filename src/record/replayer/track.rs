@@ -1,8 +1,8 @@
 //! What replays one process, and finds where it does something else than was recorded.
 
 use super::Replayer;
-use super::stamps::{LATE, at};
 use super::branch_log::BranchLog;
+use super::stamps::{LATE, at};
 use crate::record::error::{Divergence, RecordError};
 use crate::record::event::{Event as Noted, Kind};
 use luna_core::current;
@@ -89,9 +89,9 @@ impl Track {
             .entry(0)
             .or_insert_with(|| BranchLog::new(VecDeque::new()));
         let next = branch_log.events.front();
-        if next
-            .is_some_and(|event| event.kind == Kind::Ended && event.operation == branch_log.operations)
-        {
+        if next.is_some_and(|event| {
+            event.kind == Kind::Ended && event.operation == branch_log.operations
+        }) {
             branch_log.events.pop_front();
             self.replayer.replayed.fetch_add(1, Ordering::Relaxed);
             drop(branch_logs);

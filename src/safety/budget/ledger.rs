@@ -3,7 +3,7 @@
 use super::{BudgetKind, BudgetOverrun, BudgetReport, Budgets, Offence, OnOverrun};
 use crate::safety::{Cause, Emergency};
 use crate::time::{Accounting, LoopName, UsageSince};
-use luna_executors::{ProcessRegistry, PollMonitor, Verdict};
+use luna_executors::{PollMonitor, ProcessRegistry, Verdict};
 use luna_platform::clock::{Instant, nanos};
 use luna_platform::lock::PiLock;
 use std::any::Any;

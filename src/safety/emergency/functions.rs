@@ -1,7 +1,7 @@
 //! The functions that bring something to safety: who runs which is the failover's; here is what runs, and how it went.
 
 use crate::error::{Result, SetupError};
-use luna_core::failover::{Leg, FailoverSequence, Turn};
+use luna_core::failover::{FailoverSequence, Leg, Turn};
 use luna_platform::clock::Instant;
 use luna_platform::lock::PiLock;
 use luna_platform::signals;

@@ -1,15 +1,15 @@
 //! The emergency manager: threads above all others that wait for an emergency and then bring the machine to safety.
 
-mod workers;
 mod functions;
 mod panics;
-mod watchdog_timer;
 mod trigger;
+mod watchdog_timer;
+mod workers;
 
-pub(crate) use workers::EmergencyThread;
 pub(crate) use functions::LIMIT;
 pub use functions::{FunctionOutcome, FunctionReport};
 pub use trigger::EmergencyTrigger;
+pub(crate) use workers::EmergencyThread;
 
 use super::entered::Waiting;
 use super::report::SafetyReport;
@@ -17,7 +17,6 @@ use super::state::{Cause, Degree, Journal};
 use crate::error::{Error, Result};
 use crate::logging::Log;
 use crate::system::Plan;
-use workers::EmergencyWorkers;
 use functions::{Functions, Run};
 use luna_core::current::ProcessId;
 use luna_core::path;
@@ -29,6 +28,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
+use workers::EmergencyWorkers;
 
 /// How long at most a process that triggers looks on until the functions begin: so no other process of its core runs before.
 const LOOKS_ON: Duration = Duration::from_millis(1);

@@ -91,7 +91,11 @@ impl Drop for RouserThread {
     fn drop(&mut self) {
         self.watchdog_timer.is_over.store(true, Ordering::Release);
         // It has passed. If the kernel refuses that, the thread is left to itself.
-        let is_woken = self.watchdog_timer.timer.arm_at(Instant::from_nanos(0)).is_ok();
+        let is_woken = self
+            .watchdog_timer
+            .timer
+            .arm_at(Instant::from_nanos(0))
+            .is_ok();
         if let Some(thread) = self.thread.take().filter(|_| is_woken) {
             // It has nothing of the user's in it.
             let _ = thread.join();
@@ -106,7 +110,8 @@ mod tests {
 
     #[test]
     fn the_timer_is_left_to_kernels_whose_timers_need_no_thread() {
-        let folder = std::env::temp_dir().join(format!("luna-watchdog_timer-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("luna-watchdog_timer-{}", std::process::id()));
         let source = Source::folder(&folder);
         assert!(!wakes_beside_a_function(&source), "nothing is known");
         for part in ["proc/sys/kernel", "sys/kernel"] {

@@ -11,11 +11,11 @@ mod member;
 
 use super::Emergency;
 use super::panics;
-use super::watchdog_timer::{self, WatchdogTimer, RouserThread};
+use super::watchdog_timer::{self, RouserThread, WatchdogTimer};
 use crate::error::{Error, Result};
 use crate::safety::state::Cause;
-use luna_core::path::{self, Call};
 use luna_core::parker::Parker;
+use luna_core::path::{self, Call};
 use luna_executors::ProcessRegistry;
 use luna_platform::crash::{CrashSlot, CrashWatch, MOST_MEMBERS};
 use luna_platform::facts::Source;
@@ -176,7 +176,8 @@ impl EmergencyThread {
         let crash = supported(CrashWatch::install())?;
         panics::install_hook();
         let workers = &emergency.workers;
-        workers.hears_signals
+        workers
+            .hears_signals
             .store(signals.is_some(), Ordering::Relaxed);
         if let Some(crash) = &crash {
             // A system is started once.
@@ -220,7 +221,8 @@ impl EmergencyThread {
         let hears_signals = workers.hears_signals.load(Ordering::Relaxed);
         all.watchdog_timer = RouserThread::start(policy, hears_signals)?;
         // To wake others on the same core takes no time, and later they would wait for their turns behind the function.
-        let is_better_late = !has_one_core && watchdog_timer::wakes_beside_a_function(&Source::machine());
+        let is_better_late =
+            !has_one_core && watchdog_timer::wakes_beside_a_function(&Source::machine());
         if let Some(watchdog_timer) = all.watchdog_timer.as_ref().filter(|_| is_better_late) {
             let _ = workers.watchdog_timer.set(watchdog_timer.watchdog_timer());
         }

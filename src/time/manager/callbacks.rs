@@ -1,9 +1,9 @@
 //! Functions that the manager's thread calls, each slot of a period or once at an instant.
 
 use super::Engine;
-use super::timer_groups::Place;
 use super::heap::Heap;
 use super::report::CallbackReport;
+use super::timer_groups::Place;
 use crate::error::SetupError;
 use luna_core::current;
 use luna_platform::clock::Instant;
@@ -345,7 +345,9 @@ impl Table {
         };
         let deadline = deadline.as_nanos();
         let rides = entry.place.as_mut().is_some_and(|place| {
-            engine.timer_groups.settle(place, entry.deadline, &engine.alarm);
+            engine
+                .timer_groups
+                .settle(place, entry.deadline, &engine.alarm);
             place.base().is_some()
         });
         let heap = if rides {

@@ -15,28 +15,28 @@
 //! Locks, in this order: the callbacks', the timer_groups', a list's. No more than O(loops of one base, or log of the callbacks) is done under one, and nothing of the user's.
 
 mod alarm;
-mod timer_groups;
 mod callbacks;
 mod handle;
 mod heap;
 mod report;
-mod timer_slot;
 mod thread;
+mod timer_groups;
+mod timer_slot;
 
 pub use callbacks::Firing;
 pub use handle::{TimerCallback, TimerManager};
 pub use report::{CallbackReport, TickReport, TimersReport};
-pub(crate) use timer_slot::TimerSlot;
 pub(crate) use thread::ManagerThread;
+pub(crate) use timer_slot::TimerSlot;
 
 use crate::error::SetupError;
 use alarm::Alarm;
-use timer_groups::{TimerGroups, Place};
 use callbacks::Callbacks;
 use luna_core::tick_list::TickList;
 use luna_platform::clock::Instant;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
+use timer_groups::{Place, TimerGroups};
 
 /// Who wakes the loops of a system at their slots. Set by [`System::timers`](crate::System::timers); the loops' code is the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -94,7 +94,10 @@ impl Manager {
         self.callbacks.close_room(most);
         let timer_groups = TimerGroups::new(BASES);
         // It is launched once.
-        let _ = self.engine.set(Engine { alarm, timer_groups });
+        let _ = self.engine.set(Engine {
+            alarm,
+            timer_groups,
+        });
         Ok(())
     }
 

@@ -76,7 +76,11 @@ impl ManagerThread {
         self.join();
         let shared = &self.shared;
         let (callbacks, earlier_callbacks) = shared.manager.callbacks.reports();
-        let timer_groups = shared.manager.engine.get().map(|engine| &engine.timer_groups);
+        let timer_groups = shared
+            .manager
+            .engine
+            .get()
+            .map(|engine| &engine.timer_groups);
         let report = TimersReport {
             policy: policy.unwrap_or_default(),
             ticks: timer_groups

@@ -1,6 +1,6 @@
 //! Which branches of a process have been woken, where there are too many to poll them all.
 
-use super::{Place, PendingWake, WakeHandle, ready_again};
+use super::{PendingWake, Place, WakeHandle, ready_again};
 use crate::reclaim::{self, Retired};
 use luna_platform::lock::PiLock;
 use luna_platform::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};

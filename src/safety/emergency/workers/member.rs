@@ -1,7 +1,7 @@
 //! What a member of the workers does: the functions, watching who runs one, and hearing of signals.
 
 use super::super::functions::{Moment, Task};
-use super::{EmergencyWorkers, Emergency};
+use super::{Emergency, EmergencyWorkers};
 use crate::safety::state::Cause;
 use luna_executors::ProcessRegistry;
 use luna_platform::clock::Instant;
@@ -11,7 +11,11 @@ use std::sync::atomic::Ordering;
 impl EmergencyWorkers {
     /// The first function is about to be called on the calling thread, of which the others may not know. They are woken when they are to look at it; now if it cannot be then.
     fn rouse_others(&self, at: Instant) {
-        if !self.watchdog_timer.get().is_some_and(|watchdog_timer| watchdog_timer.rouse(at)) {
+        if !self
+            .watchdog_timer
+            .get()
+            .is_some_and(|watchdog_timer| watchdog_timer.rouse(at))
+        {
             signals::announce_event();
         }
     }

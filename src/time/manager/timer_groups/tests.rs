@@ -90,7 +90,9 @@ fn a_finer_period_takes_the_coarser_ones_along() {
     let mut fine = Loop::new(5 * MS, 30 * MS);
     fine.next(&timer_groups, &timers);
     assert_eq!(timers.periods(), [5, 10, 15], "until they wait again");
-    let moved = coarse.each_mut().map(|a_loop| a_loop.next(&timer_groups, &timers));
+    let moved = coarse
+        .each_mut()
+        .map(|a_loop| a_loop.next(&timer_groups, &timers));
     assert_eq!(moved, [fine.0.base(); 2]);
     assert_eq!(timers.periods(), [5]);
     // And without it they have timers of their own again.
@@ -109,7 +111,9 @@ fn a_finer_period_takes_the_coarser_ones_along() {
 fn without_room_a_loop_has_no_place_until_somebody_goes() {
     let (timer_groups, timers) = (TimerGroups::new(2), Fake::default());
     let mut loops = [2, 3, 5].map(|period| Loop::new(period * MS, 30 * MS));
-    let places = loops.each_mut().map(|a_loop| a_loop.next(&timer_groups, &timers));
+    let places = loops
+        .each_mut()
+        .map(|a_loop| a_loop.next(&timer_groups, &timers));
     assert_eq!(places, [Some(0), Some(1), None]);
     assert_eq!(timer_groups.refused(), 1);
     // It does not ask in every cycle.

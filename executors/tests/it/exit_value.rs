@@ -1,6 +1,8 @@
 //! What a body says as it ends: kept until it is taken, from whatever thread it ran on.
 
-use luna_executors::{Executor, Exit, ExitValue, ProcessRegistry, OsThread, ProcessHandle, ProcessSpec};
+use luna_executors::{
+    Executor, Exit, ExitValue, OsThread, ProcessHandle, ProcessRegistry, ProcessSpec,
+};
 use luna_platform::thread::Attributes;
 use std::sync::Arc;
 
