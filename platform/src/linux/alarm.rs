@@ -170,7 +170,8 @@ fn unblock(number: c_int) -> libc::sigset_t {
 }
 
 /// The signal of all alarms, with the handler. Nothing if all real-time signals have handlers of others.
-fn signal_number() -> Option<c_int> {
+/// The handlers of signals that end a program are set after it, so that they leave it one.
+pub(super) fn signal_number() -> Option<c_int> {
     static CHOSEN: Mutex<Option<c_int>> = Mutex::new(None);
     let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
     // Another part of the program may have taken it since.
@@ -217,10 +218,11 @@ fn handler() -> libc::sighandler_t {
 }
 
 /// The handler. Async-signal-safe: it reads the clock and a thread-local without a destructor, and stores to atomics.
-extern "C" fn ring(_: c_int, information: *mut siginfo_t, _: *mut c_void) {
+extern "C" fn ring(number: c_int, information: *mut siginfo_t, _: *mut c_void) {
     // SAFETY: with SA_SIGINFO the kernel gives it.
     if unsafe { (*information).si_code } != libc::SI_TIMER {
-        // Somebody's `kill`.
+        // Sent by a program.
+        super::crash::take_over(number);
         return;
     }
     // SAFETY: by the alarm's invariant it is null or points to what lives; the handler runs on the thread whose alarm it is, so nothing goes meanwhile.

@@ -83,6 +83,8 @@ fn real_time() -> impl Iterator<Item = libc::c_int> {
 
 /// Sets the handlers. Called by one thread at a time, when none is set.
 pub(crate) fn install() -> Result<(), SignalError> {
+    // Without a free signal executors would read the clock before each poll.
+    super::alarm::signal_number();
     for signal in signals() {
         if let Err(error) = install_one(signal) {
             // Valgrind and emulators keep real-time signals for themselves: no program sends those.
@@ -97,6 +99,23 @@ pub(crate) fn install() -> Result<(), SignalError> {
         }
     }
     Ok(())
+}
+
+/// Handles a signal that was sent to the program, and not by a timer, as one that ends it: for the
+/// handler of the alarms, whose signal is left out above. Async-signal-safe.
+pub(super) fn take_over(signal: libc::c_int) {
+    // SAFETY: zeros are the default action, which was in place before the alarms' handler. Threads
+    // that come here at once write the same.
+    unsafe {
+        let default = MaybeUninit::<libc::sigaction>::zeroed().assume_init();
+        libc::sigaction(signal, &raw const default, ptr::null_mut());
+        if action_of(libc::SIGSEGV).is_some_and(|action| is_own(&action)) {
+            before_of(signal).write(default);
+            // It fails for no signal that exists.
+            let _ = set_handler(signal);
+        }
+        libc::kill(libc::getpid(), signal);
+    }
 }
 
 fn install_one(signal: libc::c_int) -> Result<(), Errno> {
