@@ -37,3 +37,18 @@ impl<T> UnsafeCell<T> {
 
 #[cfg(all(loom, not(shuttle)))]
 pub use loom::cell::UnsafeCell;
+
+/// Thread-local variables; in a model of a model's threads, which are one thread of the system.
+macro_rules! model_local {
+    ($($(#[$attribute:meta])* static $name:ident: $type:ty = const $first:block;)*) => {
+        #[cfg(not(loom))]
+        std::thread_local! {
+            $($(#[$attribute])* static $name: $type = const $first;)*
+        }
+        #[cfg(loom)]
+        loom::thread_local! {
+            $($(#[$attribute])* static $name: $type = $first;)*
+        }
+    };
+}
+pub(crate) use model_local;

@@ -11,6 +11,7 @@
 //! With `--cfg shuttle` beside it, the same models, and the larger ones in `large`, run under many random schedules instead: see `schedules`.
 
 mod alternative;
+mod at_home;
 mod barrier;
 mod call;
 mod channel;

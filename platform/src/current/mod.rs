@@ -47,7 +47,7 @@ pub use wakeup::{PlainReady, Ready, Wakeup};
 
 use crate::path;
 use crate::spare::Spare;
-use crate::sync::Arc;
+use crate::sync::{Arc, model_local};
 use crate::tape::Tape;
 use crate::timer_queue::TimerQueue;
 use branch::{Branch, lowered};
@@ -74,7 +74,7 @@ struct Thread {
     tape: Cell<Option<NonNull<dyn Tape>>>,
 }
 
-thread_local! {
+model_local! {
     static THREAD: Thread = const {
         Thread {
             process: Cell::new(None),
@@ -183,7 +183,7 @@ mod entered {
     }
 }
 
-/// A model's threads share their locals, and none is a home.
+/// A model runs many times, with a home of its own each time.
 #[cfg(loom)]
 mod entered {
     pub(super) fn enter(_: super::Home) {}
