@@ -205,26 +205,33 @@ fn against(
     + Sync
     + 'static,
 ) {
-    check_within(PREEMPTIONS, move || {
-        let drops = Drops::default();
-        let executor = Executor::enter();
-        let (sender, receiver) = executor.channel();
-        let (taken, sent) = <(Rc<RefCell<Vec<_>>>, Rc<RefCell<Vec<_>>>)>::default();
-        let (theirs, from, to) = (drops.clone(), sender.clone(), receiver.clone());
-        let thread = thread::spawn(move || other(from, to, theirs));
-        executor.run([
-            Box::pin(send_two(sender, drops.clone(), sent.clone())),
-            Box::pin(take_all(receiver, taken.clone())),
-        ]);
-        let [got, gave] = thread.join().unwrap();
-        let (mut taken, mut sent) = (taken.take(), sent.take());
-        assert!(taken.iter().filter(|id| **id < 3).is_sorted(), "{taken:?}");
-        taken.extend(got);
-        sent.extend(gave);
-        taken.sort_unstable();
-        assert_eq!(taken, sent);
-        assert_eq!(drops.count(), tokens);
-    });
+    // Either process runs first, so that each is the one that waits.
+    for sends_first in [false, true] {
+        check_within(PREEMPTIONS, move || {
+            let drops = Drops::default();
+            let executor = Executor::enter();
+            let (sender, receiver) = executor.channel();
+            let (taken, sent) = <(Rc<RefCell<Vec<_>>>, Rc<RefCell<Vec<_>>>)>::default();
+            let (theirs, from, to) = (drops.clone(), sender.clone(), receiver.clone());
+            let thread = thread::spawn(move || other(from, to, theirs));
+            let sends: Pin<Box<dyn Future<Output = ()>>> =
+                Box::pin(send_two(sender, drops.clone(), sent.clone()));
+            let takes = Box::pin(take_all(receiver, taken.clone()));
+            // The second one has the higher level.
+            executor.run(match sends_first {
+                true => [takes, sends],
+                false => [sends, takes],
+            });
+            let [got, gave] = thread.join().unwrap();
+            let (mut taken, mut sent) = (taken.take(), sent.take());
+            assert!(taken.iter().filter(|id| **id < 3).is_sorted(), "{taken:?}");
+            taken.extend(got);
+            sent.extend(gave);
+            taken.sort_unstable();
+            assert_eq!(taken, sent);
+            assert_eq!(drops.count(), tokens);
+        });
+    }
 }
 
 #[test]
