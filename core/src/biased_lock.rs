@@ -47,22 +47,17 @@ use std::ops::{Deref, DerefMut};
 const ALONE: u8 = 16;
 
 /// How often that is in this program.
-#[cfg(not(loom))]
 static USES_ALONE: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(ALONE);
 
 /// Lets locks favour a home after so many uses: for tests that would else be over before any does.
 #[doc(hidden)]
-#[cfg(not(loom))]
 pub fn bias_after(uses: u8) {
-    USES_ALONE.store(uses, Ordering::Relaxed);
+    USES_ALONE.store(uses, std::sync::atomic::Ordering::Relaxed);
 }
 
 #[inline]
 fn uses_alone() -> u8 {
-    #[cfg(not(loom))]
-    return USES_ALONE.load(Ordering::Relaxed);
-    #[cfg(loom)]
-    ALONE
+    USES_ALONE.load(std::sync::atomic::Ordering::Relaxed)
 }
 
 /// Favours nobody; no home has this number.

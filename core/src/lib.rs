@@ -22,6 +22,7 @@ pub mod events;
 pub mod failover;
 mod fetch;
 pub mod latest_slots;
+mod model_local;
 pub mod park;
 pub mod parker;
 pub mod path;

@@ -15,6 +15,7 @@ mod barrier;
 mod call;
 mod channel;
 mod extended;
+mod fast_path;
 mod hand_off_slots;
 #[cfg(shuttle)]
 mod large;

@@ -318,7 +318,7 @@ mod model {
         loom::model(|| {
             let lock = favouring();
             let other = lock.clone();
-            // In a model no thread is a home.
+            // No thread of this model has entered a home.
             let other = loom::thread::spawn(move || *other.lock_briefly() += 1);
             for _ in 0..2 {
                 *lock.lock_as(HOME) += 1;

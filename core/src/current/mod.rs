@@ -46,6 +46,7 @@ pub use turn::{
 pub use wake_handle::{PendingWake, PlainPendingWake, WakeHandle};
 
 use crate::arc_cache::ArcCache;
+use crate::model_local::model_local;
 use crate::path;
 use crate::replay_log::ReplayLog;
 use crate::timer_queue::TimerQueue;
@@ -74,7 +75,7 @@ struct Thread {
     tape: Cell<Option<NonNull<dyn ReplayLog>>>,
 }
 
-thread_local! {
+model_local! {
     static THREAD: Thread = const {
         Thread {
             process: Cell::new(None),
@@ -183,7 +184,7 @@ mod entered {
     }
 }
 
-/// A model's threads share their locals, and none is a home.
+/// A model runs many times, with a home of its own each time.
 #[cfg(loom)]
 mod entered {
     pub(super) fn enter(_: super::Home) {}
@@ -244,8 +245,8 @@ pub fn timers() -> Option<Arc<TimerQueue>> {
 
 /// Has the executor that this thread is look at the clock before its next poll.
 pub fn ask_look() {
-    TIMERS.with_borrow(|timers| {
-        if let Some(timers) = timers {
+    TIMERS.with(|slot| {
+        if let Some(timers) = &*slot.borrow() {
             timers.ask_look();
         }
     });

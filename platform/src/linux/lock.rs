@@ -137,7 +137,12 @@ impl<T> PiLock<T> {
 pub(super) fn lock_pi(word: &AtomicU32) {
     loop {
         match path::expected(Call::Lock, || futex_pi(word, lock_operation())) {
-            Ok(()) => return,
+            Ok(()) => {
+                // The kernel wrote the word, which is no synchronization to the language: this
+                // reads what the former owner released. ThreadSanitizer relies on it too.
+                let _ = word.load(Ordering::Acquire);
+                return;
+            }
             // A signal came, or the owner is just ending: ask again.
             Err(Errno::EINTR | Errno::EAGAIN) => {}
             Err(Errno::ENOSYS) if lock_operation() == libc::FUTEX_LOCK_PI2 => {
@@ -220,6 +225,8 @@ pub(super) fn unlock_pi(word: &AtomicU32) {
 
 #[cold]
 fn unlock_contended(word: &AtomicU32) {
+    // The kernel's store is no release to the language: this one is, and changes nothing else.
+    word.fetch_or(0, Ordering::Release);
     // The kernel hands the lock to the waiter of highest priority; it cannot refuse the owner.
     let outcome = path::expected(Call::Lock, || futex_pi(word, libc::FUTEX_UNLOCK_PI));
     debug_assert!(outcome.is_ok(), "unlocking failed: {outcome:?}");

@@ -1,0 +1,275 @@
+//! The fast path: a model thread is an executor's, and owns the bias of the channel's lock.
+
+use super::{Drops, Token, check_within, recv_id};
+use crate::{Receiver, Sender, channel, pri_alt};
+use loom::future::block_on;
+use loom::sync::Arc;
+use loom::thread;
+use luna_core::biased_lock;
+use luna_core::current::{self, Home, Methods, Place, Process, ProcessId};
+use luna_core::timer_queue::TimerQueue;
+use std::cell::{Cell, RefCell};
+use std::future::Future;
+use std::pin::Pin;
+use std::ptr::NonNull;
+use std::rc::Rc;
+use std::task::{Context, Waker};
+
+/// How often a thread of a model is preempted at most.
+const PREEMPTIONS: usize = 3;
+
+/// A process of the model's executor, with its body.
+#[repr(C, align(32))]
+struct Task {
+    /// First, so that a pointer to it leads back to this.
+    process: Process,
+    body: RefCell<Pin<Box<dyn Future<Output = ()>>>>,
+    is_over: Cell<bool>,
+    /// What wakes the executor's thread.
+    bell: Arc<Bell>,
+}
+
+/// What wakes the executor's thread from another one: which of its two processes are to be readied.
+struct Bell {
+    rung: loom::sync::Mutex<[bool; 2]>,
+    changed: loom::sync::Condvar,
+}
+
+impl Bell {
+    fn ring(&self, number: usize) {
+        self.rung.lock().unwrap()[number] = true;
+        self.changed.notify_one();
+    }
+
+    fn wait(&self) -> [bool; 2] {
+        let mut rung = self.rung.lock().unwrap();
+        while *rung == [false; 2] {
+            rung = self.changed.wait(rung).unwrap();
+        }
+        std::mem::take(&mut *rung)
+    }
+}
+
+static METHODS: Methods = Methods {
+    ready_elsewhere,
+    free,
+    poll: |_, _| false,
+    body: |_| 0..0,
+    seldom: None,
+};
+
+/// # Safety
+///
+/// As [`Methods`] says; the level is the process' number.
+unsafe fn ready_elsewhere(owner: NonNull<()>, level: u8) {
+    // SAFETY: the contract: the task is not freed yet.
+    unsafe { owner.cast::<Task>().as_ref() }
+        .bell
+        .ring(usize::from(level));
+}
+
+/// # Safety
+///
+/// As [`Methods`] says.
+unsafe fn free(owner: NonNull<()>) {
+    // SAFETY: the contract; `Executor::run` made it of a box.
+    drop(unsafe { Box::from_raw(owner.cast::<Task>().as_ptr()) });
+}
+
+/// Makes the calling model thread an executor's until it is dropped.
+struct Executor {
+    home: Home,
+    _entered: current::HomeGuard,
+}
+
+impl Executor {
+    fn enter() -> Self {
+        biased_lock::bias_after(1);
+        let home = Home::new();
+        Self {
+            home,
+            _entered: current::enter_home(home, Arc::new(TimerQueue::new()), false),
+        }
+    }
+
+    /// A channel whose lock is biased to this thread.
+    fn channel<T: Send>(&self) -> (Sender<T>, Receiver<T>) {
+        let (sender, receiver) = channel();
+        // The first use in shared mode earns the bias.
+        assert!(receiver.try_recv().is_err());
+        (sender, receiver)
+    }
+
+    /// Runs two processes to their ends.
+    fn run(&self, bodies: [Pin<Box<dyn Future<Output = ()>>>; 2]) {
+        let bell = Arc::new(Bell {
+            rung: loom::sync::Mutex::new([false; 2]),
+            changed: loom::sync::Condvar::new(),
+        });
+        let mut level = 0;
+        let tasks = bodies.map(|body| {
+            let task = NonNull::from(Box::leak(Box::new(Task {
+                process: Process::new(ProcessId::new(), self.home, 0, level),
+                body: RefCell::new(body),
+                is_over: Cell::new(false),
+                bell: bell.clone(),
+            })));
+            // SAFETY: nobody else knows it yet. It stays where it is until `free`, and is ended
+            // once, below. The waker is told apart by its address; nobody wakes by it.
+            unsafe {
+                task.as_ref().process.set_waker(Waker::noop().clone());
+                task.as_ref().process.set_owner(task.cast(), &METHODS);
+                task.as_ref().process.ready_at(level, Place::Last);
+            }
+            level += 1;
+            task
+        });
+        // SAFETY: they are freed after their end alone, which is below.
+        let is_over = |task: &NonNull<Task>| unsafe { task.as_ref() }.is_over.get();
+        while !tasks.iter().all(is_over) {
+            // SAFETY: whoever is taken out is given its turn at once.
+            while let Some(owner) = unsafe { current::next_ready() } {
+                // SAFETY: it was readied by its owner, which is live until its end.
+                unsafe { Self::give_turn(owner.cast().as_ref()) };
+            }
+            if tasks.iter().all(is_over) {
+                break;
+            }
+            for (number, is_rung) in bell.wait().into_iter().enumerate() {
+                if is_rung {
+                    // SAFETY: this is the home's thread, and the task is live.
+                    unsafe {
+                        tasks[number]
+                            .as_ref()
+                            .process
+                            .ready_at(number as u8, Place::Last)
+                    };
+                }
+            }
+        }
+        for task in tasks {
+            // SAFETY: this is the home's thread, and it is not polled again.
+            unsafe { Process::end(task.cast()) };
+        }
+    }
+
+    /// # Safety
+    ///
+    /// The task was just taken out of the run queue of this thread.
+    unsafe fn give_turn(task: &Task) {
+        // SAFETY: the contract; the process has not ended, since its end is after all turns.
+        unsafe {
+            current::give_turn(&task.process, || {
+                if task.is_over.get() {
+                    return;
+                }
+                let waker = task.process.waker().expect("set by `run`");
+                let polled = task
+                    .body
+                    .borrow_mut()
+                    .as_mut()
+                    .poll(&mut Context::from_waker(waker));
+                if polled.is_ready() {
+                    task.is_over.set(true);
+                    let nothing: Pin<Box<dyn Future<Output = ()>>> = Box::pin(async {});
+                    drop(task.body.replace(nothing));
+                }
+            });
+        }
+    }
+}
+
+/// Receives until the channel has ended, and notes which tokens came.
+async fn take_all(receiver: Receiver<Token>, taken: Rc<RefCell<Vec<usize>>>) {
+    while let Ok(token) = receiver.recv().await {
+        taken.borrow_mut().push(token.id);
+    }
+}
+
+/// Sends the tokens 1 and 2, and notes which went.
+async fn send_two(sender: Sender<Token>, drops: Drops, sent: Rc<RefCell<Vec<usize>>>) {
+    for id in [1, 2] {
+        if sender.send(drops.token(id)).await.is_ok() {
+            sent.borrow_mut().push(id);
+        }
+    }
+}
+
+/// A sender and a receiver on the biased thread, and `other` on another one, which says what it has
+/// received and sent. All that was sent is received once, in order, and each token is dropped once.
+fn against(
+    tokens: usize,
+    other: impl Fn(Sender<Token>, Receiver<Token>, Drops) -> [Option<usize>; 2]
+    + Copy
+    + Send
+    + Sync
+    + 'static,
+) {
+    // Either process runs first, so that each is the one that waits.
+    for sends_first in [false, true] {
+        check_within(PREEMPTIONS, move || {
+            let drops = Drops::default();
+            let executor = Executor::enter();
+            let (sender, receiver) = executor.channel();
+            let (taken, sent) = <(Rc<RefCell<Vec<_>>>, Rc<RefCell<Vec<_>>>)>::default();
+            let (theirs, from, to) = (drops.clone(), sender.clone(), receiver.clone());
+            let thread = thread::spawn(move || other(from, to, theirs));
+            let sends: Pin<Box<dyn Future<Output = ()>>> =
+                Box::pin(send_two(sender, drops.clone(), sent.clone()));
+            let takes = Box::pin(take_all(receiver, taken.clone()));
+            // The second one has the higher level.
+            executor.run(match sends_first {
+                true => [takes, sends],
+                false => [sends, takes],
+            });
+            let [got, gave] = thread.join().unwrap();
+            let (mut taken, mut sent) = (taken.take(), sent.take());
+            assert!(taken.iter().filter(|id| **id < 3).is_sorted(), "{taken:?}");
+            taken.extend(got);
+            sent.extend(gave);
+            taken.sort_unstable();
+            assert_eq!(taken, sent);
+            assert_eq!(drops.count(), tokens);
+        });
+    }
+}
+
+#[test]
+fn a_try_send_from_another_thread_ends_the_bias() {
+    against(3, |sender, receiver, drops| {
+        drop(receiver);
+        [None, sender.try_send(drops.token(3)).is_ok().then_some(3)]
+    });
+}
+
+#[test]
+fn a_receiver_comes_by_the_slow_path() {
+    against(2, |sender, receiver, _| {
+        drop(sender);
+        [recv_id(&receiver).ok(), None]
+    });
+}
+
+#[test]
+fn an_alternative_comes_from_another_thread() {
+    against(2, |sender, receiver, _| {
+        drop(sender);
+        let (_never, other) = channel::<Token>();
+        let got = block_on(async {
+            pri_alt! {
+                token = other.recv() => token.ok(),
+                token = receiver.recv() => token.ok(),
+            }
+        });
+        [got.map(|token| token.id), None]
+    });
+}
+
+#[test]
+fn the_channel_is_poisoned_from_another_thread() {
+    against(2, |sender, receiver, _| {
+        drop(receiver);
+        sender.poison();
+        [None, None]
+    });
+}
