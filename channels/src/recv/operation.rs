@@ -462,6 +462,11 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 // SAFETY: the node was listed.
                 match unsafe { channel.look_for_partner(this.node(), looks, cx) } {
                     Outcome::Waiting => this.waits(),
+                    // A partner came in between. The next poll reports it, as for one that waited.
+                    _ if current::is_taped() => {
+                        cx.waker().wake_by_ref();
+                        this.waits()
+                    }
                     outcome => Poll::Ready(this.settled(outcome)),
                 }
             }

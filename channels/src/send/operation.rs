@@ -482,6 +482,11 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 let channel = this.sender.channel();
                 // SAFETY: the node was listed.
                 let outcome = unsafe { channel.look_for_partner(this.node(), looks, cx) };
+                if current::is_taped() && !matches!(outcome, Outcome::Waiting | Outcome::Held) {
+                    // A partner came in between. The next poll reports it, as for one that waited.
+                    cx.waker().wake_by_ref();
+                    return this.waits();
+                }
                 this.looked(outcome, cx)
             }
             Sent::Held(ready) => {

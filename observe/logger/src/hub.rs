@@ -5,6 +5,7 @@ use crate::lane::{self, Inlet};
 #[cfg(feature = "events")]
 use luna_core::{current, events};
 use luna_platform::clock::{Counter, Instant};
+#[cfg(feature = "events")]
 use luna_platform::lock::PiLock;
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;

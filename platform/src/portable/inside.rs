@@ -4,6 +4,12 @@
 #[derive(Debug)]
 pub struct Inside;
 
+impl Default for Inside {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Inside {
     /// Not entered.
     pub const fn new() -> Self {
