@@ -37,13 +37,13 @@
 //! slot is free once as many readers have left it as entered it.
 //!
 //! - A reader that finds the same `front` before and after its copy has read one value: the slot
-//!   was   not retired in between, so it was not written. An owner that stops anywhere in `latch`
-//!   leaves   `front` as it is, so it makes no check fail.
+//!   was not retired in between, so it was not written. An owner that stops anywhere in `latch`
+//!   leaves `front` as it is, so it makes no check fail.
 //! - A reader with a failed check enters through `pins`. Its slot stays until it leaves.
 //! - That reader may have learned of `new` before the owner has raised `front`. It raises `front`
 //!   itself before it returns, so that no later read finds an older value.
 //! - At most four slots are not free without counted readers: the front, the one in the owner's
-//!   hand,   the offer, and the one that is written.
+//!   hand, the offer, and the one that is written.
 //!
 //! The values themselves belong to the user, in a [`SlotMemory`] each; this type decides which slot
 //! may be accessed when. The values are atomics, since a reader may have read a slot while it was

@@ -1,13 +1,13 @@
 //! The core of LUNA: the parts that channels and executors share, so that they work together
 //! without depending on each other.
 //!
-//! - [`current`]: the process that this thread polls, how it is woken, and its priority. This is
-//!   the only   place that knows how a process becomes ready.
+//! - [`current`]: the process that this thread polls, how it is woken, and its priority. Only this
+//!   module knows how a process becomes ready.
 //! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and
 //!   deadlines.
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
 //! - [`reclaim`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time path,
-//!   and values that   one thread replaces while others read them.
+//!   and values that one thread replaces while others read them.
 //! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and spin.
 //! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 

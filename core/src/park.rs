@@ -188,7 +188,7 @@ pub fn waker(parker: &Shared<Parker>) -> Waker {
     unsafe { Waker::new(parker.clone().into_raw(), &VTABLE) }
 }
 
-/// Whether `waker` is that of a parker, whose functions are not user code.
+/// Whether `waker` is that of a parker: its functions are not user code.
 pub(crate) fn is_own(waker: &Waker) -> bool {
     std::ptr::eq(waker.vtable(), &VTABLE)
 }

@@ -140,7 +140,7 @@ enum Inner {
     Waker(Foreign),
 }
 
-/// A waker whose functions are user code.
+/// A waker with functions that are user code.
 struct Foreign(ManuallyDrop<Waker>);
 
 impl Foreign {

@@ -1,8 +1,8 @@
 //! The real-time path, as a test can watch it: where a thread leaves it on purpose, and how the
-//! guard in tests (the crate `luna-path-guard`) learns of it.
+//! guard in tests (the crate `luna-path-guard`) is notified.
 //!
 //! [`current::on_path`] says whether a thread is on the path. [`off_path`] leaves it for a while.
-//! [`name_process`] tells the guard the name of a process. [`expected`] names the reason of a
+//! [`name_process`] reports the name of a process to the guard. [`expected`] names the reason of a
 //! system call. The guard is there in builds with `--cfg luna_path_guard` alone; in others these
 //! are inlined away.
 

@@ -30,7 +30,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 ///
 /// # Invariants
 ///
-/// `inner` comes from a leaked box, and stays valid until the count of owners, of whom this is one,
+/// `inner` comes from a leaked box, and stays valid until the count of owners, this one included,
 /// is 0. The last owner retires it.
 pub struct Shared<T> {
     inner: NonNull<Inner<T>>,

@@ -1,5 +1,5 @@
-//! A leftist heap whose nodes lie elsewhere (C. A. Crane, "Linear lists and priority queues as
-//! balanced binary trees", 1972).
+//! An intrusive leftist heap (C. A. Crane, "Linear lists and priority queues as balanced binary
+//! trees", 1972).
 //!
 //! Chosen over a binary heap in an array, which must grow, and over a timing wheel, which rounds
 //! deadlines or cascades. Its right spines are at most log2(n + 1) long, which bounds inserting,

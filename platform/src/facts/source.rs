@@ -12,7 +12,8 @@ const MOST_BYTES: u64 = 4 << 20;
 /// The most entries of a folder that are listed.
 const MOST_ENTRIES: usize = 100_000;
 
-/// The files that tell facts (`/proc`, `/sys`, `/dev`, `/boot`), of this machine or below a folder that holds a copy of them.
+/// The files with the facts (`/proc`, `/sys`, `/dev`, `/boot`), of this machine or below a folder
+/// that holds a copy of them.
 ///
 /// Not for the real-time path: it opens files and allocates.
 ///
@@ -53,7 +54,8 @@ impl Source {
         self.machine
     }
 
-    /// The text of `file`, an absolute path. Bytes that are no text are replaced; at most 4 MiB are read, of a regular file.
+    /// The text of `file`, an absolute path. Bytes that are no text are replaced; at most 4 MiB are
+    /// read, of a regular file.
     ///
     /// # Errors
     ///
@@ -156,7 +158,7 @@ impl Source {
     }
 }
 
-/// A file that told nothing.
+/// A file that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Unread {
@@ -166,7 +168,7 @@ pub struct Unread {
     pub reason: UnreadReason,
 }
 
-/// Why a file told nothing.
+/// Why a file could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UnreadReason {
@@ -186,7 +188,7 @@ pub enum UnreadReason {
 }
 
 impl Unread {
-    /// That `file` told nothing, for `reason`.
+    /// Reports that `file` could not be read, for `reason`.
     pub fn new(file: &str, reason: UnreadReason) -> Unread {
         Unread {
             file: file.to_owned(),

@@ -18,17 +18,21 @@ pub enum Call {
     Wake,
     /// To sleep, or to look at files without sleeping.
     Sleep,
-    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that is busy when its earliest deadline changes.
+    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that
+    /// is busy when its earliest deadline changes.
     ArmTimer,
     /// To wait for a contended priority-inheriting lock, or to hand it over.
     Lock,
-    /// To end the favour of a biased lock: once in the life of a channel that another thread comes to.
+    /// To end the favour of a biased lock: once in the life of a channel that another thread comes
+    /// to.
     Fence,
-    /// To lend a thread a priority, or to give it back.
+    /// To boost a thread, or to end its boost.
     Boost,
-    /// To read or write a file that does not wait, or to say what it is waited for: for those processes alone that work on files.
+    /// To read or write a file that does not wait, or to say what it is waited for: for those
+    /// processes alone that work on files.
     File,
-    /// To read what the kernel has counted of the thread, when a loop begins, a cycle is late or a budget is overrun. None of these calls waits.
+    /// To read what the kernel has counted of the thread, when a loop begins, a cycle is late or a
+    /// budget is overrun. None of these calls waits.
     Account,
 }
 
