@@ -206,8 +206,8 @@ impl<T> BiasedLock<T> {
     /// The calling thread is that of the executor `home`.
     #[inline(always)]
     pub unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, T>> {
-        // Acquire, here and below: pairs with the store that restores the bias after a brief
-        // revocation.
+        // Acquire, here and below: pairs with the store that restores the bias, so that the owner
+        // sees what was done during a brief revocation.
         if self.favoured.load(Ordering::Acquire) != home {
             return None;
         }

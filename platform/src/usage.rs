@@ -1,4 +1,4 @@
-//! What the kernel counts of a thread: page faults, switches of context, processor time.
+//! Resources that the kernel counts for a thread: page faults, context switches, processor time.
 
 use crate::backend::usage as backend;
 use std::time::Duration;
@@ -23,7 +23,7 @@ pub struct ThreadUsage {
     pub minor_faults: u64,
     /// Page faults that had to wait for a disk.
     pub major_faults: u64,
-    /// How often the thread gave the processor up, to wait for something.
+    /// How often the thread blocked.
     pub voluntary_switches: u64,
     /// How often the thread was taken off the processor while it had work: by a thread of higher
     /// priority, or at the end of its slice.
@@ -45,8 +45,8 @@ impl ThreadUsage {
         backend::of_current_thread()
     }
 
-    /// Makes room on the calling thread for what its readings need. It may allocate; without it the
-    /// first reading may.
+    /// Allocates what the readings on the calling thread need. Without it the first reading may
+    /// allocate.
     pub fn prepare_thread() {
         backend::prepare_thread();
     }

@@ -116,8 +116,8 @@ fn told(of: u16, subject: u32, arguments: [u64; 2]) {
     put(of, subject, arguments);
 }
 
-/// Reports that a process of the calling thread has become ready; the subject is the process that
-/// runs there.
+/// Reports that a process of the calling thread has become ready, and the current process as the
+/// one that readied it.
 #[inline(always)]
 pub fn ready(process: impl FnOnce() -> u32) {
     if is_on() {

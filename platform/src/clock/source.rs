@@ -31,7 +31,7 @@ pub(super) fn now() -> Instant {
 #[cold]
 #[inline(never)]
 unsafe fn read(source: *const VirtualClock) -> Instant {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that the source is live.
     unsafe { &*source }.now()
 }
 

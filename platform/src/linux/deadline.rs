@@ -8,8 +8,8 @@ use crate::thread::Policy;
 use nix::errno::Errno;
 use std::fs;
 
-/// Gives the calling thread `asked`, which is a deadline policy. What it starts is not to inherit
-/// it: the kernel would refuse the start.
+/// Gives the calling thread `asked`, which is a deadline policy. Threads that it starts must not
+/// inherit it: the kernel would refuse the start.
 pub(super) fn set(asked: Policy) -> Result<(), PolicyRefusal> {
     let Policy::Deadline {
         runtime,
@@ -69,11 +69,11 @@ fn zeroed() -> libc::sched_attr {
     }
 }
 
-/// Which of the kernel's reasons for `EPERM` it was. A limit on priorities does not matter here.
+/// Determines the kernel's reason for `EPERM`. A limit on priorities does not matter here.
 fn why_not_permitted() -> PolicyRefusal {
     match privileges::effective(Capability::SysNice) {
         Some(true) if privileges::in_a_user_namespace() => PolicyRefusal::UserNamespace,
-        // It may: so its cores are too few.
+        // The process is permitted: so its cores are too few.
         Some(true) => PolicyRefusal::NotAllCores {
             allowed: write_core_list(&available_cores()),
         },

@@ -69,11 +69,11 @@ impl Watch {
     }
 }
 
-/// Makes this process survive what ends its terminal, its session, or is typed there: for one that
-/// must be the last.
+/// Makes this process survive what ends its terminal or its session, or is typed there: for a
+/// process that must be the last.
 pub(crate) fn outlive_requests() {
-    // Fails for a leader of a group, which is in a session of its own already, or is what a user
-    // typed.
+    // Fails for the leader of a process group, which is in a session of its own already, or was
+    // started by a user.
     let _ = nix::unistd::setsid();
     for signal in [
         libc::SIGINT,
