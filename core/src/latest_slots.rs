@@ -130,8 +130,8 @@ impl LatestSlots {
     }
 
     /// Lets `write` fill a slot with the value of this number, with release stores, and offers it
-    /// to the owner. Says whether the owner had taken the one before. The slot may be one that was
-    /// not there before: `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater
+    /// to the owner. Returns whether the owner had taken the one before. The slot may be new:
+    /// `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater
     /// each time, from 2, below 2 to the 48. By one thread at a time. Wait-free; allocates when
     /// readers hold all slots.
     ///
@@ -170,8 +170,8 @@ impl LatestSlots {
         free
     }
 
-    /// Makes the latest value that was published the front one; says whether there was one. By the
-    /// owner alone. Wait-free.
+    /// Makes the latest value that was published the front one; returns whether there was one.
+    /// By the owner alone. Wait-free.
     #[inline]
     pub fn latch(&self) -> bool {
         if !self.is_fresh() {

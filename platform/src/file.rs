@@ -14,7 +14,7 @@ use std::os::fd::AsFd;
 ///
 /// # Errors
 ///
-/// What the system says; it refuses no open file that can be read or written.
+/// The error of the system; it refuses no open file that can be read or written.
 ///
 /// ```
 /// use std::io::{ErrorKind, Read};
@@ -33,7 +33,7 @@ pub fn set_non_blocking(file: &impl AsFd) -> Result<()> {
 ///
 /// # Errors
 ///
-/// What the system says, [`WouldBlock`](ErrorKind::WouldBlock) if nothing is there. It allocates
+/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if nothing is there. It allocates
 /// nothing.
 ///
 /// ```
@@ -45,7 +45,7 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
     unless_interrupted(|| path::expected(Call::File, || file.read(to)))
 }
 
-/// Writes what there is room for, and says how much. Real-time path: one system call, more only if
+/// Writes what fits, and returns how much. Real-time path: one system call, more only if
 /// signals come.
 ///
 /// A pipe or socket without a reader also raises SIGPIPE, which Rust programs ignore from their
@@ -53,7 +53,7 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
 ///
 /// # Errors
 ///
-/// What the system says, [`WouldBlock`](ErrorKind::WouldBlock) if there is no room. It allocates
+/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if there is no room. It allocates
 /// nothing.
 ///
 /// ```

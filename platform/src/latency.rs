@@ -31,7 +31,7 @@ impl DmaLatency {
     ///
     /// # Errors
     ///
-    /// [`Shortfall::DmaLatency`] says why not, and how to get it.
+    /// [`Shortfall::DmaLatency`] reports why not, and how to get it.
     pub fn hold() -> Result<DmaLatency, Shortfall> {
         let held = backend::hold().map_err(Shortfall::DmaLatency)?;
         Ok(DmaLatency { _held: held })

@@ -55,7 +55,7 @@ pub fn copy_words(range: Range<usize>) -> Vec<usize> {
 ///
 /// # Errors
 ///
-/// [`Shortfall::MemoryLock`] says why not, and how to get it.
+/// [`Shortfall::MemoryLock`] reports why not, and how to get it.
 ///
 /// ```
 /// match luna_platform::memory::lock_memory() {

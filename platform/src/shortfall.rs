@@ -102,7 +102,7 @@ pub enum PolicyRefusal {
         /// What it has.
         obtained: Policy,
     },
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -129,7 +129,7 @@ pub enum CoreRefusal {
     },
     /// Nothing was refused, yet the thread may run elsewhere.
     NotKept,
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -167,7 +167,7 @@ pub enum MemoryRefusal {
         /// The process' RLIMIT_MEMLOCK in bytes, where it could be read.
         limit: Option<u64>,
     },
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -184,7 +184,7 @@ pub enum LatencyRefusal {
     Missing,
     /// The process may not write to it.
     NotPermitted,
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,

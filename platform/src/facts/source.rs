@@ -59,7 +59,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says which file, and why.
+    /// [`Unread`] reports which file, and why.
     pub fn read(&self, file: &str) -> Result<String, Unread> {
         let bytes = self.read_bytes(file)?;
         Ok(String::from_utf8_lossy(&bytes).into_owned())
@@ -69,7 +69,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says which file, and why.
+    /// [`Unread`] reports which file, and why.
     pub fn read_bytes(&self, file: &str) -> Result<Vec<u8>, Unread> {
         let read = || {
             let opened = File::open(self.path(file)?)?;
@@ -122,7 +122,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says why it cannot be listed.
+    /// [`Unread`] reports why it cannot be listed.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, Unread> {
         let list = || {
             let entries = fs::read_dir(self.path(folder)?)?.flatten();
@@ -143,7 +143,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says why not.
+    /// [`Unread`] reports why not.
     pub fn may_write(&self, file: &str) -> Result<(), Unread> {
         let open = || {
             OpenOptions::new().write(true).open(self.path(file)?)?;
@@ -180,7 +180,7 @@ pub enum UnreadReason {
     Malformed,
     /// This backend knows no such files.
     Unsupported,
-    /// The system said something else.
+    /// Another error of the system.
     Other {
         /// Its words.
         message: String,

@@ -49,7 +49,7 @@ use std::thread::{Builder, JoinHandle};
 ///
 /// # Errors
 ///
-/// [`SpawnError`] says which step failed: the attributes are bad, the system made no thread, it
+/// [`SpawnError`] reports which step failed: the attributes are bad, the system made no thread, it
 /// refused an attribute under [`Mode::Strict`], or the set-up failed or panicked. The thread has
 /// then ended, and `body` was dropped without having run.
 ///
