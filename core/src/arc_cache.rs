@@ -1,7 +1,9 @@
-//! References to one thing that all processes of a thread have, passed on from those that have ended to those that begin.
+//! A cache of references to one thing that all processes of a thread share, passed on from
+//! processes that have ended to new ones.
 //!
-//! A process refers to what it shares with the others of its thread: its executor, say. Counting each of these references is two atomic
-//! read-modify-write operations a process; one that is handed on is counted already.
+//! A process refers to shared objects of its thread, for instance its executor. Counting each of
+//! these references costs two atomic read-modify-write operations a process; a reference from the
+//! cache is counted already.
 
 use std::cell::Cell;
 use std::fmt;
@@ -9,10 +11,10 @@ use std::mem;
 use std::ptr;
 use std::sync::Arc;
 
-/// How many are kept at most: more would only be counted that nobody has.
+/// Capacity of the cache.
 const MOST: usize = 256;
 
-/// References that nobody uses just now, all to the same thing: for a thread-local variable.
+/// Unused references, all to the same thing: for a thread-local variable.
 ///
 /// ```
 /// use luna_core::arc_cache::ArcCache;
@@ -32,14 +34,14 @@ const MOST: usize = 256;
 ///
 /// # Invariants
 ///
-/// As many references to `of` as `count` says belong to this.
+/// The cache owns `count` references to `of`.
 pub struct ArcCache<T> {
     of: Cell<*const T>,
     count: Cell<usize>,
 }
 
 impl<T> ArcCache<T> {
-    /// One that keeps none.
+    /// An empty cache.
     pub const fn new() -> Self {
         Self {
             of: Cell::new(ptr::null()),
@@ -53,13 +55,13 @@ impl<T> ArcCache<T> {
         ptr::eq(self.of.get(), Arc::as_ptr(of))
     }
 
-    /// From now on references to `of` are kept, and those that were are released.
+    /// Keeps references to `of` from now on, and releases those that were kept.
     pub fn keep(&self, of: &Arc<T>) {
         self.release();
         self.of.set(Arc::as_ptr(of));
     }
 
-    /// A reference to `of`: one that was given back, if it can be. O(1); nothing is allocated or freed.
+    /// A reference to `of`: a returned one, if possible. O(1); nothing is allocated or freed.
     #[inline]
     pub fn another(&self, of: &Arc<T>) -> Arc<T> {
         let count = self.count.get();
@@ -67,11 +69,12 @@ impl<T> ArcCache<T> {
             return of.clone();
         }
         self.count.set(count - 1);
-        // SAFETY: the invariant: this has one more, which it gives away.
+        // SAFETY: by the invariant the cache owned one reference more, which it passes on here.
         unsafe { Arc::from_raw(self.of.get()) }
     }
 
-    /// Takes a reference that is no longer needed, if it is one that is kept, and drops it otherwise. O(1).
+    /// Takes a reference that is no longer needed: keeps it if it is to `of`, and drops it
+    /// otherwise. O(1).
     #[inline]
     pub fn give_back(&self, one: Arc<T>) {
         if self.keeps(&one) && self.count.get() < MOST {
@@ -80,11 +83,12 @@ impl<T> ArcCache<T> {
         }
     }
 
-    /// Drops all that are kept, and keeps no more.
+    /// Drops all kept references, and keeps no more.
     pub fn release(&self) {
         let of = self.of.replace(ptr::null());
         for _ in 0..self.count.take() {
-            // SAFETY: the invariant; it is given away as often as it is counted.
+            // SAFETY: by the invariant the cache owns as many references as it counts, and each is
+            // dropped once.
             drop(unsafe { Arc::from_raw(of) });
         }
     }

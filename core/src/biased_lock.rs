@@ -1,8 +1,11 @@
-//! A lock that costs the thread which alone uses it no atomic read-modify-write: what channels are guarded by.
+//! A biased lock: the executor that alone uses it needs no atomic read-modify-write. It guards
+//! channels.
 //!
-//! Most channels connect processes of one executor. Their lock is taken by one thread for ever, and two compare-and-swaps an operation would be
-//! most of what a communication costs. So a lock that one home has taken many times in a row comes to *favour* it: from then on that home's
-//! thread says by plain stores that it is inside, and anybody else has to end the favour first, once in the lock's life.
+//! Most channels connect processes of one executor. One thread takes their lock every time, and two
+//! compare-and-swaps an operation would be most of the cost of a communication. A lock that one
+//! executor has taken many times in a row therefore becomes *biased* to it. From then on the thread
+//! of that executor marks itself as inside by plain stores. Any other thread must first revoke the
+//! bias, once in the lock's life.
 //!
 //! ```text
 //!   shared --one home alone, 16 times--> favours it --anybody else--> shared, for good
@@ -10,7 +13,7 @@
 //!      two homes: shared, for good             '---' who only looks (`lock_briefly`) gives the favour back
 //! ```
 //!
-//! # Why it excludes
+//! # Mutual exclusion
 //!
 //! ```text
 //!   home, each time                      another thread, once
@@ -23,15 +26,18 @@
 //!   favoured is me? done : repair
 //! ```
 //!
-//! It is Dekker's pattern: between the two stores and the two loads at least one side sees the other's store, if both have a full fence. The light
-//! fence keeps only the compiler from reordering; the heavy one, `membarrier(2)`, makes every running thread of the program execute a full fence, so
-//! the home's is there whenever it matters (asymmetric fences: P1202, and biased locks: D. Dice, H. Huang, M. Yang, *Asymmetric Dekker
-//! Synchronization*, 2001). What they order they do not exclude: who finds the home inside has to wait. It does so with priority inheritance: `inside` is the word
-//! of a priority-inheriting futex, and the home writes its thread's number there, so the kernel knows whom to lend the priority of who waits.
-//! Its plain store on leaving may erase the kernel's note that somebody waits, hence the second look at `favoured`, and the
-//! repair (`Inside::leave_revoked`).
+//! In the diagram, "home" is the owner of the bias. This is Dekker's pattern: if both sides have a
+//! full fence between store and load, at least one of them sees the other's store. The light fence
+//! keeps only the compiler from reordering; the heavy one, `membarrier(2)`, makes every running
+//! thread of the program execute a full fence, so the owner of the bias has executed one whenever
+//! it matters (asymmetric fences: P1202, and biased locks: D. Dice, H. Huang, M. Yang, *Asymmetric
+//! Dekker Synchronization*, 2001). The fences give order, not exclusion: a thread that finds the
+//! owner inside has to wait. It waits with priority inheritance: `inside` is the word of a
+//! priority-inheriting futex, and the owner writes its thread id there, so the kernel knows which
+//! thread to boost. The owner's plain store on leaving may erase the kernel's mark that a thread
+//! waits. Hence the second read of `favoured`, and the repair (`Inside::leave_revoked`).
 //!
-//! The models of loom check this with full fences on both sides: what the kernel makes of the pair.
+//! The loom models use full fences on both sides, which is the effect of the pair in the kernel.
 
 use crate::current;
 use luna_platform::fence;
@@ -43,13 +49,14 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 
-/// How often one home takes the lock in a row until it is favoured.
+/// Uses in a row by one executor after which the lock becomes biased to it.
 const ALONE: u8 = 16;
 
-/// How often that is in this program.
+/// The threshold of this program; see [`bias_after`].
 static USES_ALONE: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(ALONE);
 
-/// Lets locks favour a home after so many uses: for tests that would else be over before any does.
+/// Sets the number of uses after which a lock becomes biased. For tests that are shorter than the
+/// default threshold.
 #[doc(hidden)]
 pub fn bias_after(uses: u8) {
     USES_ALONE.store(uses, std::sync::atomic::Ordering::Relaxed);
@@ -60,18 +67,21 @@ fn uses_alone() -> u8 {
     USES_ALONE.load(std::sync::atomic::Ordering::Relaxed)
 }
 
-/// Favours nobody; no home has this number.
+/// No bias; no executor has this id.
 const NOBODY: u64 = u64::MAX;
 
-/// A lock that costs its favoured home no read-modify-write, and everybody else what a [`PiLock`] costs.
+/// A lock that costs the owner of its bias no read-modify-write, and every other thread as much as
+/// a [`PiLock`].
 ///
-/// Real-time path: yes. For the favoured home O(1), a few loads and stores; shared, as for `PiLock`. The first use by another thread while a home is
-/// favoured makes one system call (`membarrier(2)`, some microseconds; it interrupts the processors that run threads of this program), and waits for a section of the
-/// home that is under way, with priority inheritance. After that nobody is favoured again.
+/// Real-time path: yes. For the owner of the bias O(1), a few loads and stores; shared, as for
+/// `PiLock`. The first use by another thread while the lock is biased makes one system call
+/// (`membarrier(2)`, some microseconds; it interrupts the processors that run threads of this
+/// program). It also waits for a critical section of the owner that is under way, with priority
+/// inheritance. After that the lock is never biased again.
 ///
 /// # Panics
 ///
-/// `lock` panics if the thread that calls it holds the lock already.
+/// `lock` panics if the calling thread holds the lock already.
 ///
 /// ```
 /// use luna_core::biased_lock::BiasedLock;
@@ -83,8 +93,10 @@ const NOBODY: u64 = u64::MAX;
 ///
 /// # Invariants
 ///
-/// `favoured` is changed by who holds `shared` alone: from `NOBODY` to a home by that home's thread, and back by anybody. `value` is accessed by who holds
-/// `shared` while nobody is favoured and `inside` is free after the heavy fence, or by the favoured home's thread while it holds `inside`.
+/// Only the holder of `shared` changes `favoured`: from `NOBODY` to an executor on that executor's
+/// thread, and back on any thread. Two kinds of thread access `value`: the holder of `shared`,
+/// while there is no bias and `inside` is free after the heavy fence; and the owner of the bias,
+/// while it holds `inside`.
 #[repr(C)]
 pub struct BiasedLock<T> {
     favoured: AtomicU64,
@@ -93,23 +105,26 @@ pub struct BiasedLock<T> {
     value: UnsafeCell<T>,
 }
 
-// What it guards begins on the line of its words, and channels count on how much of it is left.
+// The guarded value begins on the cache line of the lock's words. Channels rely on the space that
+// is left there.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 const _: () = assert!(std::mem::offset_of!(BiasedLock<u64>, value) == 32);
 
-// SAFETY: the lock hands out access to one thread at a time, so sharing it needs no more than that the value may change threads.
+// SAFETY: the lock gives access to one thread at a time, so it may be shared if the value may move
+// between threads.
 unsafe impl<T: Send> Sync for BiasedLock<T> {}
-// SAFETY: a lock that is moved is not borrowed, so nobody holds it; it is as `Send` as its value.
+// SAFETY: a lock that is moved is not borrowed, so no guard exists; it is as `Send` as its value.
 unsafe impl<T: Send> Send for BiasedLock<T> {}
 
-/// Who has used the lock in shared mode lately. Packed, so that the lock's word lies beside `inside`, and leaves more of their line to what the lock guards.
+/// The recent users of the lock in shared mode. Packed, so that the lock's word lies beside
+/// `inside` and more of the cache line is left for the guarded value.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, packed(4))]
 struct Uses {
-    /// The home that did last.
+    /// The executor that used it last.
     home: u64,
     in_a_row: u8,
-    /// A favour was ended by somebody else, or two homes have used it: there will be no other.
+    /// The bias was revoked, or two executors have used the lock: it is never biased again.
     is_shared_for_good: bool,
 }
 
@@ -117,12 +132,12 @@ impl Uses {
     #[inline]
     fn count(&mut self, home: u64) {
         if home == 0 {
-            // A plain thread: it may have used it when the system was set up.
+            // A plain thread: it may have used the lock while the system was set up.
             self.in_a_row = 0;
             return;
         }
         if self.home != home {
-            // Two homes: it will be so again.
+            // A second executor uses the lock: more of the same is expected.
             self.is_shared_for_good |= self.home != NOBODY;
             self.home = home;
             self.in_a_row = 0;
@@ -136,7 +151,7 @@ impl Uses {
     }
 }
 
-/// Unlocks when dropped. Stays on the thread that locked.
+/// Unlocks when dropped. Not `Send`: it stays on the thread that locked.
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BiasedGuard<'a, T> {
     lock: &'a BiasedLock<T>,
@@ -145,13 +160,13 @@ pub struct BiasedGuard<'a, T> {
 }
 
 enum Held<'a> {
-    /// By the favoured home, whose number this is.
+    /// Locked by the owner of the bias, the executor of this id.
     Inside(u64),
     Shared(PiGuard<'a, Uses>),
 }
 
 impl<T> BiasedLock<T> {
-    /// An unlocked lock around `value`, which favours nobody yet.
+    /// An unlocked lock around `value`, without a bias.
     pub fn new(value: T) -> Self {
         Self {
             favoured: AtomicU64::new(NOBODY),
@@ -165,33 +180,34 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// An unlocked lock around `value`, which favours the home that the calling thread is from the start, if it is one: of a thing that
-    /// will be used there, and seldom elsewhere.
+    /// An unlocked lock around `value`, biased from the start to the executor of the calling
+    /// thread, if it is one. For a thing that is used on this executor, and seldom elsewhere.
     #[inline]
     pub fn biased_to_this_executor(value: T) -> Self {
         let lock = Self::new(value);
         let home = current::home_number();
         if home != 0 && fence::is_available() {
-            // Who comes to know the lock sees this.
+            // Relaxed: handing the lock to another thread publishes this store.
             lock.favoured.store(home, Ordering::Relaxed);
         }
         lock
     }
 
-    /// Locks, waiting as long as another thread holds it.
+    /// Locks. Waits while another thread holds it.
     #[inline]
     pub fn lock(&self) -> BiasedGuard<'_, T> {
         self.lock_as(current::home_number())
     }
 
-    /// Locks if this thread is the home of that number and the lock favours it: then without any atomic read-modify-write.
+    /// Locks if the lock is biased to the executor `home`, without any atomic read-modify-write.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// The calling thread is that of the executor `home`.
     #[inline(always)]
     pub unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, T>> {
-        // Acquire, here and below: who borrowed the value gave the favour back after it.
+        // Acquire, here and below: pairs with the store that restores the bias, so that the owner
+        // sees what was done during a brief revocation.
         if self.favoured.load(Ordering::Acquire) != home {
             return None;
         }
@@ -209,18 +225,19 @@ impl<T> BiasedLock<T> {
         None
     }
 
-    /// As [`lock_if_favoured`](Self::lock_if_favoured), for who takes several such locks at once and does not know whether two are the same: `None` also if this
-    /// thread holds the lock already.
+    /// As [`lock_if_favoured`](Self::lock_if_favoured), for callers that take several such locks at
+    /// once, two of which may be the same: `None` also if this thread holds the lock already.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// The calling thread is that of the executor `home`.
     #[inline(always)]
     pub unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, T>> {
         if self.favoured.load(Ordering::Acquire) != home || self.inside.is_entered() {
             return None;
         }
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that this thread is that of `home`, which is all that is
+        // required.
         unsafe { self.lock_if_favoured(home) }
     }
 
@@ -228,7 +245,8 @@ impl<T> BiasedLock<T> {
     ///
     /// # Safety
     ///
-    /// This thread, the home of that number, has kept a guard of this lock, and did not call this since.
+    /// The calling thread is that of the executor `home`, has kept a guard of this lock, and has
+    /// not called this since.
     #[inline(always)]
     pub unsafe fn kept(&self, home: u64) -> InsideGuard<'_, T> {
         InsideGuard {
@@ -238,18 +256,22 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Favours a home before its first use: of a lock that is made for a thing whose other locks favour that home already.
+    /// Biases the lock to `home` before its first use. For a lock that is made for a thing with
+    /// other locks that have the same bias already.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number, nobody else knows the lock or has used it, and some other lock favours that home.
+    /// The calling thread is that of the executor `home`, no other thread knows the lock or has
+    /// used it, and some other lock is biased to that executor.
     #[inline]
     pub unsafe fn favour_from_the_start(&self, home: u64) {
-        // The heavy fence is there, or nobody would be favoured. Who comes to know the lock sees this.
+        // Another lock is biased, so the heavy fence is available. Relaxed: handing the lock to
+        // another thread publishes this store.
         self.favoured.store(home, Ordering::Relaxed);
     }
 
-    /// Locks as [`lock`](Self::lock) does, for a look now and then: who is favoured stays it. Not for what uses the value regularly.
+    /// Locks as [`lock`](Self::lock) does, for an occasional inspection: a bias is restored
+    /// afterwards. Not for regular use of the value.
     pub fn lock_briefly(&self) -> BriefGuard<'_, T> {
         let me = current::home_number();
         if self.favoured.load(Ordering::Relaxed) == me {
@@ -270,22 +292,24 @@ impl<T> BiasedLock<T> {
         })
     }
 
-    /// Whether a home is favoured.
+    /// Whether the lock is biased.
     pub fn is_favouring(&self) -> bool {
         self.favoured.load(Ordering::Relaxed) != NOBODY
     }
 
-    /// The value, without locking: the exclusive borrow shows that nobody holds it.
+    /// The value, without locking: the exclusive borrow shows that no guard exists.
     pub fn with_mut<R>(&mut self, f: impl FnOnce(&mut T) -> R) -> R {
-        // SAFETY: the exclusive borrow.
+        // SAFETY: `self` is borrowed exclusively, so no guard exists and no other thread accesses
+        // the value.
         self.value.with_mut(|value| f(unsafe { &mut *value }))
     }
 
-    /// Locks on the thread of home `me`, 0 if it is none.
+    /// Locks on the thread of executor `me`; 0 if the thread is none.
     #[inline(always)]
     fn lock_as(&self, me: u64) -> BiasedGuard<'_, T> {
         loop {
-            // SAFETY: the callers are on the thread of home `me`, or of none.
+            // SAFETY: each caller passes the executor of the calling thread, or 0, to which no lock
+            // is biased.
             if let Some(inside) = unsafe { self.lock_if_favoured(me) } {
                 std::mem::forget(inside);
                 return self.guard(Held::Inside(me));
@@ -305,10 +329,12 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Locks among all. `None`: home `me` is favoured again, whose favour was borrowed meanwhile.
+    /// Locks in shared mode. `None`: the bias to `me`, which was revoked briefly, has been restored
+    /// meanwhile.
     #[inline(never)]
     fn lock_shared(&self, me: u64) -> Option<PiGuard<'_, Uses>> {
-        // Whoever ends the favour meanwhile waits for a section of this thread under `shared`: it would wait for itself.
+        // A thread that revokes the bias holds `shared` and waits for the critical section of this
+        // thread: blocking on `shared` inside it would deadlock.
         self.inside.assert_not_here();
         let mut uses = self.shared.lock();
         let favoured = self.favoured.load(Ordering::Relaxed);
@@ -323,7 +349,7 @@ impl<T> BiasedLock<T> {
         Some(uses)
     }
 
-    /// The home of that number leaves.
+    /// Ends the critical section of the executor `home`.
     #[inline(always)]
     fn leave(&self, home: u64) {
         self.inside.leave();
@@ -333,8 +359,9 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Favours the home that has used the lock alone for long, if that can be. The caller holds `shared`, and its section is over: its thread is the home,
-    /// so nobody is inside at the same time.
+    /// Biases the lock to the executor that alone has used it for long, if possible. The caller
+    /// holds `shared`, and its critical section is over. Its thread is that of the executor, so the
+    /// executor is not inside at the same time.
     #[cold]
     fn favour(&self, uses: &mut Uses) {
         if fence::is_available() {
@@ -345,10 +372,11 @@ impl<T> BiasedLock<T> {
         }
     }
 
-    /// Ends the favour, and waits until the home is outside. The caller holds `shared`.
+    /// Revokes the bias, and waits until its owner is outside. The caller holds `shared`.
     #[cold]
     fn exclude_home(&self) {
-        /// If one of the steps panics the home is not excluded, so it is favoured again before `shared` is released.
+        /// Restores the bias before `shared` is released if one of the steps panics: the owner has
+        /// not been excluded then.
         struct Restore<'a>(&'a AtomicU64, u64);
         impl Drop for Restore<'_> {
             fn drop(&mut self) {
@@ -374,13 +402,13 @@ impl<T> Drop for BiasedGuard<'_, T> {
     }
 }
 
-/// The guard of a look: see [`BiasedLock::lock_briefly`].
+/// The guard of [`BiasedLock::lock_briefly`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct BriefGuard<'a, T>(Brief<'a, T>);
 
 enum Brief<'a, T> {
     Locked(BiasedGuard<'a, T>),
-    /// The home of that number is favoured again afterwards.
+    /// The bias was revoked; dropping the guard restores it to this executor.
     Borrowed {
         lock: &'a BiasedLock<T>,
         _uses: PiGuard<'a, Uses>,
@@ -402,7 +430,8 @@ impl<T> Deref for BriefGuard<'_, T> {
     fn deref(&self) -> &T {
         match &self.0 {
             Brief::Locked(guard) => guard,
-            // SAFETY: this guard exists, so by the lock's invariant this thread has access.
+            // SAFETY: this guard exists, so by the lock's invariant this thread has access to the
+            // value.
             Brief::Borrowed { lock, .. } => lock.value.with(|value| unsafe { &*value }),
         }
     }
@@ -424,7 +453,7 @@ impl<T: fmt::Debug> fmt::Debug for BriefGuard<'_, T> {
     }
 }
 
-/// The guard of the favoured home: see [`BiasedLock::lock_if_favoured`].
+/// The guard of the owner of the bias: see [`BiasedLock::lock_if_favoured`].
 #[must_use = "the lock is released when the guard is dropped"]
 pub struct InsideGuard<'a, T> {
     lock: &'a BiasedLock<T>,
@@ -433,7 +462,7 @@ pub struct InsideGuard<'a, T> {
 }
 
 impl<T> InsideGuard<'_, T> {
-    /// Keeps the lock: [`BiasedLock::kept`] gives the guard again.
+    /// Leaves the lock locked: [`BiasedLock::kept`] returns the guard again.
     #[inline(always)]
     pub fn keep(self) {
         std::mem::forget(self);

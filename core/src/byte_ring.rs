@@ -1,9 +1,11 @@
-//! The ring between a process that is recorded and the thread that writes: one producer, one consumer, and nobody waits.
+//! The ring between a recorded process and the thread that writes the recording: one producer, one
+//! consumer, both non-blocking.
 
 use luna_platform::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::OnceLock;
 
-/// A ring of bytes. What does not fit is lost, and with it all that comes after, since nobody could tell what it belongs to.
+/// A ring of bytes. An event that does not fit is lost, and so are all later ones, since a reader
+/// could not assign them.
 ///
 /// Real-time path: yes, for the producer: wait-free, O(bytes), no allocation.
 ///
@@ -20,7 +22,7 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub struct ByteRing {
     bytes: Box<[AtomicU8]>,
-    /// How many bytes were ever put in, and taken out.
+    /// The number of bytes ever written, and ever read.
     written: AtomicU64,
     read: AtomicU64,
     events: AtomicU64,
@@ -43,7 +45,8 @@ impl ByteRing {
         }
     }
 
-    /// Puts an event in, in two parts, or counts it as lost. By the one producer; wait-free, O(bytes).
+    /// Puts an event in, in two parts, or counts it as lost. By the one producer; wait-free,
+    /// O(bytes).
     pub fn put(&self, head: &[u8], tail: &[u8]) {
         let lost = self.lost.load(Ordering::Relaxed);
         let written = self.written.load(Ordering::Relaxed);
@@ -65,29 +68,29 @@ impl ByteRing {
         (at % self.bytes.len() as u64) as usize
     }
 
-    /// Counts an event as lost that could not be told of.
+    /// Counts an event that could not be recorded as lost.
     pub fn lose(&self) {
         let lost = self.lost.load(Ordering::Relaxed);
         self.lost.store(lost + 1, Ordering::Relaxed);
     }
 
-    /// Says that nothing more comes.
+    /// Ends the stream: the producer puts in nothing more.
     pub fn close(&self) {
         self.is_final.store(true, Ordering::Release);
     }
 
-    /// Whether nothing more comes.
+    /// Whether the stream has ended.
     pub fn is_closed(&self) -> bool {
         self.is_final.load(Ordering::Acquire)
     }
 
-    /// Notes what was done that is not recorded. By the one producer; the first is kept.
+    /// Notes a construct that is not recorded. By the one producer; the first is kept.
     pub fn note_outside(&self, construct: &'static str) {
-        // Nobody else sets it, so nobody waits.
+        // There is one producer, so this never waits.
         let _ = self.outside.set(construct);
     }
 
-    /// What was done that is not recorded.
+    /// The first construct that is not recorded.
     pub fn outside(&self) -> Option<&'static str> {
         self.outside.get().copied()
     }
@@ -169,7 +172,8 @@ mod model {
     use super::*;
     use luna_platform::sync::Arc;
 
-    /// The bytes come out as they went in, whole events of them, and what was lost is counted: whoever comes when.
+    /// In any interleaving, the bytes come out in order and in whole events, and lost events are
+    /// counted.
     #[test]
     fn events_come_out_whole_and_in_order_and_lost_ones_are_counted() {
         loom::model(|| {
@@ -200,7 +204,7 @@ mod model {
         });
     }
 
-    /// Who sees that the ring is closed sees all that was put in before, and what was lost.
+    /// A reader that sees the ring closed sees all that was put in before, and what was lost.
     #[test]
     fn who_sees_the_end_sees_all() {
         loom::model(|| {

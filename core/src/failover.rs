@@ -1,8 +1,10 @@
-//! Who runs which of several jobs, each once and one after the other, by threads of which any may get stuck.
+//! Runs jobs in order, each at most once; another worker takes over when one hangs.
 //!
-//! The members of a workers all come to the same [`FailoverSequence`]. It says to one of them that it [runs](Leg::Run) the next job, and to the others that they [watch](Leg::Watch)
-//! that one. If it takes too long, a watcher [leaves it behind](FailoverSequence::leave_behind), and the next job is anybody's. One word, changed by compare-and-swap:
-//! so a job is run once, by one member, and either its runner has finished it or it was left behind, never both.
+//! All workers of a group, its members, use the same [`FailoverSequence`]. It makes one of them
+//! [run](Leg::Run) the next job, and the others [watch](Leg::Watch) that one. If the job takes too
+//! long, a watcher [leaves the runner behind](FailoverSequence::leave_behind), and any member may
+//! run the next job. The state is one word, changed by compare-and-swap. So a job is run once, by
+//! one member, and either its runner has finished it or was left behind, never both.
 //!
 //! ```
 //! use luna_core::failover::{Leg, FailoverSequence};
@@ -22,12 +24,14 @@
 use luna_platform::sync::atomic::{AtomicU64, Ordering};
 use std::fmt;
 
-/// The most jobs.
+/// The maximum number of jobs.
 pub const MOST_JOBS: usize = 1 << 12;
 
-/// Who does what, in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits last.
+/// The state in one word: `{ round: 24, runner: 8, next: 14, jobs: 14, phase: 4 }`, the lowest bits
+/// last.
 ///
-/// Phases only go from ready to begun to done, or from ready or done to closed; done goes to ready as a new round.
+/// Phases go only from ready to begun to done, or from ready or done to closed; done goes to ready
+/// as a new round.
 pub struct FailoverSequence {
     word: AtomicU64,
 }
@@ -52,14 +56,14 @@ impl Turn {
     }
 }
 
-/// What a member has to do.
+/// The duty of a member.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Leg {
     /// Run this job, and then [`finish`](FailoverSequence::finish) it.
     Run(Turn),
-    /// See to it that this does not take too long.
+    /// Watch that this run does not take too long.
     Watch(Turn),
-    /// Nothing: it has not begun, or is over.
+    /// Nothing: the sequence has not begun, or is over.
     Rest,
 }
 
@@ -114,7 +118,7 @@ impl State {
         })
     }
 
-    /// The job is over, however it went.
+    /// The job is over, whatever its result.
     fn passed(mut self) -> Self {
         self.runner = 0;
         self.next += 1;
@@ -142,8 +146,9 @@ impl FailoverSequence {
         }
     }
 
-    /// Adds a job; gives its number: 0, 1 and so on. It runs behind the others, also if they run already. None if it would never be run: all have been,
-    /// or it is closed, or there are [`MOST_JOBS`].
+    /// Adds a job; returns its number: 0, 1 and so on. It runs behind the others, also if they run
+    /// already. None if it would never be run: all have been, or the sequence is closed, or there
+    /// are [`MOST_JOBS`].
     pub fn add(&self) -> Option<usize> {
         let before = self.change(|mut state| {
             let is_over = matches!(state.phase, Phase::Done | Phase::Closed);
@@ -156,7 +161,8 @@ impl FailoverSequence {
         before.ok().map(|state| state.jobs.into())
     }
 
-    /// Takes the last number back, if none has been run: whoever numbers the jobs closes the gap. Says whether it did.
+    /// Removes the last number, if no job has been run: the caller, which numbers the jobs, closes
+    /// the gap. Returns whether it did.
     pub fn remove(&self) -> bool {
         let removed = self.change(|mut state| {
             (state.phase == Phase::Ready && state.jobs > 0).then(|| {
@@ -167,7 +173,8 @@ impl FailoverSequence {
         removed.is_ok()
     }
 
-    /// Begins; says whether this was the first to do so. Does nothing if it has begun, is done or closed. Async-signal-safe, as all of this.
+    /// Begins; returns whether this was the first to do so. Does nothing if it has begun, is done
+    /// or closed. Async-signal-safe, as are all methods.
     pub fn begin(&self) -> bool {
         let begun = self.change(|mut state| {
             (state.phase == Phase::Ready).then(|| {
@@ -181,7 +188,7 @@ impl FailoverSequence {
         begun.is_ok()
     }
 
-    /// Sees to it that it never begins; says whether that can be promised.
+    /// Prevents it from beginning; returns whether that is guaranteed.
     pub fn close(&self) -> bool {
         let closed = self.change(|mut state| match state.phase {
             Phase::Ready => {
@@ -193,7 +200,8 @@ impl FailoverSequence {
         closed.is_ok() || self.state().phase == Phase::Closed
     }
 
-    /// As [`close`](Self::close), and if it is done it stays so: it does not begin [`again`](Self::again), and is no longer [done](Self::is_done).
+    /// As [`close`](Self::close), and if it is done it stays so: it does not begin
+    /// [`again`](Self::again), and is no longer [done](Self::is_done).
     pub fn retire(&self) -> bool {
         let retired = self.change(|mut state| {
             (state.phase != Phase::Begun).then(|| {
@@ -204,7 +212,8 @@ impl FailoverSequence {
         retired.is_ok()
     }
 
-    /// Makes it as it was before it began, if it is done, with all its jobs. Says whether it did.
+    /// Resets it to the state before it began, if it is done, with all its jobs. Returns whether it
+    /// did.
     pub fn again(&self) -> bool {
         let again = self.change(|mut state| {
             (state.phase == Phase::Done).then(|| {
@@ -217,7 +226,8 @@ impl FailoverSequence {
         again.is_ok()
     }
 
-    /// What `member`, at most 254, has to do now. O(1), repeated only if another changed something meanwhile.
+    /// The present duty of `member`, at most 254. O(1), repeated only if another thread changed the
+    /// state meanwhile.
     pub fn take(&self, member: u8) -> Leg {
         let taken = self.change(|mut state| {
             (state.phase == Phase::Begun && state.runner == 0).then(|| {
@@ -235,12 +245,14 @@ impl FailoverSequence {
         }
     }
 
-    /// The runner has run its job. Says whether it counts; if not, it was left behind, and is no member any more.
+    /// The runner has run its job. Returns whether that counts; if not, the runner was left behind,
+    /// and is no member any more.
     pub fn finish(&self, turn: Turn) -> bool {
         self.pass(turn)
     }
 
-    /// The runner of `turn` is left behind: the next job is anybody's. Says whether this did it; if not, the runner has finished, or another was faster.
+    /// Leaves the runner of `turn` behind: any member may run the next job. Returns whether this
+    /// call did it; if not, the runner has finished, or another watcher was faster.
     pub fn leave_behind(&self, turn: Turn) -> bool {
         self.pass(turn)
     }
@@ -252,7 +264,7 @@ impl FailoverSequence {
         passed.is_ok()
     }
 
-    /// Whether it has begun, be it done or not.
+    /// Whether it has begun, done or not.
     pub fn has_begun(&self) -> bool {
         matches!(self.state().phase, Phase::Begun | Phase::Done)
     }
@@ -268,11 +280,12 @@ impl FailoverSequence {
     }
 
     fn state(&self) -> State {
-        // Acquire: who sees a job done sees what it has written.
+        // Acquire: a thread that sees a job done sees what the job has written.
         State::of(self.word.load(Ordering::Acquire))
     }
 
-    /// Makes one step, if `step` says one. Gives what was before it, or what there is if there is none to make.
+    /// Makes one step, if `step` returns one. Returns the state before it, or the present state if
+    /// there is no step.
     fn change(&self, step: impl Fn(State) -> Option<State>) -> Result<State, State> {
         let mut word = self.word.load(Ordering::Acquire);
         loop {

@@ -1,7 +1,7 @@
-//! Having memory fetched into the cache before it is needed.
+//! Prefetching memory into the cache.
 
-/// Asks the processor to fetch the lines that lie so many bytes behind `start`. A hint: nothing is accessed, so nothing need be there, and a processor that is not known here is asked for
-/// nothing.
+/// Asks the processor to prefetch the lines at these distances in bytes from `start`. A hint:
+/// nothing is accessed, so the memory need not exist; on an unknown architecture it does nothing.
 #[inline(always)]
 pub(crate) fn lines<const N: usize>(start: *const u8, distances: [usize; N]) {
     for distance in distances {
@@ -13,7 +13,7 @@ pub(crate) fn lines<const N: usize>(start: *const u8, distances: [usize; N]) {
 #[inline(always)]
 fn line(address: *const u8) {
     use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-    // SAFETY: every processor of this architecture has the instruction, which fails at no address.
+    // SAFETY: every processor of this architecture has the instruction, which faults at no address.
     unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) };
 }
 

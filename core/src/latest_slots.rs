@@ -1,22 +1,23 @@
-//! A value of which the latest matters: one publisher, one owner, any number of other readers, all wait-free.
+//! A value of which the latest matters: one publisher, one owner, any number of other readers, all
+//! wait-free.
 //!
-//! The *owner* reads the front slot. The publisher fills a free slot and offers it in `between`. The
-//! owner takes the offer when it calls [`latch`](LatestSlots::latch). So the value that the owner
-//! reads changes only at its own call, all words at once, and an offer that was not taken yet is
-//! replaced by a later one. Other threads may [`read`](LatestSlots::read) the front slot too.
+//! The *owner* reads the front slot. The publisher fills a free slot and offers it in `between`.
+//! The owner takes the offer when it calls [`latch`](LatestSlots::latch). So the value that the
+//! owner reads changes only at its own call, all words at once, and an offer that was not taken yet
+//! is replaced by a later one. Other threads may [`read`](LatestSlots::read) the front slot too.
 //!
 //! # Why there are more than three slots
 //!
-//! With three slots, a slot that the owner gives away is written again at once, so a reader can only
-//! copy and check. It must repeat the copy as long as the check fails. If the owner is preempted in
-//! the middle of `latch`, the check fails until the owner runs again, and a reader of higher priority
-//! on the same core never ends. A wait-free reader needs a slot that is not written while it is read.
-//! Readers that are preempted while each reads another value then need a slot each, so a fixed number
-//! of slots is not enough for any number of readers. This protocol counts the readers of a slot in the
-//! word that names the slot, as the ARC register does (M. Ianni et al., "Anonymous Readers Counting",
-//! 2017). It begins with [`SLOTS`] slots, which are enough as long as no thread is preempted in the
-//! middle of a counted read. The publisher, which is not on the real-time path, allocates more when
-//! readers hold all of them.
+//! With three slots, a slot that the owner gives away is written again at once, so a reader can
+//! only copy and check. It must repeat the copy as long as the check fails. If the owner is
+//! preempted in the middle of `latch`, the check fails until the owner runs again, and a reader of
+//! higher priority on the same core never ends. A wait-free reader needs a slot that is not written
+//! while it is read. Readers that are preempted while each reads another value then need a slot
+//! each, so a fixed number of slots is not enough for any number of readers. This protocol counts
+//! the readers of a slot in the word that names the slot, as the ARC register does (M. Ianni et
+//! al., "Anonymous Readers Counting", 2017). It begins with [`SLOTS`] slots, which are enough as
+//! long as no thread is preempted in the middle of a counted read. The publisher, which is not on
+//! the real-time path, allocates more when readers hold all of them.
 //!
 //! # Bounds
 //!
@@ -30,23 +31,23 @@
 //! # Protocol
 //!
 //! A slot is in use, or retired with the number of readers that entered it. `latch` goes from the
-//! slot `old` to the offered slot `new` in four steps: it takes the offer out of `between`, exchanges
-//! `pins` (this names `new` to readers that count themselves, and says how many entered `old`), raises
-//! `front` (this names `new` to readers that check), and retires `old`. A retired slot is free once as
-//! many readers have left it as entered it.
+//! slot `old` to the offered slot `new` in four steps: it takes the offer out of `between`,
+//! exchanges `pins` (this names `new` to readers that count themselves, and says how many entered
+//! `old`), raises `front` (this names `new` to readers that check), and retires `old`. A retired
+//! slot is free once as many readers have left it as entered it.
 //!
-//! - A reader that finds the same `front` before and after its copy has read one value: the slot was
-//!   not retired in between, so it was not written. An owner that stops anywhere in `latch` leaves
-//!   `front` as it is, so it makes no check fail.
-//! - A reader whose check fails enters through `pins`. Its slot stays until it leaves.
+//! - A reader that finds the same `front` before and after its copy has read one value: the slot
+//!   was not retired in between, so it was not written. An owner that stops anywhere in `latch`
+//!   leaves `front` as it is, so it makes no check fail.
+//! - A reader with a failed check enters through `pins`. Its slot stays until it leaves.
 //! - That reader may have learned of `new` before the owner has raised `front`. It raises `front`
 //!   itself before it returns, so that no later read finds an older value.
-//! - At most four slots are not free without counted readers: the front, the one in the owner's hand,
-//!   the offer, and the one that is written.
+//! - At most four slots are not free without counted readers: the front, the one in the owner's
+//!   hand, the offer, and the one that is written.
 //!
-//! The values themselves lie with the user, in a [`SlotMemory`] each: this is which slot may be
-//! accessed when. The values are atomics, since a reader whose check fails may have read a slot while
-//! it was written.
+//! The values themselves belong to the user, in a [`SlotMemory`] each; this type decides which slot
+//! may be accessed when. The values are atomics, since a reader may have read a slot while it was
+//! written, before its check fails.
 
 mod memory;
 
@@ -129,8 +130,8 @@ impl LatestSlots {
     }
 
     /// Lets `write` fill a slot with the value of this number, with release stores, and offers it
-    /// to the owner. Says whether the owner had taken the one before. The slot may be one that was
-    /// not there before: `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater
+    /// to the owner. Returns whether the owner had taken the one before. The slot may be new:
+    /// `write` makes room for it ([`SlotMemory::reach`]). Numbers are greater
     /// each time, from 2, below 2 to the 48. By one thread at a time. Wait-free; allocates when
     /// readers hold all slots.
     ///
@@ -169,8 +170,8 @@ impl LatestSlots {
         free
     }
 
-    /// Makes the latest value that was published the front one; says whether there was one. By the
-    /// owner alone. Wait-free.
+    /// Makes the latest value that was published the front one; returns whether there was one.
+    /// By the owner alone. Wait-free.
     #[inline]
     pub fn latch(&self) -> bool {
         if !self.is_fresh() {
@@ -228,9 +229,9 @@ impl LatestSlots {
     pub fn read<R>(&self, mut copy: impl FnMut(usize) -> R) -> R {
         let front = self.front.load(Ordering::Acquire);
         let read = copy(slot(front));
-        // Whoever has seen any of a later value in this slot sees a later `front`: the owner raised
-        // that before it retired the slot, and the publisher saw the slot retired before it wrote
-        // there.
+        // A reader that has seen any part of a later value in this slot sees a later `front`: the
+        // owner raised that before it retired the slot, and the publisher saw the slot retired
+        // before it wrote there.
         if self.front.load(Ordering::Relaxed) == front {
             return read;
         }

@@ -1,14 +1,15 @@
-//! The core of LUNA: what channels and executors share, so that they work together without knowing each
-//! other.
+//! The core of LUNA: the parts that channels and executors share, so that they work together
+//! without depending on each other.
 //!
-//! - [`current`]: the process that this thread polls, how it is woken, and its priority. This is the only
-//!   place that knows how a process becomes ready.
-//! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and deadlines.
+//! - [`current`]: the process that this thread polls, how it is woken, and its priority. Only this
+//!   module knows how a process becomes ready.
+//! - [`wait_list`], [`timer_queue`], [`tick_list`]: intrusive lists of waiting operations and
+//!   deadlines.
 //! - [`biased_lock`]: the lock of a channel, biased towards the executor that alone uses it.
-//! - [`reclaim`], [`spare`], [`latest_slots`], [`byte_ring`]: memory off the real-time path, and values that
-//!   one thread replaces while others read them.
-//! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and look for each other.
-//! - [`events`], [`tape`], [`path`]: what is recorded of a run, replayed, and checked by tests.
+//! - [`reclaim`], [`arc_cache`], [`latest_slots`], [`byte_ring`]: memory off the real-time path,
+//!   and values that one thread replaces while others read them.
+//! - [`failover`], [`parker`], [`park`], [`spin`]: how threads take turns, wait and spin.
+//! - [`events`], [`replay_log`], [`path`]: recording, replaying and checking a run.
 
 // The model is the same whichever tool checks it: shuttle has loom's names.
 #[cfg(shuttle)]

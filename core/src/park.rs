@@ -20,13 +20,13 @@ use std::{
 };
 
 const EMPTY: u32 = 0;
-/// The thread sleeps or is about to. It takes this away itself, when it is awake.
+/// The thread sleeps or is about to. The thread itself clears this when it is awake.
 const PARKED: u32 = 1;
-/// Somebody has woken it.
+/// The thread was woken.
 const NOTIFIED: u32 = 2;
 
-/// Lets one thread sleep until others wake it. A wake that comes first is kept. Real-time path: yes; a system call only to sleep,
-/// and to wake a thread that does.
+/// Lets one thread sleep until others wake it. An earlier wake is kept. Real-time path: yes; a
+/// system call only to sleep, and to wake a sleeping thread.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -45,7 +45,7 @@ pub struct Parker {
 }
 
 impl Parker {
-    /// A parker that nobody has woken.
+    /// A parker without a wake.
     #[expect(
         clippy::new_without_default,
         reason = "belongs to one thread: made on purpose, not by default"
@@ -57,20 +57,22 @@ impl Parker {
         }
     }
 
-    /// What the thread sleeps in.
+    /// The bell that the thread sleeps in.
     pub fn bell(&self) -> &Bell {
         &self.bell
     }
 
-    /// Sleeps until a wake, which it takes, or until `deadline`; says whether it was woken. Called by one thread alone. One whose clock is a virtual one sleeps
-    /// for as long on the machine's.
+    /// Sleeps until a wake, which it takes, or until `deadline`; returns whether it was woken.
+    /// Called by one thread alone. A thread with a virtual clock sleeps for as long on the
+    /// machine's.
     pub fn park(&self, deadline: Instant) -> bool {
         self.park_between(deadline, || (), || ())
     }
 
-    /// As [`park`](Self::park). Each time that it sleeps for that it calls `before` when wakers know it already, and `after` when it has
-    /// woken and the wake is not taken yet: [`is_woken`](Self::is_woken) turns false after `after` alone, and who sees that sees
-    /// what `after` did.
+    /// As [`park`](Self::park). For each sleep it calls `before` once wakers see the thread as
+    /// parked, and `after` when it is awake and the wake is not taken yet.
+    /// [`is_woken`](Self::is_woken) turns false only after `after`, and a thread that reads false
+    /// sees the effects of `after`.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -112,7 +114,8 @@ impl Parker {
                 waited = self.bell.wait(deadline);
                 after();
             }
-            // Acquire: who is woken sees what happened before the wake. Release: for `is_woken`.
+            // Acquire: the woken thread sees what happened before the wake. Release: for
+            // `is_woken`.
             if self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0 {
                 return true;
             }
@@ -122,8 +125,8 @@ impl Parker {
         }
     }
 
-    /// As [`park`](Self::park), but looks for a wake for `time` before it would sleep ([`spin`]), and does not sleep: `None` if the time is
-    /// up. `also` is called at each look, for what the thread does besides.
+    /// As [`park`](Self::park), but spins for a wake for `time` ([`spin`]), and does not sleep:
+    /// `None` if the time is up. `also` is called in each iteration, for the thread's other work.
     ///
     /// ```
     /// use luna_platform::clock::Instant;
@@ -142,7 +145,8 @@ impl Parker {
             also();
             self.state.load(Ordering::Relaxed) & NOTIFIED != 0
         };
-        // Awake, so nobody has rung, and the word holds nothing else. Acquire and Release: as in `park_between`.
+        // Awake, so no ring is pending, and the word has no other bit. Acquire and Release: as in
+        // `park_between`.
         spin::until(look, time, deadline)
             .then(|| self.state.swap(EMPTY, Ordering::AcqRel) & NOTIFIED != 0)
     }
@@ -155,8 +159,8 @@ impl Parker {
 
     /// Wakes the thread, or lets its next `park` return at once. From any thread.
     ///
-    /// Everybody who finds it parked rings, not the first alone: that one may be preempted before it does, and a more urgent one must not
-    /// have to wait for it.
+    /// Every thread that finds it parked rings, not the first alone: the first may be preempted
+    /// before it does, and a more urgent one must not have to wait for it.
     #[inline]
     pub fn unpark(&self) {
         if self.state.fetch_or(NOTIFIED, Ordering::AcqRel) & PARKED != 0 {
@@ -165,8 +169,8 @@ impl Parker {
     }
 }
 
-/// A waker that unparks. Whoever drops the last one may be on the real-time path, and the thread gone: what is to be freed then is left to
-/// [`reclaim`](crate::reclaim).
+/// A waker that unparks. The last one may be dropped on the real-time path after the thread has
+/// ended: the memory is then freed by [`reclaim`](crate::reclaim).
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -178,12 +182,13 @@ impl Parker {
 /// assert!(parker.park(Instant::NEVER));
 /// ```
 pub fn waker(parker: &Shared<Parker>) -> Waker {
-    // SAFETY: the functions keep the contract of a waker: each waker is one owner, given away as a pointer and taken back by its drop or its
-    // wake; the parker can be unparked from any thread.
+    // SAFETY: the functions fulfil the contract of a waker: each waker is one owner, turned into a
+    // pointer and back into an owner by its drop or its wake; the parker can be unparked from any
+    // thread.
     unsafe { Waker::new(parker.clone().into_raw(), &VTABLE) }
 }
 
-/// Whether `waker` is that of a parker, whose functions are not user code.
+/// Whether `waker` is that of a parker: its functions are not user code.
 pub(crate) fn is_own(waker: &Waker) -> bool {
     std::ptr::eq(waker.vtable(), &VTABLE)
 }
@@ -192,9 +197,10 @@ static VTABLE: RawWakerVTable = RawWakerVTable::new(clone_waker, wake, wake_by_r
 
 /// # Safety
 ///
-/// As the others: `owner` is a waker's, which is there meanwhile.
+/// As for the other functions: `owner` is the data of a live waker.
 unsafe fn clone_waker(owner: *const ()) -> RawWaker {
-    // SAFETY: the contract; the waker keeps its owner.
+    // SAFETY: the caller promises that the waker is live; the waker keeps its owner, so this one is
+    // not dropped.
     let parker = ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) });
     RawWaker::new((*parker).clone().into_raw(), &VTABLE)
 }
@@ -203,7 +209,7 @@ unsafe fn clone_waker(owner: *const ()) -> RawWaker {
 ///
 /// As above, and the waker is not used again.
 unsafe fn wake(owner: *const ()) {
-    // SAFETY: the contract; this is the end of the waker.
+    // SAFETY: the caller promises that the waker is not used again, so its owner is taken once.
     unsafe { Shared::<Parker>::from_raw(owner) }.unpark();
 }
 
@@ -211,7 +217,8 @@ unsafe fn wake(owner: *const ()) {
 ///
 /// As `clone_waker`.
 unsafe fn wake_by_ref(owner: *const ()) {
-    // SAFETY: the contract; the waker keeps its owner.
+    // SAFETY: the caller promises that the waker is live; the waker keeps its owner, so this one is
+    // not dropped.
     ManuallyDrop::new(unsafe { Shared::<Parker>::from_raw(owner) }).unpark();
 }
 
@@ -219,17 +226,19 @@ unsafe fn wake_by_ref(owner: *const ()) {
 ///
 /// As `wake`.
 unsafe fn drop_waker(owner: *const ()) {
-    // SAFETY: the contract; this is the end of the waker.
+    // SAFETY: the caller promises that the waker is not used again, so its owner is taken once.
     drop(unsafe { Shared::<Parker>::from_raw(owner) });
 }
 
 #[cfg(not(loom))]
 thread_local! {
-    /// A thread blocks in one call at a time; nested calls (a poll that blocks) make a parker of their own.
+    /// A thread blocks in one call at a time; nested calls (a poll that blocks) create a parker of
+    /// their own.
     static PARKER: Cell<Option<Shared<Parker>>> = const { Cell::new(None) };
 }
 
-/// Makes what this thread's blocking calls need, so that the first one does not have to on the real-time path.
+/// Allocates the parker of this thread's blocking calls, so that the first call does not allocate
+/// on the real-time path.
 ///
 /// ```
 /// luna_core::park::prepare();
@@ -245,7 +254,7 @@ pub fn prepare() {
 ///
 /// # Panics
 ///
-/// On the thread of an executor, where it would stop all its processes: await there.
+/// Panics on the thread of an executor, where it would stop all processes: await there.
 ///
 /// ```
 /// assert_eq!(luna_core::park::block_on(async { 1 + 1 }), 2);
@@ -259,8 +268,10 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
     }
 }
 
-/// Blocks this thread until `future` is done or `deadline` has come, however often it is woken. At the deadline the future is polled once more, so that
-/// what it says is exact. Where the clock is a virtual one the deadline comes once the machine's has moved as far. Panics as [`block_on`] does.
+/// Blocks this thread until `future` is done or `deadline` has come, however often it is woken. At
+/// the deadline the future is polled once more, so that its result is exact. With a virtual clock,
+/// the deadline comes once the machine's clock has advanced by the same time. Panics as
+/// [`block_on`] does.
 #[cfg(not(loom))]
 #[track_caller]
 pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> Option<F::Output> {
@@ -269,7 +280,7 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
         "a blocking call inside a process of an executor would stop the whole executor: await the operation instead, or run the \
          process on an OS thread of its own"
     );
-    // A replay, which has one thread, could not wait.
+    // A replay has one thread, so it could not wait.
     current::tape(|tape| tape.outside("a blocking operation"));
     let parker = PARKER.take().unwrap_or_else(|| Shared::new(Parker::new()));
     let waker = waker(&parker);
@@ -279,10 +290,11 @@ pub fn block_on_until<F: Future>(mut future: Pin<&mut F>, deadline: Instant) -> 
         if let Poll::Ready(output) = future.as_mut().poll(&mut cx) {
             break Some(output);
         }
-        // Once: a virtual clock stands meanwhile, and each wake would give all the time anew.
+        // Computed once: a virtual clock does not advance meanwhile, and each wake would restart
+        // the full time.
         let deadline = *on_machine.get_or_insert_with(|| Clock::deadline_of_machine(deadline));
         let was_woken = parker.park_on_machine(deadline, || (), || ());
-        // A wake that is always there already must not hide the deadline.
+        // A wake that is pending every time must not hide the deadline.
         if !was_woken || (deadline != Instant::NEVER && Instant::now_real() >= deadline) {
             break match future.as_mut().poll(&mut cx) {
                 Poll::Ready(output) => Some(output),
@@ -354,7 +366,7 @@ mod tests {
 
 #[cfg(all(test, loom))]
 mod loom_tests {
-    //! On every interleaving: no wake is slept through, and who is woken sees what came before.
+    //! On every interleaving: no wake is missed, and the woken thread sees what came before.
 
     use super::*;
     use loom::thread;
@@ -366,7 +378,8 @@ mod loom_tests {
         value: UnsafeCell<u32>,
     }
 
-    // SAFETY: the tests access the cell before an unpark, or after the park that it ended; loom checks that they do.
+    // SAFETY: the tests access the cell before an unpark, or after the park that it ended; loom
+    // checks that they do.
     unsafe impl Sync for Exchange {}
 
     #[test]
@@ -436,7 +449,7 @@ mod loom_tests {
             let (one, two) = (parker.clone(), parker.clone());
             let first = thread::spawn(move || one.unpark());
             assert!(parker.park(Instant::NEVER));
-            // The first may have changed the word and still be about to ring.
+            // The first may have changed the word and be about to ring.
             let second = thread::spawn(move || two.unpark());
             assert!(parker.park(Instant::NEVER));
             first.join().unwrap();

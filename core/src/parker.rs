@@ -1,6 +1,8 @@
-//! Calls one thread that sleeps, and says whether it will come.
+//! Wakes one sleeping thread, and reports whether the thread was asleep.
 //!
-//! For one that waits on the caller's core, with a higher priority: no other core has to be woken, and it runs before the call returns. Who is told that it does not come, since it is busy, turns to another.
+//! For a thread that waits on the caller's core, with a higher priority: no other core has to be
+//! woken, and the thread runs before the call returns. If the thread is busy, the caller turns to
+//! another one.
 //!
 //! ```
 //! use luna_core::parker::Parker;
@@ -17,21 +19,21 @@ use luna_platform::clock::Instant;
 use luna_platform::futex::Futex;
 use luna_platform::sync::atomic::{Ordering, fence};
 
-/// It looks after its work.
+/// The thread works.
 const BUSY: u32 = 0;
-/// It sleeps, or is about to.
+/// The thread sleeps, or is about to.
 const ASLEEP: u32 = 1;
-/// It slept, and will be busy.
+/// The thread was called while it slept, and will be busy.
 const CALLED: u32 = 2;
 
-/// What one thread sleeps in, and others call it by.
+/// The state that one thread sleeps in, and by which others call it.
 #[derive(Debug)]
 pub struct Parker {
     state: Futex,
 }
 
 impl Parker {
-    /// Of a thread that does not sleep.
+    /// For a thread that does not sleep.
     #[cfg(not(loom))]
     #[expect(clippy::new_without_default, reason = "belongs to one thread")]
     pub const fn new() -> Self {
@@ -40,7 +42,7 @@ impl Parker {
         }
     }
 
-    /// Of a thread that does not sleep.
+    /// For a thread that does not sleep.
     #[cfg(loom)]
     #[expect(clippy::new_without_default, reason = "belongs to one thread")]
     pub fn new() -> Self {
@@ -49,9 +51,11 @@ impl Parker {
         }
     }
 
-    /// Calls the thread; says whether it comes: then it sees all that was done before this. One system call, if it does. Async-signal-safe on Linux.
+    /// Calls the thread; returns whether it was asleep. If so, it sees all that was done before
+    /// this. One system call in that case. Async-signal-safe on Linux.
     pub fn call(&self) -> bool {
-        // Against that of `sleep`: a thread that is told from here not to sleep sees why, though it does not come.
+        // Pairs with the fence in `sleep`: a thread that does not sleep because of this call sees
+        // the reason, although the call returns false.
         fence(Ordering::SeqCst);
         let called =
             self.state
@@ -63,8 +67,9 @@ impl Parker {
         called.is_ok()
     }
 
-    /// Sleeps until it is called, unless `is_wanted` says that there is something to do already. What was done before a [`call`](Self::call) that did not find it asleep is seen by that, or was by the
-    /// work before. By one thread at a time.
+    /// Sleeps until it is called, unless `is_wanted` says that there is work already. If a
+    /// [`call`](Self::call) did not find the thread asleep, `is_wanted` or the thread's previous
+    /// work saw what was done before that call. By one thread at a time.
     pub fn sleep(&self, is_wanted: impl FnOnce() -> bool) {
         self.state.word().store(ASLEEP, Ordering::Release);
         fence(Ordering::SeqCst);
@@ -83,7 +88,7 @@ mod loom_tests {
     use luna_platform::sync::Arc;
     use luna_platform::sync::atomic::{AtomicBool, AtomicUsize};
 
-    /// Of two who call, each is seen by the thread, or knows that it is not.
+    /// Of two callers, each is seen by the thread, or knows that it is not.
     #[test]
     fn who_is_told_that_it_comes_is_seen() {
         loom::model(|| {
@@ -98,7 +103,8 @@ mod loom_tests {
                     })
                 })
                 .collect();
-            // It always wakes: if neither has found it asleep, it has found the work of both.
+            // It always wakes: if neither caller has found it asleep, it has found the work of
+            // both.
             shared.0.sleep(|| shared.1.load(Ordering::Relaxed) == 3);
             let seen = shared.1.load(Ordering::Relaxed);
             let promised = callers
@@ -108,7 +114,7 @@ mod loom_tests {
         });
     }
 
-    /// The end is told to one that is busy or asleep: it never sleeps through it.
+    /// The end is notified to a thread that is busy or asleep: it never misses it.
     #[test]
     fn it_does_not_sleep_through_what_it_waits_for() {
         loom::model(|| {

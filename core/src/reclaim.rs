@@ -1,9 +1,10 @@
-//! Freeing off the real-time path.
+//! Deferred free: memory is freed off the real-time path.
 //!
-//! What a process frees as it ends (a channel whose last end it held, say) would take the allocator's lock in the middle of other
-//! processes' work. On the real-time path such memory is put on a list instead, by one compare-and-swap, and freed by whoever
-//! calls [`collect`] on a thread that may. An executor's thread [keeps](keep_own) some of it to itself, which costs nothing atomic: most is freed by the next spawn
-//! on the same thread.
+//! A process that ends may free memory, for instance a channel with no other end. That would take
+//! the allocator's lock in the middle of other processes' work. On the real-time path such memory
+//! is put on a list instead, by one compare-and-swap. A thread off the path that calls [`collect`]
+//! frees it. An executor's thread [keeps](keep_own) a limited number in a list of its own, without
+//! atomic operations: the next spawn on the same thread frees most of them.
 
 mod shared;
 
@@ -15,7 +16,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicPtr, Ordering};
 
-/// The head of an allocation that can be freed later: a field of it, from which its `free` finds the whole.
+/// The head of an allocation that can be freed later: a field of it, from which `free` finds the
+/// whole.
 #[derive(Debug)]
 pub struct Retired {
     next: AtomicPtr<Retired>,
@@ -23,7 +25,7 @@ pub struct Retired {
 }
 
 impl Retired {
-    /// A head whose allocation `free` frees.
+    /// The head of an allocation that `free` frees.
     pub const fn new(free: unsafe fn(NonNull<Retired>)) -> Self {
         Self {
             next: AtomicPtr::new(ptr::null_mut()),
@@ -34,10 +36,10 @@ impl Retired {
 
 static RETIRED: AtomicPtr<Retired> = AtomicPtr::new(ptr::null_mut());
 
-/// How many allocations a thread keeps to itself at most.
+/// Capacity of a thread's own list.
 const MOST_OWN: u32 = 64;
 
-/// What a thread keeps to itself: a chain from `first` to `last`, of so many; null if there is none.
+/// A thread's own list: a chain from `first` to `last`, and its length; null if it is empty.
 struct Own {
     keeps: Cell<bool>,
     count: Cell<u32>,
@@ -56,8 +58,9 @@ thread_local! {
     };
 }
 
-/// Until the guard is dropped the thread keeps some of what it retires on the real-time path to itself, and hands it over to the others in
-/// [`hand_over`]: to be called before it sleeps.
+/// Until the guard is dropped, the thread keeps part of what it retires on the real-time path in a
+/// list of its own. [`hand_over`] moves that list to the shared one; call it before the thread
+/// sleeps.
 pub fn keep_own() -> KeepsOwn {
     OWN.with(|own| own.keeps.set(true));
     KeepsOwn {
@@ -79,28 +82,29 @@ impl Drop for KeepsOwn {
     }
 }
 
-/// Leaves what this thread keeps to whoever calls [`collect`]. Real-time path: yes; O(1).
+/// Moves this thread's own list to the shared one, for the next [`collect`] on any thread.
+/// Real-time path: yes; O(1).
 #[inline]
 pub fn hand_over() {
     OWN.with(|own| {
         let first = own.first.replace(ptr::null_mut());
         if let (Some(first), Some(last)) = (NonNull::new(first), NonNull::new(own.last.get())) {
             own.count.set(0);
-            // SAFETY: the chain is this thread's alone, and no longer here.
+            // SAFETY: the chain was this thread's own, and has been taken from its list.
             unsafe { publish(first, last) };
         }
     });
 }
 
-/// Puts a chain on the list.
+/// Puts a chain on the shared list.
 ///
 /// # Safety
 ///
-/// `first` leads to `last`, and nobody else knows of them.
+/// `first` leads to `last`, and no other code has a pointer into the chain.
 unsafe fn publish(first: NonNull<Retired>, last: NonNull<Retired>) {
     let mut before = RETIRED.load(Ordering::Relaxed);
     loop {
-        // SAFETY: the allocation is ours alone until it is on the list.
+        // SAFETY: the caller owns the allocation until it is on the list.
         unsafe { last.as_ref() }
             .next
             .store(before, Ordering::Relaxed);
@@ -116,14 +120,17 @@ unsafe fn publish(first: NonNull<Retired>, last: NonNull<Retired>) {
     }
 }
 
-/// Frees the allocation that `head` begins: at once, or on the real-time path as soon as somebody calls [`collect`]. O(1).
+/// Frees the allocation that `head` begins: at once, or on the real-time path at the next
+/// [`collect`]. O(1).
 ///
 /// # Safety
 ///
-/// `head` begins a live allocation that its function can free, on any thread, and nobody uses it any more.
+/// `head` begins a live allocation that its function can free, on any thread, and that is no longer
+/// used.
 pub unsafe fn retire(head: NonNull<Retired>) {
     if !crate::current::on_path() {
-        // SAFETY: the caller's contract.
+        // SAFETY: the caller promises that the allocation is live, unused, and can be freed on any
+        // thread.
         unsafe {
             let free = head.as_ref().free;
             free(head);
@@ -138,7 +145,7 @@ pub unsafe fn retire(head: NonNull<Retired>) {
         if first.is_null() {
             own.last.set(head.as_ptr());
         }
-        // SAFETY: the allocation is ours alone.
+        // SAFETY: the caller has passed on the allocation, and it is on no list yet.
         unsafe { head.as_ref() }
             .next
             .store(first, Ordering::Relaxed);
@@ -146,34 +153,37 @@ pub unsafe fn retire(head: NonNull<Retired>) {
         true
     });
     if !is_kept {
-        // SAFETY: the allocation is ours alone.
+        // SAFETY: the caller has passed on the allocation; a chain of one leads from `head` to
+        // `head`.
         unsafe { publish(head, head) };
     }
 }
 
-/// Frees what was put off, but for what other threads keep to themselves. A panic in the drop of what one holds, which the panic hook tells, keeps nobody: the others are
-/// freed all the same. Not for the real-time path: O(number of allocations put off).
+/// Frees all deferred allocations except those in the own lists of other threads. A panic in a drop
+/// is reported by the panic hook, and the remaining allocations are freed all the same. Not for the
+/// real-time path: O(number of deferred allocations).
 pub fn collect() {
     let own = OWN.with(|own| {
         own.count.set(0);
         own.first.replace(ptr::null_mut())
     });
-    // SAFETY: it was this thread's alone, and is no longer kept.
+    // SAFETY: the chain was this thread's own, and has been taken from its list.
     unsafe { free_all(own) };
     if RETIRED.load(Ordering::Relaxed).is_null() {
         return;
     }
-    // SAFETY: the swap makes the whole list ours.
+    // SAFETY: the swap takes the whole list, so it is this thread's alone.
     unsafe { free_all(RETIRED.swap(ptr::null_mut(), Ordering::Acquire)) };
 }
 
 /// # Safety
 ///
-/// The chain that begins at `first` is the caller's.
+/// The caller owns the chain that begins at `first`.
 unsafe fn free_all(first: *mut Retired) {
     let mut next = first;
     while let Some(head) = NonNull::new(next) {
-        // SAFETY: the contract; `retire` promised that each can be freed here.
+        // SAFETY: the caller owns the chain; the callers of `retire` promised that each allocation
+        // can be freed here.
         unsafe {
             next = head.as_ref().next.load(Ordering::Relaxed);
             free_one(head);
@@ -185,16 +195,17 @@ unsafe fn free_all(first: *mut Retired) {
 ///
 /// As for [`retire`].
 unsafe fn free_one(head: NonNull<Retired>) {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises, as for `retire`, that the allocation is live, unused, and can be
+    // freed here.
     let free = || unsafe {
         let free = head.as_ref().free;
         free(head);
     };
     if cfg!(any(loom, shuttle)) {
-        // A model says by a panic what it has found.
+        // A model checker reports its findings by a panic: let it through.
         free();
     } else if let Err(payload) = catch_unwind(AssertUnwindSafe(free)) {
-        // Its drop is the user's code too.
+        // The drop of the payload is user code too, and may panic.
         std::mem::forget(payload);
     }
 }
@@ -211,12 +222,12 @@ mod tests {
     }
 
     unsafe fn free(head: NonNull<Retired>) {
-        // SAFETY: `retired` made it of a box of `Counted`, whose first field the head is.
+        // SAFETY: `retired` made it from a box of `Counted`, the first field of which is the head.
         drop(unsafe { Box::from_raw(head.cast::<Counted>().as_ptr()) });
     }
 
     unsafe fn free_and_panic(head: NonNull<Retired>) {
-        // SAFETY: as above.
+        // SAFETY: as for `free`: the allocation is from `retired`.
         unsafe { free(head) };
         panic!("on purpose");
     }
@@ -237,14 +248,15 @@ mod tests {
     #[test]
     fn frees_at_once_off_the_path_and_later_on_it() {
         let token = Arc::new(());
-        // SAFETY: nobody else knows the allocation.
+        // SAFETY: no other code has a pointer to the allocation.
         unsafe { retire(retired(&token)) };
         assert_eq!(Arc::strong_count(&token), 1);
 
         crate::current::set_on_path(true);
-        // SAFETY: nobody else knows the allocation.
+        // SAFETY: no other code has a pointer to the allocation.
         unsafe { retire(retired(&token)) };
-        // Another test's `collect` frees this one's too only once it is on the list, so two references are the most.
+        // The `collect` of another test frees this allocation too, but only once it is on the
+        // shared list: there are at most two references.
         crate::current::set_on_path(false);
         collect();
         assert_eq!(Arc::strong_count(&token), 1);
@@ -256,7 +268,7 @@ mod tests {
         let _keeps = keep_own();
         crate::current::set_on_path(true);
         for free in [free, free_and_panic, free] {
-            // SAFETY: nobody else knows the allocation.
+            // SAFETY: no other code has a pointer to the allocation.
             unsafe { retire(retired_with(&token, free)) };
         }
         crate::current::set_on_path(false);
@@ -267,9 +279,9 @@ mod tests {
     #[test]
     fn what_a_thread_keeps_is_freed_by_itself_or_handed_over() {
         let token = Arc::new(());
-        // Nobody else frees what is kept, whatever other tests collect.
+        // Other threads do not free this thread's own list, whatever other tests collect.
         let kept = || Arc::strong_count(&token) - 1;
-        // What is handed over may be another test's to free.
+        // Another test may be freeing what was handed over.
         let until_all_are_freed = || {
             while kept() > 0 {
                 collect();
@@ -279,21 +291,21 @@ mod tests {
         let keeps = keep_own();
         crate::current::set_on_path(true);
         for _ in 0..3 {
-            // SAFETY: nobody else knows the allocation.
+            // SAFETY: no other code has a pointer to the allocation.
             unsafe { retire(retired(&token)) };
         }
         assert_eq!(kept(), 3);
         collect();
         assert_eq!(kept(), 0);
         for _ in 0..2 {
-            // SAFETY: nobody else knows the allocation.
+            // SAFETY: no other code has a pointer to the allocation.
             unsafe { retire(retired(&token)) };
         }
         hand_over();
         hand_over();
         until_all_are_freed();
         for _ in 0..2 * MOST_OWN {
-            // SAFETY: nobody else knows the allocation.
+            // SAFETY: no other code has a pointer to the allocation.
             unsafe { retire(retired(&token)) };
         }
         assert!(kept() >= MOST_OWN as usize, "the others are on the list");

@@ -1,12 +1,15 @@
-//! What a recorded process tells of the things that nobody could foresee, and a replayed one is told: the contract between the operations and who
-//! records.
+//! The replay log: the contract between the operations and the recorder. A recorded process reports
+//! what is not determined, and a replayed one gets it back.
 //!
-//! A *branch_log* is a process, or a branch of it in a parallel construct: what happens one after the other. Operations of a branch_log are counted, and what
-//! cannot be foreseen of one is an [`Event`] that bears its number. Where several compete, the event bears a *stamp* too, taken under the lock that decides: a
-//! replay does these events in the order of their stamps.
+//! A *branch log* belongs to a process, or to a branch of it in a parallel construct: a sequence of
+//! operations. The operations of a branch log are counted, and the undetermined outcome of one is
+//! an [`Event`] with its number. Where several branches compete, the event has a *stamp* too, taken
+//! under the lock that decides: a replay executes these events in the order of their stamps.
 //!
-//! An operation that is awaited [enters](ReplayLog::enter) once, [leaves](ReplayLog::leave) once when it is decided, and goes on when it is not [held](ReplayLog::hold) any more. One that is
-//! not awaited makes a [call](ReplayLog::call), and leaves. Nothing of this happens in a process that is neither recorded nor replayed.
+//! An awaited operation [enters](ReplayLog::enter) once, [leaves](ReplayLog::leave) once when it is
+//! decided, and goes on when it is not [held](ReplayLog::hold) any more. An operation that is not
+//! awaited makes a [call](ReplayLog::call), and leaves. None of this happens in a process that is
+//! neither recorded nor replayed.
 
 use crate::current;
 use luna_platform::clock::Instant;
@@ -14,45 +17,46 @@ use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
 
-/// The stamp that who is not recorded gives its partner.
+/// The stamp that a partner gets from a process that is not recorded.
 pub const OUTSIDER: u64 = u64::MAX;
 
-/// What an operation has come to.
+/// The outcome of an operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// It has succeeded.
     Done,
-    /// It has failed, in the way that the number says.
+    /// It has failed; the number is the kind of failure.
     Failed,
     /// Its time ran out.
     TimedOut,
-    /// The guard of this number was chosen, or it came to the outcome of this number, or this is what was seen.
+    /// The number of the chosen guard, of the outcome, or of the observed state.
     Chosen,
     /// The clock was read.
     Time,
 }
 
-/// What noted bytes are.
+/// The meaning of recorded bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum About {
-    /// What was taken from outside.
+    /// Input from outside.
     Input,
-    /// What was given to the outside: the same is to be given again.
+    /// Output to the outside: a replay has to produce the same.
     Output,
-    /// What a periodic loop was told.
+    /// The input of a periodic loop's cycle.
     Cycle,
-    /// What an operation that waits took from outside.
+    /// Input from outside to an operation that waits.
     Read,
 }
 
-/// What an operation has come to, with a number that belongs to it, and the stamp, if it has one: 0 is none.
+/// The outcome of an operation, with a number that belongs to it, and the stamp, if it has one: 0
+/// is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Event {
     /// What happened.
     pub what: What,
-    /// Which failure, guard, or time.
+    /// The failure, guard, or time.
     pub number: u64,
-    /// Its place among all that has one.
+    /// Its place in the order of all stamped events.
     pub stamp: u64,
 }
 
@@ -77,23 +81,25 @@ impl Event {
     }
 }
 
-/// How an operation is to be done.
+/// How an operation is executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
-    /// As ever, and what cannot be foreseen of it is told.
+    /// As usual, and its undetermined outcome is recorded.
     Record,
-    /// As ever: there is nothing about it that could not be foreseen.
+    /// As usual: its outcome is determined.
     Look,
-    /// So that it comes to this.
+    /// With this outcome.
     Given(Event),
 }
 
-/// Who records or replays a process. Used on the process' thread alone, in its polls.
+/// The recorder or replayer of a process. Used on the process' thread alone, in its polls.
 pub trait ReplayLog {
-    /// An awaited operation begins, or is polled again before it was let in. Pending: it is to wait, and changes nothing yet.
+    /// An awaited operation begins, or is polled again before it was let in. Pending: it has to
+    /// wait, and changes nothing yet.
     fn enter(&self, cx: &mut Context<'_>) -> Poll<Turn>;
 
-    /// An operation that does not wait begins. `takes` says that a success takes or gives something, so that it gets a stamp.
+    /// An operation that does not wait begins. `takes`: a success moves a value, so that it gets a
+    /// stamp.
     fn call(&self, takes: bool) -> Turn;
 
     /// Whether the process is replayed.
@@ -105,50 +111,54 @@ pub trait ReplayLog {
     /// The operation that was let in is dropped undecided.
     fn abandon(&self);
 
-    /// Whether all have done what bears the stamp of the operation that was let in, but for this one.
+    /// Whether all other processes have executed what has the stamp of the operation that was let
+    /// in.
     fn settle(&self, cx: &mut Context<'_>) -> Poll<()>;
 
-    /// Whether the branch_log may go on after an operation.
+    /// Whether the branch may go on after an operation.
     fn hold(&self, cx: &mut Context<'_>) -> Poll<()>;
 
-    /// Which guard an alternative that was let in is to choose.
+    /// The guard that an alternative that was let in has to choose.
     fn choice(&self) -> Option<u32>;
 
-    /// Gives a stamp, if there has to be one: several compete, or the present operation takes one in any case. 0: none. Under the lock that decides.
+    /// A stamp, if there has to be one: several compete, or the present operation takes one in any
+    /// case. 0: none. Under the lock that decides.
     fn stamp(&self, several: bool) -> u64;
 
-    /// The stamp that the present operation has taken.
+    /// The stamp of the present operation.
     fn own_stamp(&self) -> u64;
 
-    /// Notes these bytes, as what the operation that was let in has come to, or else as a call of its own.
+    /// Records these bytes, as the outcome of the operation that was let in, or else as a call of
+    /// its own.
     fn put(&self, about: About, name: u32, bytes: &[u8]);
 
-    /// Gives the bytes that were noted, so many of them; none if there are no such ones.
+    /// Reads the recorded bytes; returns their number, or none if there are no such bytes.
     fn get(&self, about: About, name: u32, into: &mut [u8]) -> Option<usize>;
 
-    /// A number of the branch_log, which no other one has; not 0.
+    /// The id of the branch log, unique; not 0.
     fn branch_log(&self) -> u32;
 
     /// The number of the process in its recording.
     fn process(&self) -> u32;
 
-    /// The process does something that is not recorded, so that a replay might differ and nobody would know.
+    /// The process does something that is not recorded, so a replay might differ without notice.
     fn outside(&self, construct: &'static str);
 
-    /// The operation did not come to what it was given.
+    /// The operation did not have the given outcome.
     fn differs(&self, what: &'static str);
 }
 
-/// Who puts a process' tape in around each of its polls.
+/// Installs a process' replay log around each of its polls.
 pub trait Taper: Send + Sync {
-    /// Calls `poll`, which polls the process' body, with the process' tape; `Ready`, too, if the body is to be dropped where it waits.
+    /// Calls `poll`, which polls the process' body, with the process' replay log. `Ready` also if
+    /// the body is to be dropped where it waits.
     fn poll(
         &self,
         cx: &mut Context<'_>,
         poll: &mut dyn FnMut(&mut Context<'_>) -> Poll<()>,
     ) -> Poll<()>;
 
-    /// The body is gone.
+    /// The body was dropped.
     fn end(&self);
 }
 
@@ -158,10 +168,10 @@ impl fmt::Debug for dyn Taper {
     }
 }
 
-/// The time, in a process with a tape: what it was.
+/// The time; in a process with a replay log, the recorded time.
 #[cold]
 pub fn now() -> Instant {
-    /// So that time goes on also where the recording does not.
+    /// Lets time advance also beyond the end of the recording.
     static BEYOND: AtomicU64 = AtomicU64::new(0);
     let leave = |now: u64| {
         current::tape(|tape| tape.leave(Event::new(What::Time, now, 0)));

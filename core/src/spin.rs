@@ -1,4 +1,4 @@
-//! Whether an operation looks for its partner for a bounded time before its process waits.
+//! Whether an operation spins for its partner for a bounded time before its process waits.
 
 pub use luna_platform::spin::*;
 
@@ -9,11 +9,11 @@ use crate::current;
 #[cfg(not(loom))]
 const LOOKS_TAKE: std::time::Duration = std::time::Duration::from_micros(4);
 
-/// Whether an operation that has to wait may look for its partner first.
+/// Whether an operation that has to wait may spin for its partner first.
 ///
-/// Its thread may look, its process has no other branch and has not used up its turn, and nothing
-/// else is ready there. Real-time path: yes; one load where the thread may not look, else a few,
-/// and a clock reading if it has a deadline.
+/// Its thread may spin, its process has no other branch and has not used up its turn, and nothing
+/// else is ready there. Real-time path: yes; one load where the thread may not spin, else a few,
+/// and a clock read if it has a deadline.
 ///
 /// ```
 /// assert!(!luna_core::spin::may_look()); // a plain thread may not
@@ -21,8 +21,8 @@ const LOOKS_TAKE: std::time::Duration = std::time::Duration::from_micros(4);
 #[cfg(not(loom))]
 #[inline]
 pub fn may_look() -> bool {
-    // Counted, so that the executor comes to its files. A process that may not look waits: if it
-    // came again instead, nothing would show that it waits.
+    // Counted, so that the executor gets to its files. A process that may not spin waits: if it
+    // were readied again instead, it would not be visible that it waits.
     is_allowed() && has_nothing_else() && current::count_operation()
 }
 

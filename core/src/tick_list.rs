@@ -1,10 +1,12 @@
-//! Those who wait for the ticks of a thread that keeps time for others.
+//! The waits for the ticks of a timer thread.
 //!
-//! That thread sleeps until a tick, then calls [`TickList::fire`] for it, and wakes those who were due when no lock is held any more. The nodes lie in the waiting
-//! futures: waiting, firing and cancelling allocate nothing.
+//! The timer thread sleeps until a tick, calls [`TickList::fire`] for it, and wakes the due waiters
+//! once no lock is held. The nodes lie in the waiting futures: waiting, firing and cancelling
+//! allocate nothing.
 //!
-//! A wait that begins while its tick is being fired is not lost: the list remembers how far it was fired, and both are done under its lock. So either the
-//! wait is listed before, and fired; or it sees that its instant has passed, and does not begin.
+//! A wait that begins while its tick is being fired is not lost: the list records how far it was
+//! fired, and both happen under its lock. Either the wait is listed first, and fired; or it sees
+//! that its instant has passed, and does not begin.
 
 use crate::current::{self, PendingWake, Priority, Renewal, WakeHandle};
 use crate::wait_list::{WaitList, WaitNode};
@@ -19,9 +21,10 @@ use std::pin::Pin;
 use std::ptr::NonNull;
 use std::task::{Context, Poll};
 
-/// Those who wait for the ticks of one timer: most urgent first, then first come first served.
+/// The waits for the ticks of one timer, ordered by priority, then first come, first served.
 ///
-/// Its lock is held for O(waiting) at most: by who fires, and by who begins a wait behind others of higher priority.
+/// Its lock is held for O(waiting) at most: by `fire`, and by a wait that begins behind others of
+/// higher priority.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -45,31 +48,31 @@ pub struct TickList {
 #[derive(Debug)]
 struct Waiting {
     list: WaitList,
-    /// Until here all were fired.
+    /// All waits up to this instant have been fired.
     fired_until: Instant,
-    /// Nobody fires any more.
+    /// The list is not fired any more.
     is_closed: bool,
 }
 
 /// Why a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Woken {
-    /// Its tick has come.
+    /// Its tick fired.
     ByTick,
-    /// The list was closed: nobody fires it any more, and its instant may lie ahead.
+    /// The list was closed: it is not fired any more, and the instant may lie ahead.
     ByEnd,
 }
 
-/// Who is due, to be woken when no lock is held.
+/// The due waiters, to be woken when no lock is held.
 #[derive(Debug)]
 pub struct Due {
     who: Vec<(Priority, usize, PendingWake)>,
-    /// How many lists have added to it.
+    /// The number of lists that have added to it.
     lists: usize,
 }
 
 impl Due {
-    /// Room for so many at a time: at least one. Allocates.
+    /// Room for `most` waiters at a time, at least one. Allocates.
     pub fn with_room_for(most: usize) -> Self {
         Self {
             who: Vec::with_capacity(most.max(1)),
@@ -77,10 +80,11 @@ impl Due {
         }
     }
 
-    /// Wakes them in order of priority, those of one priority in the order in which they were added; gives their number. O(n) for one list, else O(n log n).
+    /// Wakes all in order of priority, and in the order of adding within one priority. Returns
+    /// their number. O(n) for one list, else O(n log n).
     pub fn wake(&mut self) -> usize {
         if std::mem::take(&mut self.lists) > 1 {
-            // Not the stable one, which allocates.
+            // Unstable: the stable sort allocates.
             self.who.sort_unstable_by_key(|&(priority, number, _)| {
                 (std::cmp::Reverse(priority), number)
             });
@@ -109,13 +113,15 @@ impl TickList {
         }
     }
 
-    /// Takes off all whose instant is `now` or before, and adds them to `due`, most urgent first. `false` if there was not room for all: wake them and call again. O(waiting).
+    /// Removes all waits with an instant of `now` or before, and adds them to `due`, most urgent
+    /// first. `false` if `due` has no room for all: wake it and call again. O(waiting).
     pub fn fire(&self, now: Instant, due: &mut Due) -> bool {
         due.lists += 1;
         let mut waiting = self.waiting.lock();
         let mut next = waiting.list.first();
         while let Some(node) = next {
-            // SAFETY: a node in the list is the first field of a live `Node`, and the list's lock is held.
+            // SAFETY: a node in the list is the first field of a live `Node`, and the list's lock
+            // is held.
             unsafe {
                 next = waiting.list.after(node);
                 if node.cast::<Node>().as_ref().at > now {
@@ -136,7 +142,8 @@ impl TickList {
         true
     }
 
-    /// Ends all waits, and each that is begun later: nobody fires any more. Not for the real-time path.
+    /// Ends all waits, and each that begins later: the list is not fired any more. Not for the
+    /// real-time path.
     pub fn close(&self) {
         self.waiting.lock().is_closed = true;
         loop {
@@ -144,7 +151,8 @@ impl TickList {
             let Some(node) = waiting.list.first() else {
                 return;
             };
-            // SAFETY: as in `fire`.
+            // SAFETY: as in `fire`: the node is the first field of a live `Node`, and the lock is
+            // held.
             let ready = unsafe {
                 let wakeup = waiting.take_off(node);
                 node.cast::<Node>().as_ref().leave(Left::Closed);
@@ -155,9 +163,11 @@ impl TickList {
         }
     }
 
-    /// Waits until the list is fired at `at` or later. To whoever fires it at `at` it is to be known before.
+    /// Waits until the list is fired at `at` or later. The thread that fires the list must know of
+    /// `at` before.
     ///
-    /// Real-time path: yes; O(those of lower priority that wait), no allocation, no system call but for a contended lock. Cancel-safe: dropping it ends the wait.
+    /// Real-time path: yes; O(waiters of lower priority), no allocation, no system call but for a
+    /// contended lock. Cancel-safe: dropping it ends the wait.
     pub fn wait(&self, at: Instant) -> TickWait<'_> {
         TickWait {
             list: self,
@@ -174,14 +184,14 @@ impl TickList {
 }
 
 impl Waiting {
-    /// Takes `node` off; gives what wakes its owner.
+    /// Removes `node`; returns the wake handle of its owner.
     ///
     /// # Safety
     ///
-    /// It is in the list, whose lock is held.
+    /// It is in the list, and the list's lock is held.
     #[must_use = "to be woken or dropped without the lock"]
     unsafe fn take_off(&mut self, node: NonNull<WaitNode>) -> Option<WakeHandle> {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is in this list and the lock is held.
         unsafe {
             self.list.remove(node);
             (*node.as_ptr()).wakeup_mut().take()
@@ -195,19 +205,20 @@ enum Left {
     Closed,
 }
 
-/// One who waits.
+/// One waiter.
 #[repr(C)]
 struct Node {
     node: WaitNode,
     at: Instant,
-    /// It has left the list: from then on it is its owner's alone.
+    /// It has left the list: from then on only its owner uses it.
     is_fired: AtomicBool,
     /// It left because the list was closed. Written before `is_fired`.
     is_closed: AtomicBool,
 }
 
 impl Node {
-    /// Tells the owner that it is off the list. It may be gone from here on.
+    /// Notifies the owner that the node has left the list. The owner may free the node from here
+    /// on.
     fn leave(&self, how: Left) {
         if let Left::Closed = how {
             self.is_closed.store(true, Ordering::Relaxed);
@@ -230,7 +241,8 @@ impl Node {
 ///
 /// # Invariants
 ///
-/// `node` is in `list` exactly while `is_listed` and not `is_fired`; then the wait is pinned, and the list's lock guards the node but for its atomics.
+/// `node` is in `list` exactly while `is_listed` and not `is_fired`; then the wait is pinned, and
+/// the list's lock guards the node except for its atomics.
 pub struct TickWait<'a> {
     list: &'a TickList,
     is_listed: bool,
@@ -238,7 +250,8 @@ pub struct TickWait<'a> {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a node in a list is touched under the list's lock alone, from whichever thread; its flags are atomic.
+// SAFETY: a listed node is accessed under the list's lock alone, on any thread; its flags are
+// atomic.
 unsafe impl Send for TickWait<'_> {}
 // SAFETY: `&TickWait` gives access to nothing but the flags.
 unsafe impl Sync for TickWait<'_> {}
@@ -251,7 +264,8 @@ impl TickWait<'_> {
     }
 
     fn woken(&self) -> Option<Woken> {
-        // SAFETY: the flags are atomics, which anybody may read; the other fields are not touched.
+        // SAFETY: the flags are atomics, which any thread may read; the other fields are not
+        // accessed.
         unsafe { (*self.node.get()).woken() }
     }
 }
@@ -260,7 +274,7 @@ impl Future for TickWait<'_> {
     type Output = Woken;
 
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Woken> {
-        // SAFETY: nothing is moved out.
+        // SAFETY: nothing is moved out of the pinned wait.
         let this = unsafe { self.get_unchecked_mut() };
         if this.is_listed {
             if let Some(woken) = this.woken() {
@@ -277,20 +291,21 @@ impl Future for TickWait<'_> {
                 }
                 woken
             });
-            // Fired just now: its wake is under way, and comes for nothing.
+            // Fired just now: its wake is pending, and will be spurious.
             return woken.map_or(Poll::Pending, |woken| {
                 this.is_listed = false;
                 Poll::Ready(woken)
             });
         }
         if !current::count_operation() {
-            // One of too many operations in a row that did not have to wait: the next poll begins a new count.
+            // The budget of operations that did not have to wait is used up: the next poll starts a
+            // new count.
             current::ready_again(cx, current::Place::Last);
             return Poll::Pending;
         }
         let wakeup = WakeHandle::of(cx);
         let mut waiting = this.list.waiting.lock();
-        // SAFETY: the node is in no list, so it is this wait's alone.
+        // SAFETY: the node is in no list, so only this wait uses it.
         let at = unsafe { (*this.node.get()).at };
         if waiting.fired_until >= at || waiting.is_closed {
             let woken = match waiting.fired_until >= at {
@@ -299,7 +314,7 @@ impl Future for TickWait<'_> {
             };
             return Poll::Ready(woken);
         }
-        // SAFETY: the node is in no list; it is pinned, and leaves the list before it dies.
+        // SAFETY: the node is in no list; it is pinned, and leaves the list before it is freed.
         unsafe {
             let node = this.node();
             waiting.list.insert(node, current::priority(), wakeup);
@@ -316,7 +331,7 @@ impl Drop for TickWait<'_> {
         }
         let mut waiting = self.list.waiting.lock();
         if self.woken().is_none() {
-            // SAFETY: the lock is held, and what was listed and has not left is in the list.
+            // SAFETY: the lock is held, and a node that was listed and has not left is in the list.
             let former = unsafe { waiting.take_off(self.node()) };
             drop(waiting);
             drop(former);

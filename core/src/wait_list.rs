@@ -1,12 +1,13 @@
-//! A list of those who wait, most urgent first, then first come first served.
+//! A wait list, ordered by priority, then first come, first served.
 //!
-//! The nodes lie in the waiting futures, so waiting allocates nothing and a future that is dropped takes its node with it. The
-//! list belongs to a lock: every method is called with that lock held.
+//! The nodes lie in the waiting futures, so waiting allocates nothing and a dropped future takes
+//! its node with it. The list belongs to a lock: every method is called with that lock held.
 
 use crate::current::{self, Priority, User, WakeHandle};
 use std::ptr::NonNull;
 
-/// One who waits. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a list's node leads back to it.
+/// One waiter. A future embeds it, pinned, as the first field of a `repr(C)` structure, so that a
+/// pointer to the node is one to the structure.
 #[derive(Debug)]
 pub struct WaitNode {
     before: Option<NonNull<WaitNode>>,
@@ -31,7 +32,7 @@ impl WaitNode {
         }
     }
 
-    /// A node for `user`, to be listed where nobody else is.
+    /// A node for `user`, for an empty list.
     #[inline(always)]
     pub fn waiting(user: User, priority: Priority, wakeup: WakeHandle) -> Self {
         Self {
@@ -43,7 +44,7 @@ impl WaitNode {
         }
     }
 
-    /// A node for `user`, whose owner is woken by other means, to be listed where nobody else is.
+    /// A node for `user`, for an empty list. Its owner is woken by other means.
     #[inline(always)]
     pub fn without_wakeup(user: User, priority: Priority) -> Self {
         Self {
@@ -55,19 +56,19 @@ impl WaitNode {
         }
     }
 
-    /// How urgent it was when it was put into its list.
+    /// Its priority when it was listed.
     #[inline]
     pub fn priority(&self) -> Priority {
         self.priority
     }
 
-    /// Who waits: whoever put it into its list.
+    /// The waiting process: the one that listed the node.
     #[inline]
     pub fn user(&self) -> User {
         self.user
     }
 
-    /// Whom to wake; to be changed only under the list's lock.
+    /// The handle that wakes the waiter; change it only under the list's lock.
     #[inline]
     pub fn wakeup_mut(&mut self) -> &mut Option<WakeHandle> {
         &mut self.wakeup
@@ -80,18 +81,20 @@ impl Default for WaitNode {
     }
 }
 
-/// The waiting list. Its nodes must be taken out before they move or die.
+/// The wait list. Its nodes must be removed before they move or are freed.
 ///
 /// # Invariants
 ///
-/// `first` begins a doubly linked chain of live, pinned nodes, in which the last stands before the first: so a list is one word, of which a
-/// channel has five. Where they came by `insert` alone, priorities never rise from first to last.
+/// `first` begins a doubly linked chain of live, pinned nodes. The `before` of the first node is
+/// the last node, so a list is one word; a channel has five lists. If all nodes came by `insert`,
+/// priorities never rise from first to last.
 #[derive(Debug)]
 pub struct WaitList {
     first: Option<NonNull<WaitNode>>,
 }
 
-// SAFETY: the list owns no node; the lock that guards it guards the nodes' links too, so it may go where the lock goes.
+// SAFETY: the list owns no node, and the lock that guards the list guards the nodes' links too, so
+// it may move to any thread that holds the lock.
 unsafe impl Send for WaitList {}
 
 impl WaitList {
@@ -100,35 +103,37 @@ impl WaitList {
         Self { first: None }
     }
 
-    /// Whether nobody waits.
+    /// Whether the list is empty.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.first.is_none()
     }
 
-    /// Who is served next.
+    /// The next waiter.
     #[inline]
     pub fn first(&self) -> Option<NonNull<WaitNode>> {
         self.first
     }
 
-    /// Who is served after `node`.
+    /// The waiter after `node`.
     ///
     /// # Safety
     ///
     /// `node` is in this list.
     #[inline]
     pub unsafe fn after(&self, node: NonNull<WaitNode>) -> Option<NonNull<WaitNode>> {
-        // SAFETY: by the contract the node is in this list, so by the invariant it is live.
+        // SAFETY: the caller promises that the node is in this list, so by the invariant it is
+        // live.
         unsafe { node.as_ref() }.after
     }
 
-    /// Puts `node` behind all of its priority or higher, for the current process. O(1) if none of lower priority waits, else O(those of
-    /// lower priority). Without a wakeup, its owner is woken by other means.
+    /// Inserts `node` for the current process, behind all nodes of the same or a higher priority.
+    /// O(1) if no node of lower priority is listed, else O(nodes of lower priority). Without a wake
+    /// handle, its owner is woken by other means.
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is removed before it dies.
+    /// `node` is in no list, stays where it is, and is removed before it is freed.
     #[inline]
     pub unsafe fn insert(
         &mut self,
@@ -136,30 +141,32 @@ impl WaitList {
         priority: Priority,
         wakeup: impl Into<Option<WakeHandle>>,
     ) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is in no list and stays valid until it is
+        // removed; `last_of` returns a node of this list.
         unsafe { self.insert_after(self.last_of(priority), node, priority, wakeup) };
     }
 
-    /// Lists a [node](WaitNode::waiting) that was made with all that it says, where nobody is listed. O(1).
+    /// Inserts a [node](WaitNode::waiting) with all its fields set into an empty list. O(1).
     ///
     /// # Safety
     ///
-    /// As for `insert`; and nobody is in the list.
+    /// As for `insert`; and the list is empty.
     #[inline(always)]
     pub unsafe fn insert_alone(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: by the contract the node is live and ours.
+        // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
         unsafe { (*node.as_ptr()).before = Some(node) };
         self.first = Some(node);
     }
 
-    /// Takes out who is served next. O(1).
+    /// Removes the next waiter. O(1).
     ///
     /// # Safety
     ///
     /// `node` is the first of this list.
     #[inline(always)]
     pub unsafe fn remove_first(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: by the contract the node is in this list, so by the invariant it and its neighbour are live.
+        // SAFETY: the caller promises that the node is in this list, so by the invariant it and its
+        // neighbour are live.
         unsafe {
             self.first = node.as_ref().after;
             if let Some(first) = self.first {
@@ -168,39 +175,44 @@ impl WaitList {
         }
     }
 
-    /// Puts `node`, which was in another list of the same lock, behind all of its priority or higher: it waits for something else now, and is
-    /// still who it was. Cost as for [`insert`](Self::insert).
+    /// Inserts `node`, which was in another list of the same lock, behind all nodes of the same or
+    /// a higher priority. The waiter stays the same and now waits for something else. Cost as for
+    /// [`insert`](Self::insert).
     ///
     /// # Safety
     ///
     /// As for `insert`.
     #[inline]
     pub unsafe fn insert_again(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is in no list and stays valid; `last_of`
+        // returns a node of this list.
         unsafe { self.link(self.last_of(node.as_ref().priority), node) };
     }
 
-    /// As [`insert_again`](Self::insert_again), at another priority than before. Cost as for [`insert`](Self::insert).
+    /// As [`insert_again`](Self::insert_again), at another priority than before. Cost as for
+    /// [`insert`](Self::insert).
     ///
     /// # Safety
     ///
     /// As for `insert`.
     pub unsafe fn insert_again_at(&mut self, node: NonNull<WaitNode>, priority: Priority) {
-        // SAFETY: the contract: it is in no list, so nobody else looks at it under the lock.
+        // SAFETY: the caller promises that the node is in no list, so no other code uses it while
+        // the lock is held.
         unsafe {
             (*node.as_ptr()).priority = priority;
             self.insert_again(node);
         }
     }
 
-    /// As [`insert_again`](Self::insert_again), but before all of its priority: it had its turn, and it came to nothing. O(those of higher
-    /// priority).
+    /// As [`insert_again`](Self::insert_again), but before all nodes of its priority: its turn had
+    /// no effect. O(nodes of higher priority).
     ///
     /// # Safety
     ///
     /// As for `insert`.
     pub unsafe fn insert_again_first(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: the contract; by the invariant all in the list are live.
+        // SAFETY: the caller promises that the node is live and in no list; by the invariant all
+        // nodes in the list are live.
         unsafe {
             let priority = node.as_ref().priority;
             let mut before = None;
@@ -215,31 +227,32 @@ impl WaitList {
         }
     }
 
-    /// The last one of all.
+    /// The last node.
     #[inline]
     fn last(&self) -> Option<NonNull<WaitNode>> {
-        // SAFETY: by the invariant the first is live.
+        // SAFETY: by the invariant the first node is live.
         self.first
             .and_then(|first| unsafe { first.as_ref() }.before)
     }
 
-    /// The last one of this priority or higher.
+    /// The last node of this priority or higher.
     #[inline]
     fn last_of(&self, priority: Priority) -> Option<NonNull<WaitNode>> {
         let mut last = self.last();
         while let Some(node) = last {
-            // SAFETY: by the invariant all in the list are live.
+            // SAFETY: by the invariant all nodes in the list are live.
             let fields = unsafe { node.as_ref() };
             if fields.priority >= priority {
                 break;
             }
-            // Before the first stands the last.
+            // `before` of the first node is the last one: stop there.
             last = fields.before.filter(|_| self.first != Some(node));
         }
         last
     }
 
-    /// Puts `node` right behind `before`, or first, for the current process: for a list in another order than that of priority. O(1).
+    /// Inserts `node` directly behind `before`, or first, for the current process: for a list that
+    /// is not ordered by priority. O(1).
     ///
     /// # Safety
     ///
@@ -252,7 +265,7 @@ impl WaitList {
         priority: Priority,
         wakeup: impl Into<Option<WakeHandle>>,
     ) {
-        // SAFETY: by the contract the node is live and ours.
+        // SAFETY: the caller promises that the node is live and in no list, so it is not shared.
         unsafe {
             let fields = &mut *node.as_ptr();
             fields.priority = priority;
@@ -267,7 +280,8 @@ impl WaitList {
     /// As for [`insert_after`](Self::insert_after).
     #[inline]
     unsafe fn link(&mut self, before: Option<NonNull<WaitNode>>, node: NonNull<WaitNode>) {
-        // SAFETY: by the contract the new node is live and ours; by the invariant so are all in the list.
+        // SAFETY: the caller promises that the new node is live and in no list; by the invariant
+        // all nodes in the list are live.
         unsafe {
             let fields = &mut *node.as_ptr();
             match (before, self.first) {
@@ -275,7 +289,7 @@ impl WaitList {
                     let after = (*before.as_ptr()).after.replace(node);
                     fields.before = Some(before);
                     fields.after = after;
-                    // Before who follows, or as the last before the first.
+                    // Link it before its follower, or as the last one, before the first.
                     (*after.unwrap_or(first).as_ptr()).before = Some(node);
                 }
                 (_, Some(first)) => {
@@ -292,7 +306,7 @@ impl WaitList {
         }
     }
 
-    /// Puts all of `other` behind those in this list, and leaves it empty. O(1).
+    /// Appends all nodes of `other`, and leaves `other` empty. O(1).
     pub fn append(&mut self, other: &mut WaitList) {
         let (Some(first), last) = (other.first, other.last()) else {
             return;
@@ -302,7 +316,8 @@ impl WaitList {
             self.first = Some(first);
             return;
         };
-        // SAFETY: by the invariant all nodes of both lists are live; both belong to this lock.
+        // SAFETY: by the invariant all nodes of both lists are live; both lists belong to this
+        // lock.
         unsafe {
             let own_last = (*own_first.as_ptr()).before;
             if let Some(own_last) = own_last {
@@ -313,14 +328,15 @@ impl WaitList {
         }
     }
 
-    /// Takes `node` out. O(1).
+    /// Removes `node`. O(1).
     ///
     /// # Safety
     ///
     /// `node` is in this list.
     #[inline]
     pub unsafe fn remove(&mut self, node: NonNull<WaitNode>) {
-        // SAFETY: by the contract the node is in this list, so by the invariant it and its neighbours are live.
+        // SAFETY: the caller promises that the node is in this list, so by the invariant it and its
+        // neighbours are live.
         unsafe {
             let (before, after) = {
                 let fields = &mut *node.as_ptr();
@@ -331,18 +347,18 @@ impl WaitList {
             } else if let Some(before) = before {
                 (*before.as_ptr()).after = after;
             }
-            // Before who follows, or before the first if it was the last.
+            // Before its follower, or before the first if it was the last.
             if let Some(follower) = after.or(self.first) {
                 (*follower.as_ptr()).before = before;
             }
         }
     }
 
-    /// Takes out who is served next. O(1).
+    /// Removes the next waiter. O(1).
     #[inline]
     pub fn pop(&mut self) -> Option<NonNull<WaitNode>> {
         let node = self.first?;
-        // SAFETY: it is this list's first.
+        // SAFETY: it is the first node of this list.
         unsafe {
             self.remove_first(node);
             (*node.as_ptr()).after = None;
@@ -375,7 +391,7 @@ mod tests {
 
     fn insert(list: &mut WaitList, node: &mut Box<WaitNode>, thread: u8, level: u8) {
         let wakeup = WakeHandle::of(&Context::from_waker(Waker::noop()));
-        // SAFETY: the boxes outlive the list and are in it once.
+        // SAFETY: the boxes outlive the list, and each node is in it once.
         unsafe {
             list.insert(
                 NonNull::from(&mut **node),
@@ -406,7 +422,7 @@ mod tests {
         for (index, level) in [3, 3, 9, 0].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
         }
-        // SAFETY: it is in the list, and then in none.
+        // SAFETY: it is in the list, and in none afterwards.
         unsafe {
             list.remove(NonNull::from(&mut *nodes[1]));
             list.insert_again_first(NonNull::from(&mut *nodes[1]));
@@ -421,7 +437,7 @@ mod tests {
         for (index, level) in [9, 3, 3].into_iter().enumerate() {
             insert(&mut list, &mut nodes[index], 0, level);
         }
-        // SAFETY: it is in the list, and then in none.
+        // SAFETY: it is in the list, and in none afterwards.
         unsafe {
             list.remove(NonNull::from(&mut *nodes[2]));
             let (thread, level) = (0, 20);

@@ -1,9 +1,12 @@
-//! An alarm for a thread that is busy: the kernel interrupts it when a deadline comes, and a bit of a word is set that the thread looks at anyway.
+//! An alarm for a thread that is busy: at a deadline the kernel interrupts it, and its handler sets
+//! a bit of a word that the thread reads anyway.
 //!
-//! So a busy thread learns of its deadlines without reading the clock. It is a POSIX timer of the thread's own (`timer_create`, `SIGEV_THREAD_ID`). Its
-//! signal is a real-time signal that had no handler when the first alarm was made: the highest such number below `SIGRTMAX`. The handler stays for the
-//! program's life. System calls that can be restarted are restarted (`SA_RESTART`). Where the kernel refuses the timer, and on the portable backend,
-//! [`Alarm::new`] gives nothing: the thread then reads the clock itself.
+//! So a busy thread sees its deadlines without reading the clock. It is a POSIX timer of the
+//! thread's own (`timer_create`, `SIGEV_THREAD_ID`). Its signal is a real-time signal that had no
+//! handler when the first alarm was made: the highest such number below `SIGRTMAX`. The handler
+//! stays for the program's life. System calls that can be restarted are restarted (`SA_RESTART`).
+//! Where the kernel refuses the timer, and on the portable backend, [`Alarm::new`] returns nothing:
+//! the thread then reads the clock itself.
 
 pub use crate::backend::alarm::Alarm;
 
@@ -24,7 +27,7 @@ mod tests {
         Some((alarm, word))
     }
 
-    /// Waits for the bit, busily, and takes it.
+    /// Spins until the bit is set, and takes it.
     fn wait(word: &AtomicU64) -> Instant {
         while word.load(Ordering::Relaxed) & BIT == 0 {
             std::hint::spin_loop();
@@ -48,7 +51,7 @@ mod tests {
             assert!(deadline <= rung && rung <= seen);
             assert!(alarm.take_rung().is_none(), "it was taken");
         }
-        // One that has passed comes at once.
+        // A deadline that has passed fires at once.
         assert!(alarm.arm(Instant::from_nanos(0)));
         wait(&word);
     }

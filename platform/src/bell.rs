@@ -1,4 +1,4 @@
-//! The bell of a thread: what it sleeps in until a deadline, and what others ring to wake it.
+//! The bell of a thread: the thread sleeps in it until a deadline, and other threads ring it.
 
 use crate::clock::Instant;
 use crate::futex::{Futex, Waited};
@@ -7,22 +7,23 @@ use crate::sync::atomic::Ordering;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-/// What a thread sleeps in besides its bell, once it waits for more than others: for files.
+/// A source of events besides the bell, for a thread that waits for files too.
 pub trait Watch: Send + Sync + fmt::Debug {
-    /// Sleeps until something watched happens, until [`ring`](Self::ring), or until `deadline`. A ring that came first ends it at once.
+    /// Sleeps until a watched event, until [`ring`](Self::ring), or until `deadline`. A ring that
+    /// came first ends it at once.
     fn sleep(&self, deadline: Instant) -> Waited;
 
     /// Ends the present sleep, or else the next. From any thread.
     fn ring(&self);
 
-    /// The thread is busy and passes by: looks now and then at what is watched, without sleeping.
+    /// Polls the watched sources without sleeping. A busy thread calls it now and then.
     fn glance(&self);
 }
 
-/// Wakes one thread from its sleep: through a futex, or through a [`Watch`] from the moment when it has one.
+/// Wakes one thread from its sleep: through a futex, or through a [`Watch`] once it has one.
 ///
-/// The bell alone loses rings: it is the second half of a protocol whose first half is a word of the thread's own, to which others
-/// add what they want of it.
+/// The bell alone loses rings: it is the second half of a protocol. The first half is a word of the
+/// thread's own, in which others set their requests.
 ///
 /// ```text
 ///   thread                                            others
@@ -32,24 +33,26 @@ pub trait Watch: Send + Sync + fmt::Debug {
 ///   3 wait
 /// ```
 ///
-/// The steps on the word are read-modify-write operations, 2 releases and a acquires. So either a comes first, and 2 fails; or a reads what 2
-/// wrote, and then sees all that the thread did before it: the ring comes after the quieting, and goes to the watch if there is one,
-/// because the thread hangs one up only while awake. A ring from an earlier sleep can come at any time, to the futex
-/// or to the watch: it ends at worst one sleep early, so whoever waits looks again.
+/// The steps on the word are read-modify-write operations, 2 releases and a acquires. So either a
+/// comes first, and 2 fails; or a reads what 2 wrote, and then sees all that the thread did before
+/// it: the ring comes after the quieting, and goes to the watch if there is one, because the thread
+/// sets a watch only while awake. A ring for an earlier sleep can come at any time, to the futex or
+/// to the watch. At worst it ends one sleep early, so a waiting thread checks its condition again.
 ///
-/// It lies in its owner, best beside the word: who changes the one then has the other in its cache.
+/// It lies in its owner, best beside the word: a thread that changes the word then has the bell in
+/// its cache.
 #[derive(Debug)]
 pub struct Bell {
     rung: Futex,
     hook: Hook,
 }
 
-/// Where the owner of a [`Bell`] hangs up its [`Watch`]. Clones are the same hook.
+/// The place of a [`Bell`]'s [`Watch`], which its owner sets. Clones refer to the same place.
 #[derive(Debug, Clone)]
 pub struct Hook(Arc<OnceLock<Arc<dyn Watch>>>);
 
 impl Bell {
-    /// A bell that nobody has rung, without a watch.
+    /// A bell without a ring and without a watch.
     #[expect(
         clippy::new_without_default,
         reason = "belongs to one thread: made on purpose, not by default"
@@ -61,7 +64,7 @@ impl Bell {
         }
     }
 
-    /// Where a watch is hung up.
+    /// The place of the watch.
     pub fn hook(&self) -> &Hook {
         &self.hook
     }
@@ -72,7 +75,8 @@ impl Bell {
         self.rung.word().store(0, Ordering::Relaxed);
     }
 
-    /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system call; with a watch, its own.
+    /// Sleeps until a ring, or until `deadline`, or without a cause: step 3. Owner only. One system
+    /// call; with a watch, its own.
     pub fn wait(&self, deadline: Instant) -> Waited {
         match self.hook.0.get() {
             None => path::expected(Call::Sleep, || self.rung.wait(0, deadline)),
@@ -91,7 +95,7 @@ impl Bell {
         }
     }
 
-    /// Passes by what is watched, if anything is. Owner only; without a watch one load and one branch.
+    /// Polls the watch, if there is one. Owner only; without a watch one load and one branch.
     #[inline]
     pub fn glance(&self) {
         if let Some(watch) = self.hook.0.get() {
@@ -101,9 +105,10 @@ impl Bell {
 }
 
 impl Hook {
-    /// From now on the thread sleeps in `watch`. Owner only, awake. There is one for good: a second is dropped.
+    /// Makes the thread sleep in `watch` from now on. Owner only, awake. The first watch stays for
+    /// good: a second is dropped.
     pub fn hang(&self, watch: Arc<dyn Watch>) {
-        // Only the owner sets it, so nobody ever waits here for another.
+        // Only the owner sets it, so this never waits for another thread.
         let _ = self.0.set(watch);
     }
 }

@@ -1,21 +1,21 @@
-//! What is done before a signal ends the program: the threads that wait for it are woken, and given
-//! a bounded time.
+//! Work before a signal ends the program: the threads that wait for it are woken, and get a bounded
+//! time.
 //!
-//! The signals are all whose default action ends a program, but SIGKILL and the
-//! [requests](crate::signals) to end in order:
+//! The signals are all that end a program by default, except SIGKILL and the
+//! [requests](crate::signals) for an orderly end:
 //!
 //! - SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT, by which a program crashes;
 //! - SIGQUIT, SIGTRAP, SIGSYS, SIGXCPU, SIGXFSZ, SIGALRM, SIGVTALRM, SIGPROF, SIGPIPE, SIGIO,
-//!   SIGPWR, SIGUSR1, SIGUSR2, SIGSTKFLT and the real-time signals, where the program neither ignores
-//!   them nor has a handler of its own when the first watch is made.
+//!   SIGPWR, SIGUSR1, SIGUSR2, SIGSTKFLT and the real-time signals, where the program neither
+//!   ignores them nor has a handler of its own when the first watch is made.
 //!
 //! They are handled on the [alternate stack](crate::thread) of the thread that crashes, or that the
-//! kernel has chosen. The handler does what a handler may: it notes the signal, counts an
-//! [event](crate::signals::announce_event), and waits until all watches have said that they are
-//! [done](CrashSlot::announce_done), or their time is over. Then the handler of before has its turn:
-//! the standard library's, which tells of a stack that has overflowed, or the default, so that the
-//! program ends by the signal as it would have without this, with its core dump. A thread that
-//! crashes while it does what the others wait for is [seen](CrashSlot::has_crashed) to have.
+//! kernel has chosen. The handler is async-signal-safe: it notes the signal, counts an
+//! [event](crate::signals::announce_event), and waits until all watches are
+//! [done](CrashSlot::announce_done), or their time is over. Then the former handler runs: the
+//! standard library's, which reports a stack overflow, or the default, so that the program ends by
+//! the signal as it would have without this, with its core dump. If a thread crashes in the work
+//! that the others wait for, [`has_crashed`](CrashSlot::has_crashed) reports it.
 //!
 //! A second signal that is sent to the program while it ends by one has no effect.
 //!
@@ -44,11 +44,11 @@ use std::time::Duration;
 /// The most watches at a time in one program.
 pub const MOST_WATCHES: usize = 64;
 
-/// The most members that a watch knows apart.
+/// The maximum number of members of a watch.
 pub const MOST_MEMBERS: usize = 9;
 
-/// The signal by which the program ends, 0 for none. Written by handlers; back only if one of
-/// before has made good what it was about.
+/// The signal by which the program ends, 0 for none. Written by handlers; reset only if a former
+/// handler has repaired the cause.
 static CRASHED: AtomicI32 = AtomicI32::new(0);
 
 /// Counts what handlers wait for.
@@ -56,15 +56,17 @@ static DONE: Futex = Futex::new(0);
 
 static SLOTS: [Slot; MOST_WATCHES] = [const { Slot::new() }; MOST_WATCHES];
 
-/// What one watch and the handlers know of each other. Static, so that a handler may look at any time.
+/// The shared state of one watch and the handlers. Static, so that a handler may read it at any
+/// time.
 #[derive(Debug)]
 struct Slot {
     is_taken: AtomicBool,
     /// Whether a handler is to wait for it. Written by the watch alone.
     is_awaited: AtomicBool,
     bound: AtomicU64,
-    /// The number of the thread by which each member does what is waited for, 0 while it does nothing; and the same negated if it has crashed. Written by the
-    /// member, and by the handler on its thread.
+    /// For each member, the number of the thread that does the awaited work, 0 while it does
+    /// nothing; negated if that thread has crashed. Written by the member, and by the handler on
+    /// its thread.
     members: [AtomicI32; MOST_MEMBERS],
 }
 
@@ -79,7 +81,7 @@ impl Slot {
     }
 }
 
-/// How many watches there are, and in which process.
+/// The number of watches, and the process that they are in.
 struct Installed {
     process: u32,
     watches: usize,
@@ -113,7 +115,8 @@ impl Installed {
     }
 }
 
-/// While it lives, a crash waits for who holds it. Several may live in one program: a crash waits for all, each its time.
+/// While it lives, a crash waits for its holder. Several may live in one program: a crash waits for
+/// all, each with its own bound.
 #[derive(Debug)]
 #[must_use = "a crash ends the program at once again when it is dropped"]
 pub struct CrashWatch {
@@ -129,7 +132,8 @@ impl CrashWatch {
     ///
     /// # Errors
     ///
-    /// [`SignalError`] if the system does not let a signal be handled, or has none, or if there are [`MOST_WATCHES`] watches.
+    /// [`SignalError`] if the system does not let a signal be handled, or has none, or if there are
+    /// [`MOST_WATCHES`] watches.
     pub fn install() -> Result<CrashWatch, SignalError> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         installed.enter_process();
@@ -154,7 +158,7 @@ impl CrashWatch {
         })
     }
 
-    /// It, for the threads that act on a crash.
+    /// The slot, for the threads that act on a crash.
     pub fn slot(&self) -> CrashSlot {
         self.slot
     }
@@ -164,7 +168,7 @@ impl Drop for CrashWatch {
     fn drop(&mut self) {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         if installed.process != std::process::id() {
-            // It is a parent's.
+            // The watch is a parent's.
             return;
         }
         self.slot.announce_done();
@@ -182,41 +186,44 @@ impl CrashSlot {
         Some(CRASHED.load(Ordering::Acquire)).filter(|&number| number != 0)
     }
 
-    /// How long a crash waits at most.
+    /// The longest time that a crash waits.
     pub fn set_bound(self, bound: Duration) {
         let nanos = u64::try_from(bound.as_nanos()).unwrap_or(u64::MAX);
         self.0.bound.store(nanos, Ordering::Relaxed);
     }
 
-    /// The calling thread, whose number is `thread`, is `member`, and begins what a crash waits for. O(1).
+    /// `member`, which is the calling thread with the number `thread`, begins the work that a crash
+    /// waits for. O(1).
     ///
     /// # Panics
     ///
-    /// If `member` is not below [`MOST_MEMBERS`].
+    /// Panics if `member` is not below [`MOST_MEMBERS`].
     pub fn enter(self, member: u8, thread: ThreadNumber) {
         self.0.members[usize::from(member)].store(thread.get(), Ordering::Relaxed);
     }
 
-    /// `member` has ended it, and is still the calling thread, whose number is `thread`. Has no effect if it is not: whoever comes so late that the watch was dropped meanwhile changes nothing of another's. O(1).
+    /// `member` has ended the work on the calling thread, with the number `thread`. Has no effect
+    /// if `member` is another thread by now: a thread that comes after the watch was dropped
+    /// changes nothing of a later one. O(1).
     ///
     /// # Panics
     ///
-    /// If `member` is not below [`MOST_MEMBERS`].
+    /// Panics if `member` is not below [`MOST_MEMBERS`].
     pub fn leave(self, member: u8, thread: ThreadNumber) {
         let own = &self.0.members[usize::from(member)];
-        // Negated: it has gone on after a fault, as somebody's handler wanted.
+        // Negated: the thread has gone on after a fault, because of a former handler.
         for number in [thread.get(), -thread.get()] {
             let _ = own.compare_exchange(number, 0, Ordering::Relaxed, Ordering::Relaxed);
         }
     }
 
-    /// Whether `member` has crashed in it: it will not come to its end.
+    /// Whether `member` has crashed in its work: it will not finish it.
     pub fn has_crashed(self, member: u8) -> bool {
         let thread = self.0.members.get(usize::from(member));
         thread.is_some_and(|thread| thread.load(Ordering::Acquire) < 0)
     }
 
-    /// Nothing is to be waited for any more. One system call. Async-signal-safe.
+    /// There is nothing to wait for any more. One system call. Async-signal-safe.
     pub fn announce_done(self) {
         self.0.is_awaited.store(false, Ordering::Release);
         DONE.word().fetch_add(1, Ordering::AcqRel);
@@ -224,23 +231,23 @@ impl CrashSlot {
     }
 }
 
-/// The crash was none, as it turned out after [`handle`].
+/// Forgets the crash: after [`handle`] the program goes on.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 pub(crate) fn forget() {
     CRASHED.store(0, Ordering::Release);
 }
 
-/// What the handler does on the thread that crashes, or that the kernel has chosen for a signal that
-/// `is_sent`: async-signal-safe, and it returns after a bounded time. Says whether the program is to
-/// end by it.
+/// The handler's work on the thread that crashes, or that the kernel has chosen for a signal that
+/// `is_sent`: async-signal-safe, and it returns after a bounded time. Returns whether the program
+/// is to end by the signal.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 pub(crate) fn handle(number: i32, is_sent: bool) -> bool {
     let began = Instant::now_real();
     // The first crash is the one that is reported; the others wait as it does.
     let noted = CRASHED.compare_exchange(0, number, Ordering::AcqRel, Ordering::Relaxed);
     if noted.is_err() && is_sent {
-        // The program ends already, and this thread has done nothing wrong: it may be the one that
-        // does what the others wait for.
+        // The program ends already, and this thread has not crashed: it may be the one that does
+        // the awaited work.
         return false;
     }
     let me = backend::current_thread();
@@ -261,13 +268,13 @@ pub(crate) fn handle(number: i32, is_sent: bool) -> bool {
     true
 }
 
-// Where threads have no numbers, nobody crashes either.
+// A platform without thread numbers has no crash handling either.
 #[cfg(all(test, target_os = "linux", not(luna_portable), not(loom)))]
 mod tests {
     use super::*;
     use crate::thread::current_number;
 
-    /// A thread that was left behind ends after its watch, and another has the slot.
+    /// A detached thread ends after its watch, and another watch has the slot.
     #[test]
     fn only_who_has_entered_leaves() {
         static SLOT: Slot = Slot::new();

@@ -1,7 +1,11 @@
-//! Counts events for crews of threads: who waits sees that the count has changed, or is woken.
+//! Counts events for groups of threads: a waiting thread sees that the count has changed, or is
+//! woken.
 //!
-//! A workers is threads that all act on an event alike, so that it is enough if one of them hears of it, and wakes the others when they are needed. To wake a thread on another core takes a while (20 µs on a
-//! virtual machine); so one whose wait a handler of signals has interrupted [need not](EventCount::announce_here) before it acts. Where several crews wait, each has to hear of each event.
+//! The threads of a group all handle an event alike, so it is enough to notify one of them, which
+//! wakes the others when they are needed. Waking a thread on another core takes a while (20 µs on a
+//! virtual machine). A thread that a signal handler interrupts in its wait therefore [does not wake
+//! the others](EventCount::announce_here) before it acts. If several groups wait, each has to be
+//! notified of each event.
 //!
 //! ```
 //! use luna_platform::clock::Instant;
@@ -24,12 +28,12 @@ use crate::sync::atomic::{AtomicU32, Ordering, fence};
 #[derive(Debug)]
 pub struct EventCount {
     count: Futex,
-    /// How many crews wait.
+    /// The number of groups that wait.
     crews: AtomicU32,
 }
 
 impl EventCount {
-    /// Nothing has happened, and nobody waits.
+    /// No event, and no waiting group.
     #[cfg(not(loom))]
     #[expect(
         clippy::new_without_default,
@@ -42,7 +46,7 @@ impl EventCount {
         }
     }
 
-    /// Nothing has happened, and nobody waits.
+    /// No event, and no waiting group.
     #[cfg(loom)]
     #[expect(
         clippy::new_without_default,
@@ -55,26 +59,30 @@ impl EventCount {
         }
     }
 
-    /// One more workers waits from now on: to be called before any of it does.
+    /// One more group waits from now on: call it before any of its threads waits.
     pub fn join(&self) {
         self.crews.fetch_add(1, Ordering::AcqRel);
-        // Against that of `announce_here`: who does not know of this workers has counted before the workers first looks.
+        // Pairs with the fence in `announce_here`: an announcement that does not see this group has
+        // counted its event before the group first reads the count.
         fence(Ordering::SeqCst);
     }
 
-    /// A workers that has [joined](Self::join) waits no more.
+    /// A group that has [joined](Self::join) waits no more.
     pub fn leave(&self) {
         self.crews.fetch_sub(1, Ordering::AcqRel);
     }
 
-    /// How many events there were; wraps. To be read before looking at what they are about, and given to [`wait`](Self::wait).
+    /// The number of events; wraps. Read it before checking for work, and pass it to
+    /// [`wait`](Self::wait).
     pub fn get(&self) -> u32 {
         self.count.word().load(Ordering::Acquire)
     }
 
-    /// Waits until there was an event after `seen` was read, or until `deadline`; returns the count as it is then.
+    /// Waits until there was an event after `seen` was read, or until `deadline`; returns the count
+    /// as it is then.
     ///
-    /// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause.
+    /// The same number as `seen` means that the deadline came. One futex wait, and one more for
+    /// each wake without a cause.
     pub fn wait(&self, seen: u32, deadline: Instant) -> u32 {
         loop {
             let count = self.get();
@@ -84,14 +92,15 @@ impl EventCount {
         }
     }
 
-    /// Counts an event and wakes who waits. One system call, O(threads that wait).
+    /// Counts an event and wakes the waiting threads. One system call, O(threads that wait).
     pub fn announce(&self) {
         self.count.word().fetch_add(1, Ordering::AcqRel);
         path::expected(Call::Wake, || self.count.wake_all());
     }
 
-    /// Counts an event, of which the calling thread hears, since it is in a handler of signals that has interrupted its [`wait`](Self::wait): that returns after the handler. If several crews
-    /// wait, all are woken. No system call if one does.
+    /// Counts an event from a signal handler that has interrupted this thread's
+    /// [`wait`](Self::wait), which returns after the handler. If several groups wait, all are
+    /// woken. No system call if one does.
     pub fn announce_here(&self) {
         self.count.word().fetch_add(1, Ordering::AcqRel);
         fence(Ordering::SeqCst);

@@ -1,18 +1,20 @@
-//! Reading and writing open files without waiting: what a link to a device does on the real-time path, and how it is prepared for it.
+//! Reading and writing open files without waiting: what a link to a device does on the real-time
+//! path, and how it is prepared for it.
 
 use crate::path::{self, Call};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Result, Write};
 use std::os::fd::AsFd;
 
-/// Makes reading and writing `file` fail with [`WouldBlock`](ErrorKind::WouldBlock) where they would wait.
+/// Makes reading and writing `file` fail with [`WouldBlock`](ErrorKind::WouldBlock) where they
+/// would wait.
 ///
-/// All duplicates of the descriptor share this mode, also those in other programs. Files on a disk have it without effect. Two system
-/// calls; not for the real-time path.
+/// All duplicates of the descriptor share this mode, also those in other programs. Files on a disk
+/// have it without effect. Two system calls; not for the real-time path.
 ///
 /// # Errors
 ///
-/// What the system says; it refuses no open file that can be read or written.
+/// The error of the system; it refuses no open file that can be read or written.
 ///
 /// ```
 /// use std::io::{ErrorKind, Read};
@@ -26,11 +28,13 @@ pub fn set_non_blocking(file: &impl AsFd) -> Result<()> {
     crate::backend::file::set_non_blocking(file.as_fd())
 }
 
-/// Reads what is there, at most as much as fits; 0 is the end of the file. Real-time path: one system call, more only if signals come.
+/// Reads what is there, at most as much as fits; 0 is the end of the file. Real-time path: one
+/// system call, more only if signals come.
 ///
 /// # Errors
 ///
-/// What the system says, [`WouldBlock`](ErrorKind::WouldBlock) if nothing is there. It allocates nothing.
+/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if nothing is there. It allocates
+/// nothing.
 ///
 /// ```
 /// let zeros = std::fs::File::open("/dev/zero")?;
@@ -41,13 +45,16 @@ pub fn read(mut file: &File, to: &mut [u8]) -> Result<usize> {
     unless_interrupted(|| path::expected(Call::File, || file.read(to)))
 }
 
-/// Writes what there is room for, and says how much. Real-time path: one system call, more only if signals come.
+/// Writes what fits, and returns how much. Real-time path: one system call, more only if
+/// signals come.
 ///
-/// A pipe or socket that nobody reads any more also raises SIGPIPE, which Rust's programs ignore from their start on.
+/// A pipe or socket without a reader also raises SIGPIPE, which Rust programs ignore from their
+/// start on.
 ///
 /// # Errors
 ///
-/// What the system says, [`WouldBlock`](ErrorKind::WouldBlock) if there is no room. It allocates nothing.
+/// The error of the system, [`WouldBlock`](ErrorKind::WouldBlock) if there is no room. It allocates
+/// nothing.
 ///
 /// ```
 /// let nowhere = std::fs::File::create("/dev/null")?;

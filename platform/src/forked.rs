@@ -1,8 +1,8 @@
 //! Whether this process is the child of a bare `fork` in the middle of a system.
 //!
 //! Such a child has a copy of the program's memory and of its signal handlers, but only the thread
-//! that called `fork`. Nothing that another thread does happens in it: it must wait for none, and
-//! what brings the machine to safety belongs to the parent.
+//! that called `fork`. No other thread exists in it: it must wait for none, and bringing the
+//! machine to safety is the parent's work.
 //!
 //! ```
 //! luna_platform::forked::remember_process();
@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 /// The number of the process that was remembered last, 0 for none.
 static PROCESS: AtomicU32 = AtomicU32::new(0);
 
-/// The calling process is the one whose threads are there.
+/// Remembers the calling process as the one that has the program's threads.
 pub fn remember_process() {
     PROCESS.store(std::process::id(), Ordering::Relaxed);
 }

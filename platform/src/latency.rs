@@ -1,15 +1,16 @@
 //! Short wake-ups: idle cores are kept from sleeping deeply.
 //!
-//! A core that sleeps deeply takes tens of microseconds to come back, and so does a virtual one whose host took it away. On the
-//! reference machine the device held at 0 halves the median wake-up latency, from 25 to 14 µs. It costs power.
+//! A core that sleeps deeply takes tens of microseconds to wake, and so does a virtual core that
+//! its host has preempted. On the reference machine the device held at 0 halves the median wake-up
+//! latency, from 25 to 14 µs. It costs power.
 
 use crate::backend::latency as backend;
 use crate::shortfall::Shortfall;
 
 /// Keeps `/dev/cpu_dma_latency` at 0 µs while it lives.
 ///
-/// Several may live at once, in one process or many: the kernel takes the least of all wishes. Opening and closing are two system
-/// calls each; not for the real-time path.
+/// Several may live at once, in one process or many: the kernel takes the least of all wishes.
+/// Opening and closing are two system calls each; not for the real-time path.
 ///
 /// ```
 /// use luna_platform::latency::DmaLatency;
@@ -30,7 +31,7 @@ impl DmaLatency {
     ///
     /// # Errors
     ///
-    /// [`Shortfall::DmaLatency`] says why not, and how to get it.
+    /// [`Shortfall::DmaLatency`] reports why not, and how to get it.
     pub fn hold() -> Result<DmaLatency, Shortfall> {
         let held = backend::hold().map_err(Shortfall::DmaLatency)?;
         Ok(DmaLatency { _held: held })

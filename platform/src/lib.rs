@@ -1,7 +1,8 @@
 //! The platform layer of LUNA.
 //!
-//! This is the only crate of the project with system calls. Above it stand channels, executors and the framework itself,
-//! which see one interface whatever is below: each backend is a folder that defines the same names.
+//! This is the only crate of the project with system calls. Above it stand channels, executors and
+//! the framework itself, which see one interface whatever is below: each backend is a folder that
+//! defines the same names.
 //!
 //! | backend | what it is | picked |
 //! | --- | --- | --- |
@@ -11,20 +12,25 @@
 //!
 //! What it offers of the system:
 //!
-//! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was refused, why, and how to get it.
-//! - [`clock`], [`futex`], [`bell`], [`event_count`], [`lock`], [`spin`], [`timer_fd`], [`reactor`]: time, and waiting
-//!   for it, for other threads, and for files. [`fence`], [`inside`] and [`boost`] are what a biased lock and priority
-//!   inheritance need of the kernel. [`alarm`]: deadlines of a busy thread.
+//! - [`thread`]: threads with a policy, a core and a stack, as obtained; [`shortfall`]: what was
+//!   refused, why, and how to get it.
+//! - [`clock`], [`futex`], [`bell`], [`event_count`], [`lock`], [`spin`], [`timer_fd`],
+//!   [`reactor`]: time, and waiting for it, for other threads, and for files. [`fence`], [`inside`]
+//!   and [`boost`] are what a biased lock and priority inheritance need of the kernel. [`alarm`]:
+//!   deadlines of a busy thread.
 //! - `file`: reading and writing without waiting (on Unix).
-//! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the machine is.
+//! - [`memory`], [`latency`]: what a real-time system holds while it runs. [`facts`]: what the
+//!   machine is.
 //! - [`usage`], [`steal`]: what may have made a thread late: page faults, switches, a hypervisor.
-//! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of who started the program, as events.
+//! - [`signals`], [`crash`], [`parent`]: requests to end, crashes, and the end of the parent
+//!   process, as events.
 //!
 //! It knows nothing of processes: they are the subject of `luna-core`.
 //!
-//! A system call is made on the real-time path only where a function's documentation says so; [`path`] lets a test hold the path to that.
+//! A system call is made on the real-time path only where a function's documentation says so;
+//! [`path`] lets a test hold the path to that.
 
-// The model is the same whoever checks it: shuttle has loom's names.
+// The model is the same for either checker: shuttle has loom's names.
 #[cfg(shuttle)]
 extern crate shuttle as loom;
 

@@ -1,8 +1,9 @@
-//! Memory that is there when it is used.
+//! Memory that is resident when it is used.
 //!
-//! A page that is not in memory costs the thread that touches it some microseconds, or milliseconds if it must be read from a disk.
-//! [`lock_memory`] keeps every page of the process in memory, those to come included; [`prefault_heap`] fetches the pages of the heap
-//! before they are needed and lets the allocator keep them. Stacks are fetched by [`thread::spawn`](crate::thread::spawn).
+//! A page that is not in memory costs the thread that touches it some microseconds, or milliseconds
+//! if it must be read from a disk. [`lock_memory`] keeps every page of the process in memory, those
+//! to come included; [`prefault_heap`] faults in the pages of the heap before they are needed and
+//! makes the allocator keep them. Stacks are faulted in by [`thread::spawn`](crate::thread::spawn).
 //!
 //! Not for the real-time path.
 
@@ -12,15 +13,17 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// How many locks are held in this process. The kernel knows one lock, which the first takes and the last gives back.
+/// The number of locks held in this process. The kernel knows one lock: the first takes it and the
+/// last releases it.
 static HELD: Mutex<usize> = Mutex::new(0);
 
-/// At most so many bytes are copied at once: bodies of processes have some hundreds.
+/// The maximum number of bytes copied at once: bodies of processes have some hundreds.
 const MOST_COPIED: usize = 1 << 20;
 
 /// The words that lie in a range of this program's addresses, copied by the kernel; of at most a
 /// mebibyte. Empty where the kernel refuses, where there is no such memory, and on the portable
-/// backend. For reports that look for addresses in what a process holds. Not for the real-time path.
+/// backend. For reports that look for addresses in what a process holds. Not for the real-time
+/// path.
 ///
 /// The kernel reads bytes, whatever they are for: that some of them were never written, are written
 /// at the same time or have gone is no access of the program's own. So what it finds is a hint.
@@ -46,12 +49,13 @@ pub fn copy_words(range: Range<usize>) -> Vec<usize> {
 
 /// Locks the memory of the whole process, now and to come, until the last lock is dropped.
 ///
-/// Only with CAP_IPC_LOCK or an unlimited RLIMIT_MEMLOCK: under a smaller limit it would succeed here, and the third thread or so
-/// would fail to start, since its stack is locked too. Each page of the process then takes real memory: O(its size).
+/// Only with CAP_IPC_LOCK or an unlimited RLIMIT_MEMLOCK: under a smaller limit it would succeed
+/// here, and the third thread or so would fail to start, since its stack is locked too. Each page
+/// of the process then takes real memory: O(its size).
 ///
 /// # Errors
 ///
-/// [`Shortfall::MemoryLock`] says why not, and how to get it.
+/// [`Shortfall::MemoryLock`] reports why not, and how to get it.
 ///
 /// ```
 /// match luna_platform::memory::lock_memory() {
@@ -85,12 +89,14 @@ impl Drop for MemoryLock {
     }
 }
 
-/// Fetches `bytes` of heap and tells the allocator to keep them: later allocations of that size in all find their pages present.
+/// Faults in `bytes` of heap and makes the allocator keep them: later allocations of that size in
+/// all find their pages present.
 ///
-/// With the GNU C library's allocator the setting holds for the rest of the program's run: freed memory stays with the process, and
-/// large blocks come from the heap too instead of from mappings of their own. It is the heap of the thread that calls this and of
-/// all that share its arena; other threads have arenas of their own, whose pages only [`lock_memory`] makes present. With another
-/// allocator the pages are fetched, and whether it keeps them is up to it.
+/// With the GNU C library's allocator the setting holds for the rest of the program's run: freed
+/// memory stays with the process, and large blocks come from the heap too instead of from mappings
+/// of their own. It is the heap of the calling thread and of all threads that share its arena;
+/// other threads have arenas of their own, and only [`lock_memory`] makes the pages of those
+/// present. With another allocator the pages are fetched, and whether it keeps them is up to it.
 ///
 /// O(`bytes`): 1.3 µs a page on the reference machine, a virtual one, so some 0.3 s a gigabyte.
 ///
@@ -111,8 +117,8 @@ pub fn prefault_heap(bytes: usize) -> Result<(), HeapError> {
     // One write to each page; 4 KiB is the smallest page there is.
     for page in pages.spare_capacity_mut().chunks_mut(4096) {
         if let Some(first) = page.first_mut() {
-            // Volatile, or the compiler sees that nobody reads it.
-            // SAFETY: the byte lies in the vector's spare capacity, and any value may be written to it.
+            // Volatile, since the compiler would remove a store that is never read. SAFETY: the
+            // byte lies in the vector's spare capacity, and any value may be written to it.
             unsafe { first.as_mut_ptr().write_volatile(0) };
         }
     }

@@ -11,8 +11,8 @@ thread_local! {
 /// Calls `f` and catches its panic, as [`std::panic::catch_unwind`] does, and lets the panic hook
 /// [know](are_caught) that the caller does.
 ///
-/// In a process of a system a panic is an emergency from the moment of the panic hook on, before
-/// anybody can know that it will be caught. One in here is none: the caller has its payload, and
+/// In a process of a system a panic is an emergency from the moment of the panic hook on, before it
+/// is known that it will be caught. A panic in `f` is none: the caller gets the payload, and
 /// decides. The panic hook prints it all the same. What `f` leaves half done is seen by the caller
 /// alone, so no `UnwindSafe` is asked for.
 ///

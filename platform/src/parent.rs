@@ -29,7 +29,8 @@ pub enum Watched {
 pub struct ParentWatch(backend::Watch);
 
 impl ParentWatch {
-    /// Watches the parent, from now on; one that ends at this very moment is seen too. Not for the real-time path.
+    /// Watches the parent, from now on; one that ends at this very moment is seen too. Not for the
+    /// real-time path.
     ///
     /// # Errors
     ///
@@ -38,8 +39,9 @@ impl ParentWatch {
         backend::Watch::new().map(ParentWatch)
     }
 
-    /// Blocks until the parent has ended, or [`stop`](Self::stop) was called. A parent whose place another took, since the true one had ended before the watch began, is not
-    /// seen to end.
+    /// Blocks until the parent has ended, or [`stop`](Self::stop) was called. If the true parent
+    /// ended before the watch began, another process has taken its place: the end of that one is
+    /// not seen.
     pub fn wait(&self) -> Watched {
         self.0.wait()
     }
@@ -50,8 +52,9 @@ impl ParentWatch {
     }
 }
 
-/// Makes this process ignore SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGPIPE, and leave its session, so that it survives what ends the program that started it: for one
-/// that is there for that. Nothing of it is taken back. Not for the real-time path; does nothing on systems without sessions.
+/// Makes this process ignore SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGPIPE, and leave its session,
+/// so that it survives what ends its parent program: for a process with that purpose. There is no
+/// way back. Not for the real-time path; does nothing on systems without sessions.
 pub fn outlive_requests() {
     backend::outlive_requests();
 }

@@ -1,4 +1,5 @@
-//! Waiting for files, for a deadline and for other threads at once: what an executor sleeps in when its processes wait for files.
+//! Waiting for files, for a deadline and for other threads at once: an executor sleeps in it when
+//! its processes wait for files.
 
 pub use crate::backend::reactor::Reactor;
 #[cfg(any(unix, target_os = "wasi"))]
@@ -6,7 +7,7 @@ pub use std::os::fd::BorrowedFd;
 
 use std::fmt;
 
-/// A file that somebody else keeps open. This system has none of the kind, so there is no value of this type.
+/// A borrowed file descriptor. This system has none of the kind, so there is no value of this type.
 #[cfg(not(any(unix, target_os = "wasi")))]
 #[derive(Debug, Clone, Copy)]
 pub struct BorrowedFd<'fd> {
@@ -25,7 +26,8 @@ pub enum Interest {
     Both,
 }
 
-/// What a file is ready for. A file at its end, or with an error, is ready for both: reading or writing then tells.
+/// The readiness of a file. A file at its end, or with an error, is ready for both: reading or
+/// writing then reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct Readiness {
@@ -43,7 +45,7 @@ pub struct Readiness {
 pub struct Ended {
     /// How many files were reported.
     pub files: usize,
-    /// Whether somebody called `wake`.
+    /// Whether `wake` was called.
     pub woken: bool,
     /// Whether the deadline has come.
     pub timed_out: bool,
@@ -61,7 +63,8 @@ pub enum ReactorError {
         /// The token given.
         token: u64,
     },
-    /// The kernel cannot wait for this kind of file: one on a disk, or a directory. They are always ready.
+    /// The kernel cannot wait for this kind of file: one on a disk, or a directory. They are always
+    /// ready.
     AlwaysReady {
         /// The file's descriptor.
         fd: i32,

@@ -1,6 +1,7 @@
-//! What was asked of the system and not given: what, why, and how to get it.
+//! Requests that the system refused: what, why, and how to get it.
 //!
-//! One type for all of it, so that a report is one list and a strict start has one kind of error.
+//! One type for all refusals, so that a report is one list and a strict start has one kind of
+//! error.
 
 use crate::thread::Policy;
 use std::fmt;
@@ -8,7 +9,8 @@ use std::time::Duration;
 
 /// Something that was asked for and not given.
 ///
-/// `Display` says all in one line; [`what`](Self::what), [`why`](Self::why) and [`remedy`](Self::remedy) are its parts.
+/// `Display` says all in one line; [`what`](Self::what), [`why`](Self::why) and
+/// [`remedy`](Self::remedy) are its parts.
 ///
 /// ```
 /// use luna_platform::shortfall::{LatencyRefusal, Shortfall};
@@ -34,7 +36,7 @@ pub enum Shortfall {
         /// Why it was refused.
         why: CoreRefusal,
     },
-    /// A priority that a thread was to inherit from one for whom it works; it works at its own.
+    /// A priority that a thread was to inherit; it runs at its own.
     Inheritance {
         /// The priority, of SCHED_FIFO.
         asked: u8,
@@ -68,19 +70,22 @@ pub enum PolicyRefusal {
         /// The file that says so.
         file: String,
     },
-    /// It may, but the kernel was built with group scheduling of real-time threads, which version 2 cannot give a budget to.
+    /// It may, but the kernel was built with group scheduling of real-time threads, which version 2
+    /// cannot give a budget to.
     GroupWithoutBudget {
         /// The control group (version 2).
         group: String,
     },
     /// It has CAP_SYS_NICE in a user namespace, which does not count.
     UserNamespace,
-    /// A deadline policy, and the process may not run on all cores: it was started under `taskset`, or its control group keeps it from some.
+    /// A deadline policy, and the process may not run on all cores: it was started under `taskset`,
+    /// or its control group keeps it from some.
     NotAllCores {
         /// Those allowed, as the kernel writes lists.
         allowed: String,
     },
-    /// A deadline policy, and the deadline threads together would take more of the processors than the kernel admits.
+    /// A deadline policy, and the deadline threads together would take more of the processors than
+    /// the kernel admits.
     NoBandwidth {
         /// The share that it admits in percent, where it could be read.
         share: Option<u8>,
@@ -97,7 +102,7 @@ pub enum PolicyRefusal {
         /// What it has.
         obtained: Policy,
     },
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -124,7 +129,7 @@ pub enum CoreRefusal {
     },
     /// Nothing was refused, yet the thread may run elsewhere.
     NotKept,
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -133,7 +138,8 @@ pub enum CoreRefusal {
     Unsupported,
 }
 
-/// Why a thread sleeps at once: looking for work, it could keep from running who has some for it.
+/// Why a thread sleeps at once: spinning could keep another thread from running that has work for
+/// it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SpinRefusal {
@@ -155,13 +161,13 @@ pub enum SpinRefusal {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum MemoryRefusal {
-    /// The process has no CAP_IPC_LOCK, and its limit is not unlimited. Under a smaller limit locking would succeed, and a later thread
-    /// would fail to start.
+    /// The process has no CAP_IPC_LOCK, and its limit is not unlimited. Under a smaller limit
+    /// locking would succeed, and a later thread would fail to start.
     Limited {
         /// The process' RLIMIT_MEMLOCK in bytes, where it could be read.
         limit: Option<u64>,
     },
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,
@@ -178,7 +184,7 @@ pub enum LatencyRefusal {
     Missing,
     /// The process may not write to it.
     NotPermitted,
-    /// The kernel said something else.
+    /// Another error of the kernel.
     Kernel {
         /// Its words.
         message: String,

@@ -1,7 +1,9 @@
 //! Signals that ask the program to end, as an event that threads can wait for.
 //!
-//! The handler does no more than a handler may: it stores the signal's number, counts an event, and wakes who waits for one; nobody if it runs on a thread that waits itself. Other
-//! triggers, such as a panic, count events too with [`announce_event`], so one waiting thread hears of all.
+//! The handler does no more than a handler may: it stores the signal's number, counts an event, and
+//! wakes the threads that wait for one; none if it runs on a waiting thread itself. Other triggers,
+//! such as a panic, count events too with [`announce_event`], so one waiting thread is notified of
+//! all.
 //!
 //! ```
 //! use luna_platform::clock::Instant;
@@ -22,23 +24,27 @@ use std::sync::atomic::{AtomicI32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// A second signal this long after the first ends the program at once; an earlier one is taken for the same request.
+/// A second signal this long after the first ends the program at once; an earlier one is taken for
+/// the same request.
 ///
-/// Some senders deliver twice: coreutils' `timeout` signals its child and then the child's group, both within a millisecond. A human
-/// is slower than this.
+/// Some senders deliver twice: coreutils' `timeout` signals its child and then the child's group,
+/// both within a millisecond. A human is slower than this.
 pub const SAME_REQUEST: Duration = Duration::from_millis(50);
 
-/// What has happened: whoever waits sees a change or is woken.
+/// The event count: a waiting thread sees a change or is woken.
 static EVENTS: EventCount = EventCount::new();
 
-/// The threads that wait for events, as far as there is room: a handler that interrupts one of them has told it already.
+/// The threads that wait for events, as far as there is room: a handler that interrupts one of them
+/// has notified it already.
 static WAITING: [AtomicUsize; 16] = [const { AtomicUsize::new(0) }; 16];
 
-/// The number of the signal received, 0 for none. Written by the handler (0 to a number) and by the last watch's drop (back to 0).
+/// The number of the signal received, 0 for none. Written by the handler (0 to a number) and by the
+/// last watch's drop (back to 0).
 static RECEIVED: AtomicI32 = AtomicI32::new(0);
 
-/// When it was received, in nanoseconds of the monotonic clock. Written by the handler just after `RECEIVED`, so it may be one
-/// signal late for a second handler on another thread: 0 until then, which counts as the same request.
+/// When it was received, in nanoseconds of the monotonic clock. Written by the handler just after
+/// `RECEIVED`, so it may be one signal late for a second handler on another thread: 0 until then,
+/// which counts as the same request.
 static RECEIVED_AT: AtomicU64 = AtomicU64::new(0);
 
 /// A signal that can be watched for.
@@ -96,9 +102,9 @@ pub fn name(number: i32) -> impl fmt::Display {
     })
 }
 
-/// What is installed in this process, and for how many watches.
+/// The handlers that are installed in this process, and the number of watches.
 struct Installed {
-    /// In which process.
+    /// The process that installed them.
     process: u32,
     watches: usize,
     before: Vec<backend::Before>,
@@ -111,7 +117,7 @@ static INSTALLED: Mutex<Installed> = Mutex::new(Installed {
 });
 
 impl Installed {
-    /// Forgets what a parent process has installed, whose watches are not in this one.
+    /// Forgets the installations of a parent process, which has its watches in another process.
     fn enter_process(&mut self) {
         let process = std::process::id();
         if self.process == process {
@@ -128,14 +134,15 @@ impl Installed {
     }
 }
 
-/// While it lives, signals are events instead of the program's end.
+/// While it lives, signals are events instead of ending the program.
 ///
-/// The first signal is an event: [`received`](Self::received) tells its number, and who waits for events is woken. A second one, at
-/// least [`SAME_REQUEST`] later, ends the program at once with `_exit(128 + number)`: nothing is flushed or dropped.
+/// The first signal is an event: [`received`](Self::received) returns its number, and the threads
+/// that wait for events are woken. A second one, at least [`SAME_REQUEST`] later, ends the program
+/// at once with `_exit(128 + number)`: nothing is flushed or dropped.
 ///
-/// Several may live in one process, from several systems: all hear of a signal. When the last is dropped, the handlers of before are
-/// back, and the signal is forgotten. In the child of a bare `fork` a signal does by default what
-/// it does everywhere.
+/// Several may live in one process, from several systems: all are notified of a signal. When the
+/// last is dropped, the former handlers are restored, and the signal is forgotten. In the child of
+/// a bare `fork` a signal has its default effect.
 ///
 /// ```
 /// use luna_platform::signals::{Signal, SignalWatch};
@@ -152,11 +159,13 @@ pub struct SignalWatch {
 }
 
 impl SignalWatch {
-    /// Watches for `signals`, besides those that other watches asked for. Not for the real-time path.
+    /// Watches for `signals`, besides those that other watches asked for. Not for the real-time
+    /// path.
     ///
     /// # Errors
     ///
-    /// [`SignalError`] if the system does not let a signal be handled, or has none. Nothing has changed then.
+    /// [`SignalError`] if the system does not let a signal be handled, or has none. Nothing has
+    /// changed then.
     pub fn install(signals: &[Signal]) -> Result<SignalWatch, SignalError> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         installed.enter_process();
@@ -181,15 +190,17 @@ impl SignalWatch {
         Ok(SignalWatch { _private: () })
     }
 
-    /// The number of the signal received since the first watch was installed, if one was. An atomic load.
+    /// The number of the signal received since the first watch was installed, if one was. An atomic
+    /// load.
     pub fn received(&self) -> Option<i32> {
         received()
     }
 }
 
 impl SignalWatch {
-    /// Ends the watch. If it was the last, and `again`, a signal that was received is sent to this process once more, and does what it did before: for one who has not
-    /// acted on it, since it came too late. Not for the real-time path.
+    /// Ends the watch. If it was the last, and `again`, a received signal is sent to this process
+    /// once more, with its former effect: for a caller that has not acted on it, since it came too
+    /// late. Not for the real-time path.
     pub fn give_back(self, again: bool) {
         let received = self.end();
         std::mem::forget(self);
@@ -198,18 +209,18 @@ impl SignalWatch {
         }
     }
 
-    /// Gives the signal that was received, if this was the last watch.
+    /// Returns the signal that was received, if this was the last watch.
     fn end(&self) -> Option<i32> {
         let mut installed = INSTALLED.lock().unwrap_or_else(PoisonError::into_inner);
         if installed.process != std::process::id() {
-            // It is a parent's.
+            // The watch is a parent's.
             return None;
         }
         installed.watches -= 1;
         if installed.watches > 0 {
             return None;
         }
-        // The handlers first: one that still runs then finds the signal taken, or is forgotten with it.
+        // Handlers first: one that still runs then finds the signal taken, or is forgotten with it.
         installed.before.drain(..).for_each(backend::restore);
         RECEIVED_AT.store(0, Ordering::Relaxed);
         Some(RECEIVED.swap(0, Ordering::AcqRel)).filter(|&number| number != 0)
@@ -222,7 +233,8 @@ impl Drop for SignalWatch {
     }
 }
 
-/// The number of the signal received since the first [`SignalWatch`] was installed, if one was. An atomic load.
+/// The number of the signal received since the first [`SignalWatch`] was installed, if one was. An
+/// atomic load.
 pub fn received() -> Option<i32> {
     Some(RECEIVED.load(Ordering::Acquire)).filter(|&number| number != 0)
 }
@@ -235,8 +247,8 @@ pub fn accept_here() {
     backend::accept_here(true);
 }
 
-/// As [`accept_here`], without SIGQUIT, whose [handler](crate::crash) waits until others have done
-/// their work: for a thread that those others need.
+/// As [`accept_here`], without SIGQUIT: the [handler](crate::crash) of that one waits until other
+/// threads have done their work. For a thread that those threads need.
 pub fn accept_ends_here() {
     backend::accept_here(false);
 }
@@ -247,9 +259,9 @@ pub fn refuse_here() {
 }
 
 /// While it lives, the thread that made it blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that
-/// another takes them: the kernel prefers the main thread to all others, though it may wait long
-/// for a core. SIGHUP and SIGQUIT stay as they are where the program ignores them or has a handler
-/// of its own.
+/// another thread takes them: the kernel prefers the main thread to all others, even if it has to
+/// wait long for a core. SIGHUP and SIGQUIT stay as they are where the program ignores them or has
+/// a handler of its own.
 ///
 /// ```
 /// let held = luna_platform::signals::HeldBack::here();
@@ -292,7 +304,8 @@ pub(crate) enum Noted {
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 pub(crate) fn note(number: i32) -> Noted {
     let now = Instant::now_real();
-    // Acquire and release: who sees the number sees what came before the signal's sender, as far as there is an order.
+    // Acquire and release: a thread that sees the number sees what the signal's sender did before,
+    // as far as there is an order.
     if RECEIVED
         .compare_exchange(0, number, Ordering::AcqRel, Ordering::Acquire)
         .is_ok()
@@ -311,7 +324,8 @@ pub(crate) fn note(number: i32) -> Noted {
     }
 }
 
-/// Whether the thread that a handler runs on was interrupted while it waits for events. Without thread-local storage, which may allocate where this is part of a library that is loaded late.
+/// Whether the handler's thread was interrupted while it waits for events. Without thread-local
+/// storage, which may allocate if this is part of a library that is loaded late.
 #[cfg(all(target_os = "linux", not(luna_portable)))]
 fn waits_here() -> bool {
     let me = backend::current_thread();
@@ -319,13 +333,16 @@ fn waits_here() -> bool {
     waiting.any(|thread| thread.load(Ordering::Relaxed) == me)
 }
 
-/// Threads that wait for events together: of a signal that is handled on one of them while it waits, nobody else is told. It does what there is to do, and wakes the others if they are needed.
+/// Threads that wait for events together. A signal that is handled on one of them while it waits is
+/// announced to no other of them: that thread acts on the signal, and wakes the others if they are
+/// needed.
 #[derive(Debug)]
 #[must_use = "its threads may miss signals when it is dropped"]
 pub struct Listeners(());
 
 impl Listeners {
-    /// To be made before the first of them waits, and dropped when the last has. Several may live at a time, of several systems: then all threads are told.
+    /// Make it before the first of the threads waits, and drop it when the last has. Several may
+    /// live at a time, of several systems: then all threads are notified.
     #[expect(clippy::new_without_default, reason = "it is made for what it does")]
     pub fn new() -> Listeners {
         EVENTS.join();
@@ -339,15 +356,18 @@ impl Drop for Listeners {
     }
 }
 
-/// How many events there were; wraps. To be read before looking at what the events are about, and given to [`wait_for_event`].
+/// The number of events; wraps. Read it before checking the causes of events, and pass it to
+/// [`wait_for_event`].
 pub fn event_count() -> u32 {
     EVENTS.get()
 }
 
-/// Waits until there was an event after `seen` was read, or until `deadline`; returns the count as it is then.
+/// Waits until there was an event after `seen` was read, or until `deadline`; returns the present
+/// count.
 ///
-/// The same number as `seen` means that the deadline came. One futex wait, and one more for each wake without a cause. Of a signal that is handled on this thread meanwhile nobody else of its
-/// [`Listeners`] is told.
+/// The same number as `seen` means that the deadline came. One futex wait, and one more for each
+/// spurious wake. A signal that is handled on this thread meanwhile is announced to no other thread
+/// of its [`Listeners`].
 pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
     let me = backend::current_thread();
     let free = |place: &&AtomicUsize| {
@@ -362,7 +382,8 @@ pub fn wait_for_event(seen: u32, deadline: Instant) -> u32 {
     count
 }
 
-/// Counts an event and wakes who waits for one. One system call. On Linux async-signal-safe.
+/// Counts an event and wakes the threads that wait for one. One system call. On Linux
+/// async-signal-safe.
 pub fn announce_event() {
     EVENTS.announce();
 }

@@ -1,8 +1,10 @@
-//! Looking at something for a bounded time before sleeping.
+//! Spinning on a condition for a bounded time before sleeping.
 //!
-//! Nobody may spin on another's progress without a bound: under a real-time policy, on one core, the other could never make it. A thread that has a core
-//! to itself may look for a while before it sleeps, since waking a sleeping thread takes microseconds, and seeing what another core has written some
-//! tens of nanoseconds. The kernel's words for it are busy polling, of sockets, and halt polling, of virtual machines.
+//! A thread must not spin on another thread's progress without a bound: under a real-time policy,
+//! on one core, the other thread could never make progress. A thread with a core to itself may spin
+//! for a while before it sleeps: waking a sleeping thread takes microseconds, and seeing another
+//! core's write some tens of nanoseconds. The kernel's terms for it are busy polling, of sockets,
+//! and halt polling, of virtual machines.
 
 use crate::clock::Instant;
 #[cfg(not(loom))]
@@ -11,18 +13,20 @@ use std::time::Duration;
 
 /// The longest time that may be asked for: 1 ms.
 ///
-/// A wait that is longer on average gains nothing from it: asleep, a thread is woken within some tens of microseconds.
+/// A wait that is longer on average gains nothing from it: asleep, a thread is woken within some
+/// tens of microseconds.
 pub const LONGEST: Duration = Duration::from_millis(1);
 
-/// How long one waits from one look to the next.
+/// The time from one look to the next.
 ///
-/// Each look takes the line that is looked at away from who is about to change it, in the middle of what it does there: a partner that finds its line gone
-/// between two of its steps waits for it again, as long as a look takes. So looking less often sees more: on the machine of the measurements a rendezvous takes 2.7 round trips of a line with
+/// Each look takes the cache line away from the thread that is about to change it, possibly between
+/// two of its steps; that thread then waits for the line as long as a look takes. So looking less
+/// often sees more: on the reference machine a rendezvous takes 2.7 round trips of a line with
 /// looks 13 ns apart, and 1.2 with 100 ns.
 #[cfg(not(loom))]
 const BETWEEN_LOOKS: Duration = Duration::from_nanos(100);
 
-/// How many of the processor's pauses that is: on some a pause takes 3 ns, on others 50.
+/// That time as a number of the processor's pauses: on some a pause takes 3 ns, on others 50.
 #[cfg(not(loom))]
 static PAUSES: AtomicU32 = AtomicU32::new(1);
 
@@ -40,7 +44,7 @@ fn measure_pause() {
     };
     // The shortest: the others were interrupted.
     let shortest = (0..8).map(|_| time()).min().unwrap_or_default();
-    // A clock that stands still says nothing.
+    // A clock that stands still measures nothing.
     if !shortest.is_zero() {
         let fitting = BETWEEN_LOOKS.as_nanos() * u128::from(PAUSES_AT_ONCE) / shortest.as_nanos();
         PAUSES.store(fitting.clamp(1, MOST_PAUSES) as u32, Ordering::Relaxed);
@@ -54,14 +58,15 @@ fn pause() {
     (0..PAUSES.load(Ordering::Relaxed)).for_each(|_| std::hint::spin_loop());
 }
 
-/// How often one looks for each look at the clock, which takes 25 ns: about half a microsecond together.
+/// The number of looks for each clock read, which takes 25 ns: about half a microsecond together.
 #[cfg(not(loom))]
 const LOOKS: u32 = 8;
 
-/// Looks whether `is_over` until it is, for `time`, counted from the first looks on, but not beyond `deadline`. Says whether the wait is over: also if
-/// `deadline` came. `false`: sleep.
+/// Spins until `is_over`, for `time`, counted from the first looks on, but not beyond `deadline`.
+/// Returns whether the wait is over, which it also is at the `deadline`. `false`: sleep.
 ///
-/// Real-time path: yes, on a thread that has a core to itself; at most `time` and a microsecond. No system call but those of `is_over`.
+/// Real-time path: yes, on a thread that has a core to itself; at most `time` and a microsecond. No
+/// system call but those of `is_over`.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -95,36 +100,41 @@ pub fn until(mut is_over: impl FnMut() -> bool, time: Duration, deadline: Instan
     }
 }
 
-/// In a model, whose clock stands still, it looks twice: what follows a look does not depend on how many came before.
+/// In a model, with a clock that stands still, it looks twice: the continuation does not depend on
+/// the number of looks.
 #[cfg(loom)]
 pub fn until(mut is_over: impl FnMut() -> bool, _: Duration, _: Instant) -> bool {
     is_over() || is_over()
 }
 
-/// How often a process' own operation looks for its partner before the process waits: about 2 µs.
+/// The number of looks of a process' own operation for its partner before the process waits: about
+/// 2 µs.
 ///
-/// It sees its partner's step directly, without a wake by way of the executor, at some 150 ns less a message each way. Longer is for the executor, which
-/// has others to look after.
+/// It sees its partner's step directly, without a wake by way of the executor, which saves some 150
+/// ns for a message each way. The executor spins for longer, since it has other processes to run.
 #[cfg(not(loom))]
 const LOOKS_OF_OPERATION: u32 = 20;
 
-/// What a thread that runs processes, and may look before it sleeps, says of itself. Example: [`enter`].
+/// The state of a thread that runs processes, and may spin before it sleeps. Example: [`enter`].
 pub trait Outside {
-    /// Whether somebody wants something of the thread, or it may not look any more. From that thread; a load or two.
+    /// Whether there is a request to the thread, or it may not spin any more. From that thread; a
+    /// load or two.
     fn is_called(&self) -> bool;
 
-    /// How long it may look before it sleeps: zero when it may not any more. From that thread; a load.
+    /// How long it may spin before it sleeps: zero when it may not any more. From that thread; a
+    /// load.
     fn time(&self) -> Duration;
 }
 
 #[cfg(not(loom))]
 thread_local! {
     static OUTSIDE: std::cell::RefCell<Option<std::sync::Arc<dyn Outside>>> = const { std::cell::RefCell::new(None) };
-    /// Whether there is one: what each operation that has to wait asks.
+    /// Whether there is an [`Outside`]: read by each operation that has to wait.
     static HAS_OUTSIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
-/// Lets operations of this thread's processes look for their partners until the guard is dropped. Not for the real-time path.
+/// Lets operations of this thread's processes spin for their partners until the guard is dropped.
+/// Not for the real-time path.
 ///
 /// ```
 /// use luna_platform::spin::{self, Outside};
@@ -172,7 +182,7 @@ impl Drop for Looking {
     }
 }
 
-/// Whether this thread may look before it sleeps, and is not called. Real-time path: yes; a load
+/// Whether this thread may spin before it sleeps, and has no request. Real-time path: yes; a load
 /// where it may not, else a few.
 #[cfg(not(loom))]
 #[inline]
@@ -181,8 +191,8 @@ pub fn is_allowed() -> bool {
         && !OUTSIDE.with_borrow(|outside| outside.as_ref().is_none_or(|one| one.is_called()))
 }
 
-/// Looks whether `is_over`, for about 2 µs, and not on when the thread is called; says whether it is. To be called where [`is_allowed`] said so. Real-time
-/// path: yes. Example: [`enter`].
+/// Spins on `is_over` for about 2 µs, or until the thread gets a request; returns whether it is
+/// over. Call it only where [`is_allowed`] returned true. Real-time path: yes. Example: [`enter`].
 #[cfg(not(loom))]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     OUTSIDE.with_borrow(|outside| {
@@ -199,27 +209,34 @@ pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     })
 }
 
-/// How long a thread that may look before it sleeps looks at most at a lock that another holds: 10 µs.
+/// The longest time that a thread which may spin before it sleeps spins on a lock that another
+/// thread holds: 10 µs.
 ///
-/// Who asks the kernel for a lock sleeps, and is handed the lock while it still sleeps. If the other wants the lock again meanwhile, it finds it taken by a sleeper, and asks the kernel too: from then on each section costs both
-/// of them a sleep. Where the two do nothing but use the lock (a stream between two cores) that does not end by itself. A thread that looks for longer than the other takes to wake ends it.
+/// A thread that asks the kernel for a lock sleeps, and gets the lock while it still sleeps. If the
+/// other thread wants the lock again meanwhile, it finds a sleeping owner, and asks the kernel too:
+/// from then on each critical section costs both a sleep. If the two do nothing but use the lock (a
+/// stream between two cores), that does not end by itself. A thread that spins for longer than the
+/// other takes to wake ends it.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 const LONGEST_AT_LOCK: Duration = Duration::from_micros(10);
 
-/// In units of [`BETWEEN_LOOKS`], how long such a thread waits from one look at a lock to the next: 400 ns.
+/// The time between two looks of such a thread at a lock, in units of [`BETWEEN_LOOKS`]: 400 ns.
 ///
-/// Longer than for a partner. A holder that is not disturbed comes to its end and takes the lock again, with all that it guards still in its cache: what moves from core to core moves once for many sections.
-/// The first look comes after half of that: where two meet, the holder leaves, and waits for the other.
+/// It is longer than for a partner. An undisturbed holder finishes and takes the lock again, with
+/// the guarded data still in its cache: the data then moves from core to core once for many
+/// critical sections. The first look comes after half of that time: where two threads meet, the
+/// holder leaves, and waits for the other.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 const BETWEEN_LOOKS_AT_LOCK: u32 = 4;
 
-/// How a thread that may look before it sleeps looks at a lock that another holds: how often, and how many pauses apart. `None`: as any other thread.
+/// How a thread that may spin before it sleeps spins on a lock that another thread holds: the
+/// number of looks, and the pauses between them. `None`: as any other thread.
 #[cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 pub(crate) fn at_lock() -> Option<(u32, u32)> {
     if !HAS_OUTSIDE.get() {
         return None;
     }
-    // Whoever is asked here may be on its way out of the thread's memory.
+    // The thread may be ending, with its locals being torn down.
     let time = OUTSIDE.try_with(|outside| Some(outside.try_borrow().ok()?.as_ref()?.time()));
     let time = time.ok()??.min(LONGEST_AT_LOCK);
     let looks = time.as_nanos() / (BETWEEN_LOOKS * BETWEEN_LOOKS_AT_LOCK).as_nanos();
@@ -232,19 +249,19 @@ loom::thread_local! {
     static LOOKS: std::cell::Cell<bool> = std::cell::Cell::new(false);
 }
 
-/// In a model a thread says itself that its operations look.
+/// In a model a thread declares by this call that its operations spin.
 #[cfg(loom)]
 pub fn let_look() {
     LOOKS.with(|looks| looks.set(true));
 }
 
-/// Whether the model's thread has said so.
+/// Whether the model's thread called [`let_look`].
 #[cfg(loom)]
 pub fn is_allowed() -> bool {
     LOOKS.with(std::cell::Cell::get)
 }
 
-/// Looks once: what follows does not depend on how many looks there were.
+/// Looks once: the continuation does not depend on the number of looks.
 #[cfg(loom)]
 pub fn look(mut is_over: impl FnMut() -> bool) -> bool {
     is_over()
@@ -256,7 +273,7 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::AtomicU64;
 
-    /// May look for so many nanoseconds.
+    /// May spin for this number of nanoseconds.
     struct For(AtomicU64);
 
     impl Outside for For {
@@ -279,7 +296,7 @@ mod tests {
         assert_eq!(looks(), Some(5));
         outside.0.store(1_000_000, Ordering::Relaxed);
         assert_eq!(looks(), Some(25));
-        // Another thread has come to its core.
+        // Another thread was pinned to its core.
         outside.0.store(0, Ordering::Relaxed);
         assert_eq!(looks(), None);
         drop(looking);

@@ -4,8 +4,8 @@ use crate::backend::steal as backend;
 use std::path::Path;
 use std::time::Duration;
 
-/// Reads the stolen time. Not for the real-time path: the kernel writes a text of all cores and interrupts for each reading, which takes tens of
-/// microseconds.
+/// Reads the stolen time. Not for the real-time path: the kernel writes a text of all cores and
+/// interrupts for each reading, which takes tens of microseconds.
 ///
 /// ```
 /// use luna_platform::steal::StealMeter;
@@ -21,19 +21,20 @@ pub struct StealMeter {
 }
 
 impl StealMeter {
-    /// Opens the source; `None` where the system does not tell.
+    /// Opens the source; `None` where the system has none.
     pub fn open() -> Option<StealMeter> {
         backend::open().map(|source| StealMeter { source })
     }
 
-    /// The same of a file that has the form of the kernel's; for tests.
+    /// Opens a file in the format of the kernel's; for tests.
     #[doc(hidden)]
     pub fn open_at(path: &Path) -> Option<StealMeter> {
         backend::open_at(path).map(|source| StealMeter { source })
     }
 
-    /// The cores that are switched on, by the system's number of each, and what was stolen from each since the machine began. The kernel gives it in
-    /// steps of 10 ms on most machines. Empty if the source does not tell any more.
+    /// The cores that are switched on, by the system's number of each, and what was stolen from
+    /// each since the machine began. The kernel gives it in steps of 10 ms on most machines. Empty
+    /// if the source cannot be read any more.
     pub fn read(&mut self) -> Vec<(usize, Duration)> {
         backend::read(&mut self.source).unwrap_or_default()
     }

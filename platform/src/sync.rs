@@ -1,4 +1,5 @@
-//! The one door to atomics: the standard library's, or the checker's (loom's or shuttle's) when a protocol is checked.
+//! All atomics come from here: the standard library's, or the checker's (loom's or shuttle's) when
+//! a protocol is checked.
 
 #[cfg(not(loom))]
 pub use std::sync::{Arc, atomic};
@@ -6,9 +7,10 @@ pub use std::sync::{Arc, atomic};
 #[cfg(loom)]
 pub use loom::sync::{Arc, atomic};
 
-/// A cell whose accesses the model checker watches.
+/// A cell with accesses that the model checker watches.
 ///
-/// Outside loom's models it is `std::cell::UnsafeCell` with loom's closure interface, and compiles to nothing.
+/// Outside loom's models it is `std::cell::UnsafeCell` with loom's closure interface, and compiles
+/// to nothing.
 #[cfg(any(not(loom), shuttle))]
 #[derive(Debug)]
 #[repr(transparent)]

@@ -1,12 +1,13 @@
 //! Timers that are files: a thread can sleep on one, and a reactor can watch one.
 //!
-//! They follow the clock of [`Instant`](crate::clock::Instant), and deadlines are absolute: a late reader never shifts the next one.
+//! They follow the clock of [`Instant`](crate::clock::Instant), and deadlines are absolute: a late
+//! reader never shifts the next one.
 
 pub use crate::backend::timer_fd::TimerFd;
 
 use std::fmt;
 
-/// Why a timer did not do what it was told.
+/// Why a timer operation failed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TimerError {

@@ -1,9 +1,10 @@
-//! What the kernel counts of a thread: page faults, switches of context, processor time.
+//! Resources that the kernel counts for a thread: page faults, context switches, processor time.
 
 use crate::backend::usage as backend;
 use std::time::Duration;
 
-/// What the kernel has counted of a thread since it began. The numbers only rise; two readings have a [difference](Self::since).
+/// What the kernel has counted of a thread since it began. The numbers only rise; two readings have
+/// a [difference](Self::since).
 ///
 /// ```
 /// use luna_platform::usage::ThreadUsage;
@@ -17,30 +18,35 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub struct ThreadUsage {
-    /// Page faults that were served from memory: the first touch of a fresh page is one. Each costs about a microsecond.
+    /// Page faults that were served from memory: the first touch of a fresh page is one. Each costs
+    /// about a microsecond.
     pub minor_faults: u64,
     /// Page faults that had to wait for a disk.
     pub major_faults: u64,
-    /// How often the thread gave the processor up, to wait for something.
+    /// How often the thread blocked.
     pub voluntary_switches: u64,
-    /// How often the thread was taken off the processor while it had work: by a thread of higher priority, or at the end of its slice.
+    /// How often the thread was taken off the processor while it had work: by a thread of higher
+    /// priority, or at the end of its slice.
     pub involuntary_switches: u64,
     /// How long it ran.
     pub cpu_time: Duration,
-    /// How long it was ready to run and waited for a core, because other threads had them; `None` where the kernel does not count it.
+    /// How long it was ready to run and waited for a core, because other threads had them; `None`
+    /// where the kernel does not count it.
     pub run_delay: Option<Duration>,
 }
 
 impl ThreadUsage {
-    /// Reads what is counted of the calling thread; `None` where the system does not tell.
+    /// Reads what is counted of the calling thread; `None` where the system does not report it.
     ///
-    /// O(1), no allocation on a thread that was [prepared](Self::prepare_thread). Three system calls that never wait, about two microseconds in all,
-    /// and a fourth the first time: on the real-time path only where something has gone wrong already, or where it was asked for.
+    /// O(1), no allocation on a thread that was [prepared](Self::prepare_thread). Three system
+    /// calls that never wait, about two microseconds in all, and a fourth the first time: on the
+    /// real-time path only where something has gone wrong already, or where it was asked for.
     pub fn of_current_thread() -> Option<ThreadUsage> {
         backend::of_current_thread()
     }
 
-    /// Makes room on the calling thread for what its readings need. It may allocate; without it the first reading may.
+    /// Allocates what the readings on the calling thread need. Without it the first reading may
+    /// allocate.
     pub fn prepare_thread() {
         backend::prepare_thread();
     }
@@ -65,7 +71,8 @@ impl ThreadUsage {
     }
 }
 
-/// How long the calling thread has had a processor since it began; `None` where the system does not tell. One system call that never waits, and no allocation.
+/// How long the calling thread has had a processor since it began; `None` where the system does not
+/// report it. One system call that never waits, and no allocation.
 ///
 /// ```
 /// use luna_platform::usage::processor_time;

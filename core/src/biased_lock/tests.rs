@@ -1,4 +1,4 @@
-//! The favour, its end, and what it excludes.
+//! The bias, its revocation, and mutual exclusion.
 
 #[cfg(not(loom))]
 mod running {
@@ -12,7 +12,8 @@ mod running {
         current::enter_home(Home::new(), Arc::new(TimerQueue::new()), false)
     }
 
-    /// Takes the lock until it favours this thread's home. `false`: it favours nobody on this platform.
+    /// Takes the lock until it is biased to this thread's executor. `false`: this platform has no
+    /// bias.
     fn earn(lock: &BiasedLock<u64>) -> bool {
         for _ in 0..ALONE {
             *lock.lock() += 1;
@@ -83,7 +84,8 @@ mod running {
         let _second = lock.lock();
     }
 
-    /// The home is inside when its favour ends, and locks again from there: it says so itself, and who waits gets the lock.
+    /// The owner of the bias is inside when the bias is revoked, and locks again from there: it
+    /// panics with a report, and the waiting thread gets the lock.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
     fn locked_twice_while_its_favour_ends_it_says_so() {
@@ -154,7 +156,7 @@ mod running {
             return;
         }
         let home = current::home_number();
-        // SAFETY: this thread is the home, and what is kept is given again.
+        // SAFETY: this thread is the executor's, and the kept guard is taken again.
         unsafe {
             lock.lock_if_free(home).unwrap().keep();
             assert!(lock.lock_if_free(home).is_none());
@@ -172,7 +174,8 @@ mod running {
         }
         let lock = BiasedLock::new(0);
         let home = current::home_number();
-        // SAFETY: this thread is the home, which another lock favoured, and nobody else knows this one.
+        // SAFETY: this thread is the executor's, another lock is biased to it, and no other thread
+        // knows this one.
         unsafe {
             lock.favour_from_the_start(home);
             *lock.lock_if_favoured(home).unwrap() += 1;
@@ -211,7 +214,8 @@ mod running {
         assert_eq!(*lock.lock(), 2);
     }
 
-    /// The other thread finds the home inside, and asks the kernel: the home does not leave before it sleeps there.
+    /// The other thread finds the owner inside, and asks the kernel: the owner does not leave
+    /// before the other thread sleeps there.
     #[cfg(all(target_os = "linux", not(luna_portable)))]
     #[test]
     fn who_finds_the_home_inside_waits_and_is_handed_over() {
@@ -318,7 +322,7 @@ mod model {
         loom::model(|| {
             let lock = favouring();
             let other = lock.clone();
-            // No thread of this model has entered a home.
+            // No thread of this model has entered an executor.
             let other = loom::thread::spawn(move || *other.lock_briefly() += 1);
             for _ in 0..2 {
                 *lock.lock_as(HOME) += 1;

@@ -1,11 +1,13 @@
-//! Which part of the current process is being polled.
+//! The branch of the current process that is being polled.
 
 use super::{LEVELS, Place, THREAD, ready_again};
 use std::task::Context;
 
-/// Which part of the current process is being polled: whether a sibling of it has failed, in the highest bit, and how many levels it
-/// runs below its process, in the lowest six; the one between says that it is a part and not the whole. Above them, whether the process has a
-/// [tape](crate::replay_log), and in the upper half which branch it is, if it has. One word, since it is saved and restored around each poll.
+/// The branch of the current process that is being polled. The highest bit of the low byte says
+/// that a sibling has failed; the lowest six bits are the number of levels below its process; the
+/// bit between says that it is a branch and not the whole process. Above them, a bit says that the
+/// process has a [replay log](crate::replay_log); if it has, the upper half is the number of the
+/// branch. One word, since it is saved and restored around each poll.
 #[derive(Clone, Copy)]
 pub(super) struct Branch(pub(super) u64);
 
@@ -16,7 +18,7 @@ impl Branch {
     const PART: u64 = 1 << 6;
     pub(super) const TAPED: u64 = 1 << 8;
 
-    /// Whether it runs at its process' level, and nobody has failed: it may be a part.
+    /// Whether it runs at its process' level, and no sibling has failed: it may be a branch.
     #[inline]
     pub(super) fn is_plain(self) -> bool {
         self.0 & !Self::PART == 0
@@ -46,7 +48,7 @@ impl Branch {
     /// A branch of this one.
     #[inline]
     pub(super) fn branch(self, failed: bool, levels: u8, number: u32) -> Branch {
-        // More than all levels is as good as all, and stays clear of the bits.
+        // Clamped to the number of levels, to stay clear of the other bits.
         let lowered = (self.lowered() + levels.min(LEVELS)).min(LEVELS - 1);
         let mut branch = Branch(
             self.0 & Self::FAILED | u64::from(failed) << 7 | Self::PART | u64::from(lowered),
@@ -67,7 +69,7 @@ impl Branch {
     }
 }
 
-/// How many levels the branch that is being polled runs below its process.
+/// The number of levels that the current branch runs below its process.
 #[inline]
 pub(super) fn lowered() -> u8 {
     THREAD.with(|thread| thread.branch.get().lowered())
@@ -79,40 +81,44 @@ pub fn in_branch() -> bool {
     THREAD.with(|thread| thread.branch.get().0 & Branch::PART != 0)
 }
 
-/// Whether a sibling of the branch that is being polled has failed, so that its operations fail as poisoned.
+/// Whether a sibling of the current branch has failed, so that its operations fail as poisoned.
 #[inline]
 pub fn branch_failed() -> bool {
     THREAD.with(|thread| thread.branch.get().has_failed())
 }
 
-/// Ends the branch that is being polled, one of whose siblings has failed: for an operation that then cannot go on, and has no error to
-/// return. The caller returns `Pending`; the construct drops the branch where it waits, unless another of the branch's operations has an error to give
-/// in the same poll ([`stay_in_branch`]). In case that changes nothing, the branch is polled once more.
+/// Ends the current branch, a sibling of which has failed: for an operation that cannot go on, and
+/// has no error to return. The caller returns `Pending`. The construct drops the branch where it
+/// waits, unless another of the branch's operations has an error to return in the same poll
+/// ([`stay_in_branch`]). In case that changes nothing, the branch is polled once more.
 pub fn end_branch(cx: &Context<'_>) {
     THREAD.with(|thread| thread.branch_ended.set(true));
     ready_again(cx, Place::Last);
 }
 
-/// Takes [`end_branch`] back: an operation gives the branch the error by which it learns of the failure, and may do what it has to.
+/// Reverts [`end_branch`]: an operation returns the error to the branch, which may then clean up.
 #[inline]
 pub fn stay_in_branch() {
     THREAD.with(|thread| thread.branch_ended.set(false));
 }
 
-/// Whether the branch that was just polled is to be dropped. Asked by its construct after each poll in which it knew of a failure.
+/// Whether the branch that was just polled is to be dropped. Its construct calls this after each
+/// poll with a known failure.
 #[inline]
 pub fn take_branch_end() -> bool {
     THREAD.with(|thread| thread.branch_ended.replace(false))
 }
 
-/// Polls a branch of a parallel construct, telling it whether a sibling `failed`. Failure reaches nested constructs too.
+/// Polls a branch of a parallel construct; `failed`: a sibling has failed. Failure reaches nested
+/// constructs too.
 #[inline]
 pub fn with_branch<R>(failed: bool, poll: impl FnOnce() -> R) -> R {
     with_branch_below(failed, 0, 0, poll)
 }
 
-/// Polls a branch as [`with_branch`] does, `levels` below whoever polls it, but not below level 0. Its operations wait at that
-/// level, and their wakes queue the process there. In nested constructs the levels add up. `number` tells it from its siblings.
+/// Polls a branch as [`with_branch`] does, `levels` below its parent, but not below level 0. Its
+/// operations wait at that level, and their wakes queue the process there. In nested constructs the
+/// levels add up. `number` distinguishes it from its siblings.
 #[inline]
 pub fn with_branch_below<R>(failed: bool, levels: u8, number: u32, poll: impl FnOnce() -> R) -> R {
     struct Restore(Branch);

@@ -1,8 +1,10 @@
-//! Several homes on one thread, which are it by turns: for who runs all executors of a system in an order of its own.
+//! Several executors that take turns on one thread: for code that runs all executors of a system in
+//! an order of its own.
 //!
-//! A home stays the only one of its number (`entered`), and while it is not the present one nothing of it runs, so all that is done without atomics
-//! at home is still done by one thread, in one order. What one of these homes readies of another goes the way from elsewhere. Locks that favour
-//! one of them are left before another has its turn, since a section does not await.
+//! An executor id stays unique (`entered`), and while an executor is not the present one nothing of
+//! it runs. So operations without atomics are still done by one thread, in one order. A wake from
+//! one of these executors to another is a remote wake. A lock that is biased to one of them is left
+//! before another has its turn, since a critical section does not await.
 
 use super::home_thread::HomeThread;
 use super::{HOME_THREAD, Home, RunQueue, THREAD, TIMERS, entered, home};
@@ -11,9 +13,10 @@ use luna_platform::sync::Arc;
 use std::fmt;
 use std::marker::PhantomData;
 
-/// A home that shares its thread with others. It is the thread's home between [`enter`](Self::enter) and [`leave`](Self::leave); its processes may not block.
+/// An executor that shares its thread with others. It is the thread's executor between
+/// [`enter`](Self::enter) and [`leave`](Self::leave); its processes may not block.
 ///
-/// Nobody's thread is lent a priority through it: there is none that it has for itself.
+/// No thread is boosted through it: it has none for itself.
 ///
 /// ```
 /// use luna_core::current::{self, Guest, Home};
@@ -31,7 +34,8 @@ use std::marker::PhantomData;
 /// ```
 pub struct Guest {
     home: Home,
-    /// Here while it is not the thread's home, as the other two: moved there and back, so that a turn counts no references.
+    /// Stored here while it is not the thread's executor, as are the next two: moved, so that a
+    /// turn counts no references.
     timers: Option<Arc<TimerQueue>>,
     queue: RunQueue,
     thread: Option<std::sync::Arc<HomeThread>>,
@@ -39,11 +43,11 @@ pub struct Guest {
 }
 
 impl Guest {
-    /// `home` becomes one of the calling thread's.
+    /// Makes `home` one of the calling thread's executors.
     ///
     /// # Panics
     ///
-    /// If another thread is this home, or this one already.
+    /// Panics if another thread is this executor, or this one already.
     pub fn new(home: Home, timers: Arc<TimerQueue>) -> Self {
         entered::enter(home);
         luna_platform::fence::prepare();
@@ -56,17 +60,17 @@ impl Guest {
         }
     }
 
-    /// The levels with a ready process, one bit each, while it is not the thread's home.
+    /// The levels with a ready process, one bit each, while it is not the thread's executor.
     #[inline]
     pub fn ready_levels(&self) -> u32 {
         self.queue.bits()
     }
 
-    /// The thread is this home from now on.
+    /// Makes this the thread's executor.
     ///
     /// # Panics
     ///
-    /// If it is another one, or this one already.
+    /// Panics if the thread has another executor, or this one already.
     pub fn enter(&mut self) {
         assert!(home().is_none(), "this thread runs processes already");
         THREAD.with(|thread| {
@@ -78,11 +82,11 @@ impl Guest {
         HOME_THREAD.with(|slot| *slot.borrow_mut() = self.thread.take());
     }
 
-    /// The thread is no home any more, until the next one is entered.
+    /// The thread has no executor any more, until the next one is entered.
     ///
     /// # Panics
     ///
-    /// If it is not this one.
+    /// Panics if the thread's executor is not this one.
     pub fn leave(&mut self) {
         assert!(home() == Some(self.home), "this thread is another home");
         THREAD.with(|thread| {
@@ -169,7 +173,7 @@ mod tests {
             Waker::noop().clone(),
             0..0,
         );
-        // SAFETY: this thread is the home, and the process lives.
+        // SAFETY: this thread is the executor's, and the process lives.
         let seen = unsafe { with_process(&process, super::super::priority) };
         assert_eq!((seen.thread, seen.level), (7, LEVELS - 1));
         one.leave();

@@ -1,4 +1,4 @@
-//! The OS priority that a home's thread was lent by those for whom its processes work.
+//! Priority inheritance of executor threads: the boosts by processes of other OS priorities.
 
 use crate::path::{self, Call};
 use crate::wait_list::WaitList;
@@ -12,48 +12,51 @@ use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 /// The highest priority of the real-time policies.
 const HIGHEST: u8 = 99;
 
-/// What a thread above all priorities lends, a deadline thread that is: the highest that leaves an emergency above it.
+/// The boost by a deadline thread, which is above all priorities: the highest that leaves an
+/// emergency above it.
 const OF_DEADLINE: u8 = 97;
 
-/// The priority that a client whose thread has this rank lends.
+/// The boost by a client on a thread of this rank.
 pub(super) fn lent_by(rank: u8) -> u8 {
     if rank > HIGHEST { OF_DEADLINE } else { rank }
 }
 
-/// How many boosts the system has refused, and the first of them: its priority and what the system said.
+/// The number of boosts that the system has refused, and the first of them: its priority and the
+/// system's error.
 static REFUSED: AtomicU32 = AtomicU32::new(0);
 static FIRST_REFUSED: AtomicU32 = AtomicU32::new(0);
 
-/// A home's thread, which can be lent priorities above its own.
+/// An executor's thread, which can be boosted above its own priority.
 ///
 /// # Invariants
 ///
-/// The thread runs at the highest priority that is counted in `lent`, or at its own if none is, whenever the lock is free; unless the
-/// system has refused, or the home has been left.
+/// Whenever the lock is free, the thread runs at the highest priority that is counted in `lent`, or
+/// at its own if none is; unless the system has refused, or the executor has been left.
 pub(super) struct HomeThread {
     lent: PiLock<LentThread>,
     now: AtomicU8,
-    /// The thread's own real-time priority when it was last asked for.
+    /// The thread's own real-time priority when it was last read.
     own_rank: AtomicU8,
-    /// The thread is a plain one, whose own policy its program may change at any time: it is asked for anew before it is boosted.
+    /// A plain thread: the program may change its policy at any time, so it is read again before
+    /// each boost.
     is_plain: bool,
 }
 
-/// What is counted under the home's lock.
+/// The state under the executor's lock.
 pub(super) struct LentThread {
     own: Scheduling,
-    /// What the thread itself waits for, if it is a plain one.
+    /// The waits of the thread itself, if it is a plain one.
     pub(super) waits: WaitList,
     counts: [u32; HIGHEST as usize + 1],
-    /// Which of them are not 0.
+    /// The priorities with a count other than 0, one bit each.
     lent: u128,
-    /// What the thread has been told to run at; 0 is its own.
+    /// The priority that was set for the thread; 0 is its own.
     applied: u8,
     left: bool,
 }
 
 impl LentThread {
-    /// Counts a priority that is lent, or given back.
+    /// Counts the begin or the end of a boost to `priority`.
     pub(super) fn count(&mut self, priority: u8, more: bool) {
         let priority = priority.min(HIGHEST);
         let count = &mut self.counts[usize::from(priority)];
@@ -76,12 +79,12 @@ impl LentThread {
 }
 
 impl HomeThread {
-    /// The calling thread, which becomes a home.
+    /// The calling thread, which becomes an executor's.
     pub(super) fn new() -> Arc<Self> {
         Self::of_calling(false)
     }
 
-    /// One that is lent no priority: its processes are, the thread is not told.
+    /// A thread that is never boosted: its processes are, but the system is not notified.
     pub(super) fn unlent() -> Arc<Self> {
         let thread = Self::of_calling(false);
         thread.lent.lock().left = true;
@@ -103,31 +106,33 @@ impl HomeThread {
             }),
             now: AtomicU8::new(0),
         });
-        // A thread's first lock asks the system for the thread's number: here, so that none on the real-time path has to.
+        // A thread's first lock asks the system for the thread id: do it here, off the real-time
+        // path.
         drop(thread.lent.lock());
         thread
     }
 
-    /// The highest priority that is lent; 0 if none is.
+    /// The highest boost; 0 if there is none.
     #[inline]
     pub(super) fn lent(&self) -> u8 {
         self.now.load(Ordering::Relaxed)
     }
 
-    /// Changes what is lent under the home's lock, and tells the system if the highest is another by that: under the lock too, since two
-    /// that told it at once could leave the thread at the wrong one of theirs.
+    /// Changes the boosts under the executor's lock, and sets the thread's priority if the highest
+    /// one changes. That happens under the lock too: two concurrent system calls could leave the
+    /// thread at the wrong priority.
     pub(super) fn change(&self, change: impl FnOnce(&mut LentThread)) {
         let mut lent = self.lent.lock();
         change(&mut lent);
         self.apply(&mut lent);
     }
 
-    /// Looks at what is kept under the home's lock.
+    /// Accesses the state under the executor's lock.
     pub(super) fn with<R>(&self, look: impl FnOnce(&mut LentThread) -> R) -> R {
         look(&mut self.lent.lock())
     }
 
-    /// The thread's own real-time priority when it was last asked for; 0 if it has none.
+    /// The thread's own real-time priority when it was last read; 0 if it has none.
     #[inline]
     pub(super) fn own_rank(&self) -> u8 {
         self.own_rank.load(Ordering::Relaxed)
@@ -138,7 +143,7 @@ impl HomeThread {
         self.is_plain
     }
 
-    /// Asks for a plain thread's own priority again, unless it runs at a lent one.
+    /// Reads a plain thread's own priority again, unless the thread is boosted.
     pub(super) fn refresh(&self) {
         if self.is_plain {
             self.ask(&mut self.lent.lock());
@@ -152,8 +157,8 @@ impl HomeThread {
         }
     }
 
-    /// The home is left: its thread ends, or does other things. It gets its own priority back, and is never told another one, since its number
-    /// may be another thread's then.
+    /// Leaves the executor: its thread ends, or does other things. It gets its own priority back,
+    /// and is never boosted again, since its thread id may be reused.
     pub(super) fn leave(&self) {
         let mut lent = self.lent.lock();
         if lent.applied != 0 {
@@ -171,7 +176,7 @@ impl HomeThread {
         }
         if self.is_plain {
             self.ask(lent);
-            // It may have raised itself since somebody lent it this.
+            // It may have raised itself since it was boosted to this.
             if highest <= self.own_rank() {
                 highest = 0;
             }
@@ -212,7 +217,8 @@ impl Drop for Plain {
     }
 }
 
-/// The calling thread as a plain one. The first call on a thread allocates, and asks the system for its policy. None while the thread ends.
+/// The calling thread as a plain one. The first call on a thread allocates, and reads its policy
+/// from the system. None while the thread ends.
 #[cfg(not(loom))]
 pub(super) fn plain() -> Option<Arc<HomeThread>> {
     PLAIN
@@ -225,7 +231,7 @@ pub(super) fn plain() -> Option<Arc<HomeThread>> {
         .ok()
 }
 
-/// The calling thread as a plain one, if it was asked for as that before.
+/// The calling thread as a plain one, if [`plain`] was called on it before.
 pub(super) fn known_plain() -> Option<Arc<HomeThread>> {
     #[cfg(not(loom))]
     return PLAIN
@@ -236,7 +242,7 @@ pub(super) fn known_plain() -> Option<Arc<HomeThread>> {
     None
 }
 
-/// What has come of threads that were to inherit a priority and were refused it.
+/// The boosts that the system has refused.
 #[cfg(not(loom))]
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
@@ -247,8 +253,8 @@ pub struct RefusedBoosts {
     pub first: luna_platform::shortfall::Shortfall,
 }
 
-/// Whether the system has refused to let a thread inherit a priority, which is no error: the process then works at its thread's own. Reads
-/// files; not for the real-time path.
+/// Whether the system has refused to let a thread inherit a priority, which is no error: the
+/// process then runs at its thread's own priority. Reads files; not for the real-time path.
 ///
 /// ```
 /// // Nobody has been refused, since nobody has inherited.
@@ -293,7 +299,7 @@ mod tests {
                 let thread = HomeThread::new();
                 for more in [true, false] {
                     thread.change(|lent| lent.count(99, more));
-                    // Without the privilege it is an ordinary thread, which may have been lent the priority.
+                    // Without the privilege it is an ordinary thread, which may have been boosted.
                     if own.is_deadline() {
                         assert_eq!(current_policy(), own);
                     }

@@ -1,4 +1,4 @@
-//! What a process was lent, and what it waits for: see [`Inheritor`](super::Inheritor).
+//! The boosts and waits of a process: see [`Inheritor`](super::Inheritor).
 
 use super::home_thread::HomeThread;
 use super::inheritor::Lent;
@@ -9,33 +9,36 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 pub(super) const LEVEL: u8 = LEVELS - 1;
-/// Beside the level: the process was lent its thread's priority.
+/// Flag beside the level: the boost is the priority of the thread.
 const THREAD: u8 = 1 << 7;
 
-/// The level that a process runs at: its own, or the highest that it was lent. Beside what each of its turns touches.
+/// The level that a process runs at: its own, or its highest boost. It lies beside the fields of
+/// each turn.
 pub(super) struct LevelNow(AtomicU8);
 
-/// What a process was lent.
+/// The boosts of a process.
 ///
 /// # Invariants
 ///
-/// `counts` and `waits` are touched under the lock of `home` alone.
+/// `counts` and `waits` are accessed under the lock of `home` alone.
 pub(super) struct Inheritance {
-    /// None for a process outside of any home, which is lent nothing.
+    /// None for a process without an executor, which is never boosted.
     pub(super) home: Option<Arc<HomeThread>>,
-    /// What the process waits for while somebody else holds it: see [`Inheritor::begin_wait`].
+    /// The waits of the process for objects with a holder: see [`Inheritor::begin_wait`].
     pub(super) waits: UnsafeCell<WaitList>,
     counts: UnsafeCell<Counts>,
 }
 
-/// How often it was lent each level above its own: others do not raise it, and are not counted.
+/// The number of boosts to each level above its own: lower ones do not raise it, and are not
+/// counted.
 struct Counts {
-    /// Which levels were lent.
+    /// The levels with a boost, one bit each.
     lent: u32,
     threads: u16,
     /// Of the upper half.
     high: [u16; HALF as usize],
-    /// Of the lower half, for a process whose own level lies there: most do not. Made with the process, since nothing is allocated when it is lent.
+    /// Of the lower half, for a process with its own level there: most have not. Made with the
+    /// process, since a boost must not allocate.
     low: Option<Box<[u16; HALF as usize]>>,
 }
 
@@ -43,7 +46,7 @@ struct Counts {
 const HALF: u8 = LEVELS / 2;
 
 impl Counts {
-    /// Of a process whose own level this is.
+    /// For a process of this own level.
     fn new(own: u8) -> Self {
         Self {
             lent: 0,
@@ -53,7 +56,7 @@ impl Counts {
         }
     }
 
-    /// That of `level`, if it is above the process' own.
+    /// The count of `level`, if it is above the process' own.
     fn of(&mut self, level: u8, own: u8) -> Option<&mut u16> {
         match level {
             _ if level <= own => None,
@@ -73,7 +76,7 @@ impl LevelNow {
         self.0.load(Ordering::Relaxed) & LEVEL
     }
 
-    /// The priority of the process' thread, which is `own` if nothing was lent.
+    /// The priority of the process' thread, which is `own` without a boost.
     #[inline]
     pub(super) fn thread(&self, own: u8, inheritance: &Inheritance) -> u8 {
         if self.0.load(Ordering::Relaxed) & THREAD == 0 {
@@ -103,20 +106,21 @@ impl Inheritance {
         }
     }
 
-    /// See [`Process::count_lent`](super::Process::count_lent); of the process at level `now`, whose own is `own`.
+    /// See [`Process::count_lent`](super::Process::count_lent); of the process at level `now`, with
+    /// its own level `own`.
     ///
     /// # Safety
     ///
-    /// The home's lock is held.
+    /// The executor's lock is held.
     pub(super) unsafe fn count(&self, now: &LevelNow, own: u8, lent: Lent, more: bool) -> bool {
-        // SAFETY: the contract.
+        // SAFETY: the caller holds the executor's lock, which guards the counts.
         let counts = unsafe { &mut *self.counts.get() };
         let own = own & LEVEL;
         let count = match lent {
             Lent::Nothing => return false,
             Lent::Level(level) => match counts.of(level & LEVEL, own) {
                 Some(count) => count,
-                // It is as urgent as that in any case.
+                // Its own level is at least that.
                 None => return true,
             },
             Lent::Thread(_) => &mut counts.threads,
@@ -141,7 +145,7 @@ impl Inheritance {
         let highest = if counts.threads > 0 {
             THREAD | LEVEL
         } else {
-            // 0 if none is lent, which is no more than its own.
+            // 0 without a boost, which is no more than its own.
             own.max(31_u32.saturating_sub(counts.lent.leading_zeros()) as u8)
         };
         now.0.store(highest, Ordering::Relaxed);
@@ -153,7 +157,7 @@ impl Inheritance {
 mod tests {
     use super::*;
 
-    /// Held against a list of all that was lent.
+    /// Compared with a list of all boosts.
     #[test]
     fn it_runs_at_the_highest_level_that_was_lent_whatever_its_own() {
         for own in [0, 7, HALF - 2, HALF - 1, HALF, LEVEL - 1, LEVEL] {
@@ -173,7 +177,7 @@ mod tests {
                     false if lent.is_empty() => continue,
                     false => lent.swap_remove(usize::from(level) % lent.len()),
                 };
-                // SAFETY: nobody else knows it.
+                // SAFETY: no other code has access to it, so no lock is needed.
                 let is_counted = unsafe { inheritance.count(&now, own, Lent::Level(level), more) };
                 assert!(is_counted);
                 let highest = lent.iter().copied().max().unwrap_or(0).max(own);

@@ -1,14 +1,17 @@
-//! Inheriting a priority: a process that works for another one is as urgent as that one.
+//! Priority inheritance: a process that works for another one is as urgent as that one.
 //!
-//! Who receives on behalf of others names itself as an [`Inheritor`] before it waits, so that whoever hands it work can lend it a priority in
-//! the same step, before it is readied. A process of the same OS priority is lent a *level*: it is queued there from its next wake on. One
-//! whose thread is below is lent its thread's priority too: see [`HomeThread`](super::home_thread::HomeThread).
+//! A receiver that acts for others registers as an [`Inheritor`] before it waits. A process that
+//! hands it work can then boost it in the same step, before it is readied. Between processes of the
+//! same OS priority the boost is a *level*: the receiver is queued there from its next wake on. If
+//! the receiver's thread has a lower OS priority, the thread is boosted too: see
+//! [`HomeThread`](super::home_thread::HomeThread).
 //!
-//! Who holds something that others wait for, a lock say, is an inheritor too, also a plain thread. What a process itself waits for in this way is listed
-//! with it, so that a priority can be passed on along a chain of holders: what a chain is made of is known to those who list it.
+//! The holder of a lock, or of anything else that processes wait for, is an inheritor too; a plain
+//! thread can be one. The waits of a process are listed with it, so that a priority can be passed
+//! on along a chain of holders. Only the code that lists a wait knows what the chain consists of.
 //!
-//! Priorities are lent and given back in any order and from any thread, so what is lent is counted: O(1) each, under the lock of the
-//! process' home.
+//! Boosts begin and end in any order and on any thread, so they are counted: O(1) each, under the
+//! lock of the process' executor.
 
 use super::home_thread::{self, HomeThread, LentThread};
 use super::inheritance::LEVEL;
@@ -21,7 +24,7 @@ use std::fmt;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-/// What an inheritor was lent; a greater one raises it further.
+/// The boost of an inheritor; a greater one raises it further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lent {
     Nothing,
@@ -29,11 +32,11 @@ pub(super) enum Lent {
     Thread(u8),
 }
 
-/// A process that works for another one, or holds what it waits for, and what it was lent for that; or a plain thread that does. Dropped, it
-/// gives it back, on any thread.
+/// A process that works for another one, or holds what it waits for, with its boost; or a plain
+/// thread that does. Dropping it ends the boost, on any thread.
 ///
-/// It keeps the memory of the process, not the process: of one that has ended, lending raises its thread alone, and of one whose home was left,
-/// nothing.
+/// It keeps the memory of the process, not the process. If the process has ended, a boost raises
+/// its thread alone; if its executor has gone, a boost has no effect.
 pub struct Inheritor {
     to: To,
     lent: Lent,
@@ -56,9 +59,11 @@ impl Inheritor {
         })
     }
 
-    /// The current process; outside of any, the calling thread itself: for those who hold something without being a process.
+    /// The current process; outside of any, the calling thread itself: for holders that need not be
+    /// a process.
     ///
-    /// The first call on a plain thread allocates, and makes a few system calls; later ones are O(1). None while the thread ends.
+    /// The first call on a plain thread allocates, and makes a few system calls; later ones are
+    /// O(1). None while the thread ends.
     #[inline]
     pub fn current_or_thread() -> Option<Inheritor> {
         Inheritor::current()
@@ -72,7 +77,7 @@ impl Inheritor {
         }
     }
 
-    /// Another one to the same, which was lent nothing. From any thread; O(1).
+    /// Another inheritor for the same process or thread, without a boost. From any thread; O(1).
     pub fn copy(&self) -> Inheritor {
         Inheritor::to(match &self.to {
             To::Process(reference) => To::Process(reference.copy()),
@@ -100,8 +105,8 @@ impl Inheritor {
         }
     }
 
-    /// How urgent it is now: the process, at the level of the branch that it was made for; or the thread, which counts as of level 0, and of the
-    /// highest while it inherits.
+    /// The current priority. For a process, at the level of the branch that it was made for. A
+    /// thread counts as level 0, and as the highest level while it inherits.
     pub fn priority(&self) -> Priority {
         match &self.to {
             To::Process(reference) => reference.process().lowered_priority(reference.lowered()),
@@ -115,8 +120,8 @@ impl Inheritor {
         }
     }
 
-    /// As [`priority`](Self::priority), of the caller itself, before it blocks: a plain thread's own priority is asked of the system, which takes
-    /// two system calls.
+    /// As [`priority`](Self::priority), of the caller itself, before it blocks: the priority of a
+    /// plain thread is read from the system, which takes two system calls.
     pub fn priority_before_blocking(&self) -> Priority {
         if let To::Thread(thread) = &self.to {
             thread.refresh();
@@ -124,14 +129,16 @@ impl Inheritor {
         self.priority()
     }
 
-    /// Lends it the priority of who it works for, if that is above its own, instead of what it was lent before. Says whether it is lent more by
-    /// that, or less.
+    /// Boosts it to the priority of the process that it works for, if that is above its own.
+    /// Replaces the previous boost. Returns how the new boost compares with the previous one.
     ///
-    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if that changes something, and one system call if the
-    /// priority of its thread changes by that (three for a plain thread).
+    /// From any thread. Real-time path: yes; O(1), a priority-inheriting lock if that changes
+    /// something, and one system call if the priority of its thread changes by that (three for a
+    /// plain thread).
     #[inline]
     pub fn lend(&mut self, priority: Priority) -> Ordering {
-        // The branch is polled below its process, which is to be that much above.
+        // A branch is polled below the level of its process, so the process needs a level that is
+        // higher by the difference.
         let lowered = match &self.to {
             To::Process(reference) => reference.lowered(),
             To::Thread(_) => 0,
@@ -139,8 +146,9 @@ impl Inheritor {
         self.boost_above(priority, lowered)
     }
 
-    /// As [`lend`](Self::lend), but to its process as a whole: a branch of it then runs as far below as it ever does. For those who may wait for each
-    /// other, through other branches of theirs: there, each round would lend more.
+    /// As [`lend`](Self::lend), but for the process as a whole: a branch of it then runs as far
+    /// below as it ever does. For inheritors that may wait for each other through other branches:
+    /// with `lend`, each round would raise the boost further.
     #[inline]
     pub fn boost_whole(&mut self, priority: Priority) -> Ordering {
         self.boost_above(priority, 0)
@@ -155,7 +163,7 @@ impl Inheritor {
         self.lent.cmp(&before)
     }
 
-    /// Gives back what it was lent; says whether that was something.
+    /// Ends the boost; returns whether there was one.
     #[inline]
     pub fn give_back(&mut self) -> bool {
         let was_lent = self.lent != Lent::Nothing;
@@ -181,7 +189,7 @@ impl Inheritor {
                 }
             }
             To::Thread(inheritor) => {
-                // What a plain thread's own is now is asked when it is boosted.
+                // The own priority of a plain thread is read when it is boosted.
                 let own = if inheritor.is_plain() {
                     0
                 } else {
@@ -211,10 +219,11 @@ impl Inheritor {
         };
         let mut counted = false;
         thread.change(|state| {
-            // The new one first: the thread is never without either. SAFETY: the home's lock is held.
+            // Count the new boost first, so that the thread is never without either. SAFETY: the
+            // executor's lock is held.
             counted = unsafe { self.count(state, to, true) };
             if before != Lent::Nothing {
-                // SAFETY: as above.
+                // SAFETY: the executor's lock is held.
                 unsafe { self.count(state, before, false) };
             }
         });
@@ -225,10 +234,10 @@ impl Inheritor {
 
     /// # Safety
     ///
-    /// `state` is that of the home, whose lock is held.
+    /// `state` is that of the executor, and its lock is held.
     unsafe fn count(&self, state: &mut LentThread, lent: Lent, more: bool) -> bool {
         let counted = match &self.to {
-            // SAFETY: the contract.
+            // SAFETY: the caller holds the lock of the executor, which guards the counts.
             To::Process(reference) => unsafe { reference.process().count_lent(lent, more) },
             To::Thread(_) => lent != Lent::Nothing,
         };
@@ -238,50 +247,56 @@ impl Inheritor {
         counted
     }
 
-    /// Lets a process that is ready run at what it was lent just now: it may be queued at a lower level. One that waits is polled once for nothing.
+    /// Lets a ready process run at its new boost: it may be queued at a lower level. A waiting
+    /// process is polled once without need.
     ///
-    /// From any thread, without a lock that a waker may take. O(1), and a system call if its thread is elsewhere and sleeps.
+    /// From any thread, without a lock that a waker may take. O(1), and a system call if its thread
+    /// is elsewhere and sleeps.
     pub fn move_up(&self) {
         let To::Process(reference) = &self.to else {
             return;
         };
-        // One that is alone on its thread has no queue.
+        // A process that is alone on its thread has no queue.
         if !reference.process().is_owned() || self.is_current() {
             return;
         }
         if reference.is_here() {
-            // SAFETY: this is the home's thread.
+            // SAFETY: this is the executor's thread.
             unsafe { reference.ready_here(Place::Last) };
         } else {
-            // SAFETY: the reference keeps the process' memory, and this is not its home's thread.
+            // SAFETY: the reference keeps the process' memory, and this is not its executor's
+            // thread.
             unsafe { reference.process().ready_elsewhere(reference.lowered()) };
         }
     }
 
-    /// Lists `node` among what the process (or the thread) waits for, so that others find it there when its priority changes. O(1), under the lock
-    /// of its home.
+    /// Lists `node` among the waits of the process (or the thread), where it is found when the
+    /// priority changes. O(1), under the lock of its executor.
     ///
     /// # Safety
     ///
-    /// `node` is in no list, stays where it is, and is taken out by [`end_wait`](Self::end_wait) of an inheritor to the same before it goes. Whatever
-    /// [`next_wait`](Self::next_wait) is called with may use it in the meantime.
+    /// `node` is in no list, stays where it is, and is removed by [`end_wait`](Self::end_wait) of
+    /// an inheritor of the same process before it is freed. The callbacks of
+    /// [`next_wait`](Self::next_wait) may use it in the meantime.
     pub unsafe fn begin_wait(&self, node: NonNull<WaitNode>) {
-        // SAFETY: the contract; those of one priority are listed in O(1).
+        // SAFETY: the caller promises that the node is in no list and stays valid until `end_wait`;
+        // the lock is held. All nodes have the same priority, so this is O(1).
         self.with_waits(|waits| unsafe { waits.insert(node, Priority::default(), None) });
     }
 
-    /// Takes out what [`begin_wait`](Self::begin_wait) listed. O(1).
+    /// Removes what [`begin_wait`](Self::begin_wait) listed. O(1).
     ///
     /// # Safety
     ///
     /// It was listed for this process (or thread).
     pub unsafe fn end_wait(&self, node: NonNull<WaitNode>) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is in this list; the lock is held.
         self.with_waits(|waits| unsafe { waits.remove(node) });
     }
 
-    /// Calls `found` with the wait of the lowest address above `address`, if there is one, under the lock of the inheritor's home: so all are found,
-    /// though others come and go in between. O(waits), which are as many as there are branches that wait.
+    /// Calls `found` with the wait at the lowest address above `address`, if there is one, under
+    /// the lock of the inheritor's executor. An iteration by address finds every wait, even if
+    /// others begin and end in between. O(waits); there are as many as there are waiting branches.
     pub fn next_wait<R>(
         &self,
         address: usize,
@@ -295,7 +310,7 @@ impl Inheritor {
                 if at > address && lowest.is_none_or(|lowest| at < lowest.addr().get()) {
                     lowest = Some(node);
                 }
-                // SAFETY: it is in the list.
+                // SAFETY: the node is in the list.
                 next = unsafe { waits.after(node) };
             }
             lowest.map(found)
@@ -307,7 +322,7 @@ impl Inheritor {
         Some(self.thread()?.with(|state| match &self.to {
             To::Process(reference) => {
                 let waits = reference.process().inheritance().waits.get();
-                // SAFETY: the home's lock is held.
+                // SAFETY: the executor's lock is held, which guards the list.
                 look(unsafe { &mut *waits })
             }
             To::Thread(_) => look(&mut state.waits),
@@ -334,7 +349,7 @@ impl fmt::Debug for Inheritor {
 }
 
 impl Process {
-    /// Whether it can be lent a priority: it is referred to by counting, and has a home.
+    /// Whether it can be boosted: it is counted by references, and has an executor.
     #[inline]
     fn can_inherit(&self) -> bool {
         self.is_counted() && self.inheritance().home.is_some() && home() == Some(self.home())
@@ -360,7 +375,7 @@ mod tests {
             Waker::noop().clone(),
             0..0,
         );
-        // SAFETY: this thread is the home, and the process lives.
+        // SAFETY: this thread is the executor's, and the process is alive.
         unsafe { with_process(&process, f) };
     }
 
@@ -461,7 +476,7 @@ mod tests {
             let inheritor = Inheritor::current().unwrap();
             let mut nodes: [WaitNode; 3] = Default::default();
             let nodes = nodes.each_mut().map(NonNull::from);
-            // SAFETY: they are in this list alone, and are taken out below.
+            // SAFETY: the nodes are in this list alone, and are removed below.
             unsafe {
                 for n in [2, 0, 1] {
                     inheritor.begin_wait(nodes[n]);
@@ -479,7 +494,7 @@ mod tests {
                     assert_eq!(found, 3);
                 });
             });
-            // SAFETY: as above.
+            // SAFETY: the nodes were listed above.
             unsafe {
                 for node in nodes {
                     inheritor.end_wait(node);
@@ -504,7 +519,7 @@ mod tests {
                 luna_platform::thread::Policy::fifo(thread)
             );
         }
-        // A home on this thread counts with what the thread was lent.
+        // A process on this thread counts with the boost of the thread.
         within(5, || {
             let mut of_process = Inheritor::current().unwrap();
             of_process.lend(Priority {

@@ -8,9 +8,10 @@ use std::ops::{Deref, Range};
 use std::ptr::NonNull;
 use std::task::Waker;
 
-/// A process that is alone on its thread, and is woken by its waker. Its memory stays for as long as somebody refers to it.
+/// A process that is alone on its thread, and is woken by its waker. Its memory stays while there
+/// are references to it.
 ///
-/// Made and dropped on the home's thread, between two polls. Allocates.
+/// Made and dropped on the executor's thread, between two polls. Allocates.
 ///
 /// # Invariants
 ///
@@ -28,7 +29,7 @@ struct Memory {
 
 const _: () = assert!(align_of::<Memory>() == Process::ALIGN);
 
-/// Such a process is never readied but by its waker.
+/// Such a process is readied by its waker alone.
 pub(super) static METHODS: Methods = Methods {
     ready_elsewhere: |_, _| {},
     free,
@@ -53,7 +54,8 @@ impl Lone {
             retired: Retired::new(free_retired),
             body,
         })));
-        // SAFETY: nobody else knows the process yet. It stays where it is until `free` was called, and is ended once, by the drop.
+        // SAFETY: no other code knows the process yet. It stays where it is until `free` was
+        // called, and is ended once, by the drop.
         unsafe {
             memory.as_ref().process.set_waker(waker);
             memory.as_ref().process.set_owner(memory.cast(), &METHODS);
@@ -65,14 +67,15 @@ impl Lone {
 impl Deref for Lone {
     type Target = Process;
     fn deref(&self) -> &Process {
-        // SAFETY: the type's invariant.
+        // SAFETY: by the type's invariant the allocation is live until this is dropped.
         unsafe { &self.0.as_ref().process }
     }
 }
 
 impl Drop for Lone {
     fn drop(&mut self) {
-        // SAFETY: this is the home's thread by the type's contract, the process is not polled again, and this is the only call.
+        // SAFETY: by the type's contract this is the executor's thread, the process is not polled
+        // again, and this is the only call.
         unsafe { Process::end(self.0.cast()) };
     }
 }
@@ -87,7 +90,7 @@ impl fmt::Debug for Lone {
 ///
 /// `owner` is memory that is live.
 unsafe fn body(owner: NonNull<()>) -> Range<usize> {
-    // SAFETY: the contract; it does not change.
+    // SAFETY: the caller promises that the memory is live; the field does not change.
     unsafe { owner.cast::<Memory>().as_ref() }.body.clone()
 }
 
@@ -95,7 +98,8 @@ unsafe fn body(owner: NonNull<()>) -> Range<usize> {
 ///
 /// As [`Methods::free`] says; `owner` is the memory.
 unsafe fn free(owner: NonNull<()>) {
-    // SAFETY: the contract; the pointer is made of that to the whole.
+    // SAFETY: `owner` is the pointer to the whole memory, and by the contract of `Methods::free`
+    // there is no reference to it any more.
     unsafe {
         let memory = owner.cast::<Memory>().as_ptr();
         reclaim::retire(NonNull::new_unchecked(&raw mut (*memory).retired));
@@ -104,9 +108,9 @@ unsafe fn free(owner: NonNull<()>) {
 
 /// # Safety
 ///
-/// `head` is the field of memory that nobody uses any more.
+/// `head` is the field of memory that is no longer used.
 unsafe fn free_retired(head: NonNull<Retired>) {
-    // SAFETY: the contract; `new` made it of a box.
+    // SAFETY: the caller promises that the memory is no longer used; `new` made it from a box.
     unsafe {
         let memory = head.byte_sub(offset_of!(Memory, retired)).cast::<Memory>();
         drop(Box::from_raw(memory.as_ptr()));

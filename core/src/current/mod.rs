@@ -1,8 +1,10 @@
 //! The current process: the contract between channels and executors.
 //!
-//! Whoever runs processes sets a thread-local *current process* around each poll. Whoever makes processes wait (channels, barriers,
-//! timers) reads it: to order waiting lists by priority, and to ready a process without its waker ([`WakeHandle`]). On a thread that runs no
-//! process of LUNA (a plain thread, tokio, smol) it is absent: priority is then the lowest, and wakers do the waking.
+//! Code that polls processes sets a thread-local *current process* around each poll. Code that
+//! makes processes wait (channels, barriers, timers) reads it: to order wait lists by priority, and
+//! to ready a process without its waker ([`WakeHandle`]). On a thread that runs no LUNA process (a
+//! plain thread, tokio, smol) it is absent: the priority is then the lowest, and wakes use the
+//! waker.
 
 mod branch;
 mod branches;
@@ -58,9 +60,10 @@ use std::cell::{Cell, RefCell};
 use std::marker::PhantomData;
 use std::ptr::NonNull;
 
-/// What a thread that runs processes keeps beside the current one.
+/// The state of a thread that runs processes.
 ///
-/// What each turn and each operation touches comes first, at the beginning of a cache line: so it lies on one, whatever other thread-locals a program has.
+/// The fields of each turn and each operation come first, at the beginning of a cache line: so they
+/// share one, whatever other thread-locals a program has.
 #[repr(C, align(64))]
 struct Thread {
     process: Cell<Option<NonNull<Process>>>,
@@ -92,17 +95,19 @@ model_local! {
     };
     static TIMERS: RefCell<Option<Arc<TimerQueue>>> = const { RefCell::new(None) };
     static HOME_THREAD: RefCell<Option<std::sync::Arc<HomeThread>>> = const { RefCell::new(None) };
-    /// What the processes of this thread that have ended had of the same.
+    /// References to the thread's `HomeThread`, kept from processes that have ended.
     static SPARE_HOME_THREADS: ArcCache<HomeThread> = const { ArcCache::new() };
 }
 
-/// Marks this thread as `home` with its `timers` until the guard is dropped. `may_block`: its processes may make blocking calls,
-/// since it runs one alone.
+/// Marks this thread as the executor `home` with its `timers` until the guard is dropped.
+/// `may_block`: its processes may make blocking calls, since it runs a single one.
 ///
 /// # Panics
 ///
-/// If another thread is this home: what is done without atomics at home relies on there being one. If the thread is a home already: a process must not run a system or an executor inside itself, since that would block its own.
-/// Ask [`home`] first where the outside decides.
+/// Panics if another thread is this executor: operations without atomics rely on there being one.
+/// Panics if the thread is an executor already: a process must not run a system or an executor
+/// inside itself, since that would block its own. Check [`home`] first if that depends on the
+/// caller.
 pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeGuard {
     assert!(self::home().is_none(), "this thread runs processes already");
     entered::enter(home);
@@ -112,7 +117,8 @@ pub fn enter_home(home: Home, timers: Arc<TimerQueue>, may_block: bool) -> HomeG
         thread.may_block.set(may_block);
     });
     TIMERS.with(|slot| *slot.borrow_mut() = Some(timers));
-    // What a plain thread was lent counts while it is a home too: two records of one thread would each restore what the other had set.
+    // The boosts of a plain thread count while it is an executor too: two records of one thread
+    // would each restore what the other had set.
     let thread = match home_thread::known_plain() {
         Some(plain) => {
             plain.refresh();
@@ -161,7 +167,7 @@ impl Drop for HomeGuard {
     }
 }
 
-/// Which homes threads are now.
+/// The executors that threads are now.
 #[cfg(not(loom))]
 mod entered {
     use super::Home;
@@ -184,7 +190,7 @@ mod entered {
     }
 }
 
-/// A model runs many times, with a home of its own each time.
+/// A model runs many times, with an executor of its own each time.
 #[cfg(loom)]
 mod entered {
     pub(super) fn enter(_: super::Home) {}
@@ -192,19 +198,19 @@ mod entered {
     pub(super) fn leave(_: super::Home) {}
 }
 
-/// The home that this thread is, if it runs processes.
+/// The executor of this thread, if it runs processes.
 #[inline]
 pub fn home() -> Option<Home> {
     THREAD.with(|thread| thread.home.get())
 }
 
-/// The number of the home that this thread is; 0 if it runs no processes.
+/// The id of this thread's executor; 0 if it runs no processes.
 #[inline(always)]
 pub(crate) fn home_number() -> u64 {
     THREAD.with(|thread| thread.home.get().map_or(0, Home::number))
 }
 
-/// What is known of the thread of `home`, if this is it.
+/// The state of the thread of `home`, if it is this thread.
 fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
     if self::home() != Some(home) {
         return None;
@@ -216,13 +222,14 @@ fn home_thread_of(home: Home) -> Option<std::sync::Arc<HomeThread>> {
     })
 }
 
-/// Ends a reference that [`home_thread_of`] gave.
+/// Returns a reference of [`home_thread_of`] to the cache.
 fn give_back_home_thread(thread: std::sync::Arc<HomeThread>) {
-    // A thread that is ending keeps none any more.
+    // A thread that is ending has no cache any more.
     let _ = SPARE_HOME_THREADS.try_with(move |spare| spare.give_back(thread));
 }
 
-/// The calling thread, for what it was lent itself: as a home, or as a plain one. None while it ends, and in a model.
+/// The calling thread, with its own boosts: as an executor's, or as a plain one. None while it
+/// ends, and in a model.
 fn this_thread() -> Option<std::sync::Arc<HomeThread>> {
     #[cfg(not(loom))]
     return HOME_THREAD
@@ -233,7 +240,7 @@ fn this_thread() -> Option<std::sync::Arc<HomeThread>> {
     None
 }
 
-/// Whether a blocking call on this thread holds up nobody else: not on an executor's thread.
+/// Whether a blocking call on this thread delays no other process: not on an executor's thread.
 pub fn may_block() -> bool {
     THREAD.with(|thread| thread.may_block.get())
 }
@@ -243,7 +250,7 @@ pub fn timers() -> Option<Arc<TimerQueue>> {
     TIMERS.with(|slot| slot.borrow().clone())
 }
 
-/// Has the executor that this thread is look at the clock before its next poll.
+/// Makes this thread's executor read the clock before its next poll.
 pub fn ask_look() {
     TIMERS.with(|slot| {
         if let Some(timers) = &*slot.borrow() {
@@ -252,7 +259,8 @@ pub fn ask_look() {
     });
 }
 
-/// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is any deadline.
+/// Whether no deadline of this thread's processes comes within `time`. A clock reading if there is
+/// any deadline.
 #[cfg(not(loom))]
 pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
     let next = TIMERS.with(|slot| slot.borrow().as_ref().map(|timers| timers.next_deadline()));
@@ -261,7 +269,7 @@ pub(crate) fn has_no_deadline_within(time: std::time::Duration) -> bool {
         || luna_platform::clock::Instant::now() + time < next
 }
 
-/// Whether `timers` are other ones than those of this thread, which runs processes.
+/// Whether this thread runs processes and its timers are other ones than `timers`.
 pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
     TIMERS.with(|slot| {
         slot.borrow()
@@ -270,8 +278,9 @@ pub(crate) fn has_other_timers(timers: &Arc<TimerQueue>) -> bool {
     })
 }
 
-/// Calls `f`, which drops a process' body, or a branch of it, that has not come to its end: it was cancelled, a sibling has failed, or it panicked.
-/// What it held knows by that ([`is_abandoned`]) that it was left in the middle.
+/// Calls `f`, which drops a process' body, or a branch of it, before its end: it was cancelled, a
+/// sibling has failed, or it panicked. Destructors see by [`is_abandoned`] that they run in the
+/// middle of the body.
 pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(bool);
     impl Drop for Restore {
@@ -283,7 +292,7 @@ pub fn with_abandoned<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// Whether what is dropped now belongs to a body or branch that has not come to its end.
+/// Whether the body or branch that is being dropped has not come to its end.
 #[inline]
 pub fn is_abandoned() -> bool {
     THREAD
@@ -291,18 +300,19 @@ pub fn is_abandoned() -> bool {
         .unwrap_or(false)
 }
 
-/// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules them.
+/// Whether this thread is on the real-time path: it runs the bodies of processes, or schedules
+/// them.
 #[inline]
 pub fn on_path() -> bool {
-    // An allocator asks this too, also while the thread's locals are being torn down.
+    // An allocator calls this too, also while the thread's locals are being torn down.
     THREAD
         .try_with(|thread| thread.on_path.get())
         .unwrap_or(false)
 }
 
-/// Says whether this thread is on the real-time path from now on; gives what was said before.
+/// Sets whether this thread is on the real-time path; returns the previous value.
 pub fn set_on_path(on_path: bool) -> bool {
-    // Whoever watches the path is told while the thread counts as off it.
+    // The path watcher is notified while the thread counts as off the path.
     let before = THREAD.with(|thread| thread.on_path.replace(false));
     path::switched(on_path);
     THREAD.with(|thread| thread.on_path.set(on_path));

@@ -1,4 +1,4 @@
-//! The dropping of what a process leaves that was ended for cause.
+//! Dropping the values of a process that was ended because of a failure.
 
 use std::cell::Cell;
 
@@ -6,8 +6,9 @@ thread_local! {
     static POISONS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `drop`, during which every channel end that is dropped on this thread poisons its channel, and does not merely count as one less: the
-/// partners of a process that was ended for cause are to know that what they wait for will not come.
+/// Runs `drop`. Meanwhile every channel end that is dropped on this thread poisons its channel,
+/// instead of merely counting as one less: the partners of a failed process must learn that what
+/// they wait for will not come.
 pub fn poison_dropped_ends<R>(drop: impl FnOnce() -> R) -> R {
     struct Restore(bool);
     impl Drop for Restore {

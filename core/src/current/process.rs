@@ -1,4 +1,4 @@
-//! What the framework knows of a process.
+//! The process control block.
 
 use super::inheritance::{Inheritance, LevelNow};
 use super::inheritor::Lent;
@@ -18,19 +18,19 @@ use std::task::{Context, Waker};
 /// The number of priority levels within one executor: 0 (lowest) to 31.
 pub const LEVELS: u8 = 32;
 
-/// A process' number, unique within this program's run.
+/// A process id, unique within this program's run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ProcessId(NonZeroU32);
 
 impl ProcessId {
-    /// A number not given out before: on one thread mostly the next one. Wraps after four thousand million processes.
+    /// A new id; on one thread mostly the next one. Wraps after 2^32 processes.
     #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
-        /// How many a thread takes at once, so that it shares a counter with the others seldom.
+        /// Ids that a thread takes at once, so that it seldom touches the shared counter.
         const BLOCK: u32 = 64;
         static NEXT: AtomicU32 = AtomicU32::new(1);
         thread_local! {
-            /// The next one of this thread's block, and how many are left.
+            /// The next id of this thread's block, and the number of ids left.
             static OWN: Cell<(u32, u32)> = const { Cell::new((0, 0)) };
         }
         let (next, left) = match OWN.get() {
@@ -41,7 +41,7 @@ impl ProcessId {
         Self(NonZeroU32::new(next).unwrap_or(NonZeroU32::MIN))
     }
 
-    /// The process of this number; none is 0.
+    /// The process of this number; 0 is none.
     pub fn from_number(number: u32) -> Option<Self> {
         NonZeroU32::new(number).map(Self)
     }
@@ -58,26 +58,26 @@ impl fmt::Display for ProcessId {
     }
 }
 
-/// Who uses a channel, or waits for something.
+/// The user of a channel, or of anything else to wait for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum User {
-    /// A thread that runs no process of LUNA: a plain one, or another runtime's.
+    /// A thread that runs no LUNA process: a plain one, or another runtime's.
     Outside,
     /// This process.
     Process(ProcessId),
 }
 
-/// One thread that runs processes: an executor's, or that of an OS-thread process.
+/// Id of an executor: a thread that runs processes, or that of an OS-thread process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Home(NonZeroU64);
 
 impl Home {
-    /// A home not given out before.
+    /// A new id.
     #[expect(clippy::new_without_default, reason = "each call gives another value")]
     pub fn new() -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        // 64 bits do not wrap, and homes must differ: what is counted without atomics relies on it.
+        // 64 bits do not wrap. Executor ids must differ: counting without atomics relies on it.
         Self(NonZeroU64::new(number).unwrap_or(NonZeroU64::MIN))
     }
 
@@ -87,10 +87,12 @@ impl Home {
     }
 }
 
-/// How urgent a process is: the priority of its OS thread first, then its level on the executor. Greater is more urgent.
+/// The priority of a process: that of its OS thread first, then its level on the executor. Greater
+/// is more urgent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Priority {
-    /// 0 for threads without a real-time policy, else their SCHED_FIFO or SCHED_RR priority; 100 under SCHED_DEADLINE.
+    /// 0 for threads without a real-time policy, else their SCHED_FIFO or SCHED_RR priority; 100
+    /// under SCHED_DEADLINE.
     pub thread: u8,
     /// The level within the executor, 0 to 31.
     pub level: u8,
@@ -99,30 +101,32 @@ pub struct Priority {
 /// Where in the queue of its level a process is put.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// Before the others: it only let more urgent ones run.
+    /// Before the others: it only yielded to more urgent ones.
     First,
     /// Behind the others.
     Last,
 }
 
-/// What an executor does for its processes. All are given the owner that the process was made with.
+/// An executor's operations on its processes. All take the owner that the process was made with.
 #[derive(Debug)]
 pub struct Methods {
-    /// Readies the process without its waker, at this level, on any other thread than its home's. It must not rely on another wake to go on.
+    /// Readies the process without its waker, at this level, on a thread other than its executor's.
+    /// It must not rely on another wake to go on.
     pub ready_elsewhere: unsafe fn(NonNull<()>, u8),
-    /// Frees the owner, on any thread: the process has ended, and nobody refers to it any more.
+    /// Frees the owner, on any thread: the process has ended, and there is no reference to it any
+    /// more.
     pub free: unsafe fn(NonNull<()>),
-    /// Polls the body of a process that was taken from the run queue, in its turn; `true` if that has ended it. Here, and not in each process, since all of a kind share it: a
-    /// turn reads one line of memory less.
+    /// Polls the body of a process that was taken from the run queue, in its turn; `true` if the
+    /// body has ended. It is here and not in each process because all processes of a kind share it:
+    /// a turn then reads one cache line less.
     pub poll: unsafe fn(NonNull<()>, &mut Context<'_>) -> bool,
-    /// At which addresses the body lies, and its captures with it. The owner is live; its body may
-    /// have ended.
+    /// The addresses of the body and its captures. The owner is live; its body may have ended.
     pub body: unsafe fn(NonNull<()>) -> Range<usize>,
-    /// What else an executor does with processes of this kind: it knows of which type that is.
+    /// Rare operations of an executor on processes of this kind; the executor knows the type.
     pub seldom: Option<&'static (dyn Any + Send + Sync)>,
 }
 
-/// What a process is doing, as bits of one byte that its home's thread writes.
+/// The state of a process, as bits of one byte that the executor's thread writes.
 pub(super) mod state {
     /// It is in the run queue.
     pub(in super::super) const QUEUED: u8 = 1;
@@ -132,11 +136,11 @@ pub(super) mod state {
     pub(in super::super) const ENDED: u8 = 4;
     /// It was never polled.
     pub(in super::super) const NEW: u8 = 8;
-    /// Who readies it tells that.
+    /// Its wakes are recorded as events.
     pub(in super::super) const RECORDED: u8 = 16;
 }
 
-/// What a process is doing, seen from any thread.
+/// The state of a process, seen from any thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activity {
     /// It was never readied.
@@ -152,32 +156,36 @@ pub enum Activity {
 /// How a process is woken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// By its waker alone, and it is not referred to.
+    /// By its waker alone; there are no references to it.
     Bare,
     /// By its waker alone.
     Lone,
-    /// It shares its thread with others, and has a run queue there.
+    /// It shares its thread with others, and is queued in the run queue there.
     Owned,
-    /// As `Owned`, and its [events](crate::events) are recorded: it does in other functions what the others do, so that these need not ask.
+    /// As `Owned`, and its [events](crate::events) are recorded. It uses separate functions, so
+    /// that the common ones need no test.
     Recorded,
 }
 
-/// What the framework knows of a process that runs or waits. It lies at one address for the process' whole life.
+/// The control block of a process. It stays at one address for the process' whole life.
 ///
 /// # Invariants
 ///
-/// `waker` is written before the process is polled for the first time and when it is freed; in between it is only read. `methods` and `kind` are there
-/// for the processes of executors and those that are alone; their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN), its address is exposed, and it
-/// stays valid until `free` was called. `link`, `queued_level` and `state` are written by the home's thread alone, and the link is in its run queue exactly while the state says
-/// so, at `queued_level`.
+/// `waker` is written before the first poll and when the process is freed; in between it is only
+/// read. `methods` and `kind` are set for processes of executors and for those that are alone.
+/// Their owner lies where the process lies, at a multiple of [`ALIGN`](Process::ALIGN); its address
+/// is exposed, and it stays valid until `free` was called. `link`, `queued_level` and `state` are
+/// written by the executor's thread alone. The link is in its run queue exactly while the state
+/// says so, at `queued_level`.
 ///
-/// What each turn and each wait touches comes first: 96 bytes at most, which lie on two cache lines wherever [`ALIGN`](Process::ALIGN) puts them.
+/// The fields of each turn and each wake come first: 96 bytes at most, which lie on two cache lines
+/// wherever [`ALIGN`](Process::ALIGN) puts them.
 #[repr(C)]
 pub struct Process {
-    /// First, so that it leads back to this.
+    /// First, so that a pointer to it is one to the process.
     link: Link,
     state: AtomicU8,
-    /// What its executor is to look at before it polls: any bits that it likes.
+    /// Bits that its executor is to look at before the next poll; their meaning is the executor's.
     notices: AtomicU8,
     queued_level: Cell<u8>,
     kind: Cell<Kind>,
@@ -196,16 +204,20 @@ pub struct Process {
 #[cfg(all(not(loom), target_pointer_width = "64"))]
 const _: () = assert!(std::mem::offset_of!(Process, inheritance) <= 96);
 
-// SAFETY: by the invariant `waker` and `methods` do not change while others can see them; `references` says itself who may do what.
+// SAFETY: by the invariant `waker` and `methods` do not change while other threads can see them;
+// `references` states its own rules for access.
 unsafe impl Sync for Process {}
-// SAFETY: as above; a pointer may go anywhere.
+// SAFETY: as for `Sync`: all shared fields are constant or atomic, and a pointer may move to any
+// thread.
 unsafe impl Send for Process {}
 
 impl Process {
-    /// At a multiple of this lies a process that is referred to by counting: below it a reference keeps the levels of a branch.
+    /// Alignment of a process that is counted by references. A reference keeps the levels of a
+    /// branch in the address bits below.
     pub const ALIGN: usize = LEVELS as usize;
 
-    /// A process of `home`, whose thread has the real-time priority `thread_priority` (0: none), at `level`.
+    /// A process of the executor `home`, the thread of which has the real-time priority
+    /// `thread_priority` (0: none), at `level`.
     #[inline]
     pub fn new(id: ProcessId, home: Home, thread_priority: u8, level: u8) -> Self {
         Self {
@@ -227,86 +239,97 @@ impl Process {
         }
     }
 
-    /// Sets the waker that readies this process from anywhere.
+    /// Sets the waker that readies this process from any thread.
     ///
     /// # Safety
     ///
-    /// The process has not been polled yet, and nobody uses this value at the same time.
+    /// The process has not been polled yet, and no other code uses this value at the same time.
     pub unsafe fn set_waker(&self, waker: Waker) {
-        // SAFETY: the contract makes this the only access.
+        // SAFETY: the caller promises that no other code uses this value, so this is the only
+        // access.
         unsafe { *self.waker.get() = Some(waker) };
     }
 
-    /// Says how to ready this process without its waker, and how to free it: for processes that share their thread.
+    /// Sets the operations that ready this process without its waker and free it: for processes
+    /// that share their thread.
     ///
     /// # Safety
     ///
-    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first part, at a multiple of [`ALIGN`](Self::ALIGN). The methods may be called with `owner` as
-    /// [`Methods`] says, until `free` was called; until then this value stays where it is. [`end`](Self::end) is called once.
+    /// As for [`set_waker`](Self::set_waker). `owner` lies where this value lies, as its first
+    /// part, at a multiple of [`ALIGN`](Self::ALIGN). The methods may be called with `owner` as
+    /// [`Methods`] says, until `free` was called; until then this value stays where it is.
+    /// [`end`](Self::end) is called once.
     pub unsafe fn set_owner(&self, owner: NonNull<()>, methods: &'static Methods) {
         let is_lone = ptr::eq(methods, &lone::METHODS);
         self.kind
             .set(if is_lone { Kind::Lone } else { Kind::Owned });
         debug_assert_eq!(owner.addr().get(), ptr::from_ref(self).addr());
         debug_assert_eq!(owner.addr().get() % Self::ALIGN, 0);
-        // It is found again by the process' own address.
+        // Exposed: the owner is recovered from the process' own address.
         owner.expose_provenance();
         self.methods.set(Some(methods));
     }
 
-    /// What its executor does for it.
+    /// The operations of its executor.
     ///
     /// # Safety
     ///
     /// [`set_owner`](Self::set_owner) was called.
     #[inline(always)]
     pub unsafe fn methods(&self) -> &'static Methods {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that `set_owner` was called, which set the methods.
         unsafe { self.methods.get().unwrap_unchecked() }
     }
 
-    /// Says that what it does is recorded, if its thread is: from now on, at each [beginning of a turn](Self::keep_recorded) anew.
+    /// Records the events of this process, if those of its thread are recorded. Each turn needs
+    /// [`keep_recorded`](Self::keep_recorded) again.
     ///
     /// # Safety
     ///
-    /// This is the home's thread, which has an owner for it ([`set_owner`](Self::set_owner)) and has not readied it yet.
+    /// This is the executor's thread, which has an owner for it ([`set_owner`](Self::set_owner))
+    /// and has not readied it yet.
     pub unsafe fn set_recorded(&self) {
         debug_assert!(self.is_owned());
         self.kind.set(Kind::Recorded);
-        // SAFETY: by the contract this is the home's thread.
+        // SAFETY: the caller promises that this is the executor's thread.
         unsafe { self.keep_recorded() };
     }
 
-    /// Says at the beginning of a turn of a [recorded](Self::set_recorded) process that it is one:
-    /// a turn begins with a store that forgets it.
+    /// Marks a process as [recorded](Self::set_recorded) at the beginning of a turn: the store that
+    /// begins a turn clears the mark.
     ///
     /// # Safety
     ///
-    /// This is the home's thread: another one could lose a change of the state that is made there,
-    /// so that the process would be queued twice.
+    /// This is the executor's thread. On another thread this could lose a concurrent change of the
+    /// state, and the process would be queued twice.
     #[inline]
     pub unsafe fn keep_recorded(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::RECORDED, Ordering::Relaxed);
     }
 
-    /// Takes the waker out, which breaks the circle of a process that holds a reference to itself.
+    /// Takes the waker out, which breaks the cycle of a process that holds a reference to itself.
     ///
     /// # Safety
     ///
-    /// Called by the owner's `free`: nobody uses this value at the same time, or calls anything of it afterwards.
+    /// Called by the owner's `free`: no other code uses this value at the same time, or calls
+    /// anything of it afterwards.
     pub unsafe fn take_waker(&self) -> Option<Waker> {
-        // SAFETY: the contract makes this the only access.
+        // SAFETY: the caller promises that no other code uses this value, so this is the only
+        // access.
         unsafe { (*self.waker.get()).take() }
     }
 
-    /// Says that the process has ended. Its owner is freed as soon as nobody refers to it: here, or where the last wakeup goes.
+    /// Marks the process as ended. Its owner is freed when there is no reference to it: here, or
+    /// when the last wake handle is dropped.
     ///
     /// # Safety
     ///
-    /// This is the home's thread; the process is not polled again, and this is the only call. The value may be gone afterwards.
+    /// This is the executor's thread; the process is not polled again, and this is the only call.
+    /// The value may be freed afterwards.
     pub unsafe fn end(this: NonNull<Process>) {
-        // SAFETY: the contract: the value lives until it is freed below, if at all.
+        // SAFETY: the value lives until it is freed below, if at all; the caller promises that this
+        // is the only call.
         unsafe {
             this.as_ref().state.store(state::ENDED, Ordering::Relaxed);
             if this.as_ref().references.end() {
@@ -317,9 +340,10 @@ impl Process {
 
     /// # Safety
     ///
-    /// The references said that nobody refers to the process any more.
+    /// The reference count says that there is no reference to the process any more.
     pub(super) unsafe fn free(this: NonNull<Process>) {
-        // SAFETY: the contract, and that of `set_owner`.
+        // SAFETY: there is no reference any more, so this is the only access; by the contract of
+        // `set_owner` the methods may be called until now.
         unsafe {
             let this = this.as_ref();
             if let Some(methods) = this.methods.get() {
@@ -328,20 +352,22 @@ impl Process {
         }
     }
 
-    /// The waker that readies this process from anywhere.
+    /// The waker that readies this process from any thread.
     #[inline]
     pub fn waker(&self) -> Option<&Waker> {
-        // SAFETY: by the type's invariant it does not change between the first poll and the freeing, and before and after nobody asks.
+        // SAFETY: by the type's invariant it does not change between the first poll and the
+        // freeing, and it is not read before or after.
         unsafe { (*self.waker.get()).as_ref() }
     }
 
-    /// Whether `cx` has the very waker of the process: what an executor polls with.
+    /// Whether `cx` has the waker of the process at the same address: an executor polls with that
+    /// one.
     #[inline(always)]
     pub(super) fn is_polled_by(&self, cx: &Context<'_>) -> bool {
         ptr::eq(self.waker.get().cast_const().cast::<Waker>(), cx.waker())
     }
 
-    /// The number of its home, which is none of a thread without one.
+    /// The id of its executor; a value that no thread has if it has none.
     #[inline]
     pub fn home_number(&self) -> u64 {
         self.home.number()
@@ -350,11 +376,11 @@ impl Process {
     /// Whether one of the `ready` levels is above its own.
     #[inline]
     pub(super) fn is_outranked(&self, ready: u32) -> bool {
-        // Two shifts, since a shift by 32 is none.
+        // Two shifts: a shift by 32 would be masked to none.
         (ready >> self.level()) >> 1 != 0
     }
 
-    /// Whether `cx` has the process' own waker: almost always the very one.
+    /// Whether `cx` has the process' own waker; its address is almost always the same.
     #[inline]
     pub(super) fn is_polled_with(&self, cx: &Context<'_>) -> bool {
         self.is_polled_by(cx)
@@ -385,14 +411,15 @@ impl Process {
         &self.inheritance
     }
 
-    /// Changes what is counted for `lent`, by one more or one less. `false`: there are too many to be counted, and nothing has changed.
+    /// Counts one boost `lent` more or less. `false`: the count would overflow, and nothing has
+    /// changed.
     ///
     /// # Safety
     ///
-    /// The home's lock is held.
+    /// The executor's lock is held.
     pub(super) unsafe fn count_lent(&self, lent: Lent, more: bool) -> bool {
         let before = events::is_on().then(|| self.level.get());
-        // SAFETY: the contract.
+        // SAFETY: the caller holds the executor's lock, which guards the counts.
         let is_counted = unsafe {
             self.inheritance
                 .count(&self.level, self.own_level, lent, more)
@@ -406,31 +433,34 @@ impl Process {
         is_counted
     }
 
-    /// Readies the process without its waker, that many levels below its own.
+    /// Readies the process without its waker, `lowered` levels below its own.
     ///
     /// # Safety
     ///
-    /// This is the home's thread, the process is one of an executor's, and stays where it is until it was popped.
+    /// This is the executor's thread, the process is one of an executor's, and stays where it is
+    /// until it was popped.
     #[inline]
     pub(super) unsafe fn ready_here(&self, lowered: u8, place: Place) {
-        // SAFETY: the contract.
+        // SAFETY: the caller's promises are those that `ready_at` requires; the level is at most
+        // the process' own.
         unsafe { self.ready_at(self.level().saturating_sub(lowered), place) };
     }
 
-    /// Puts the process into its executor's run queue at `level`, if it is not there at that level or a higher one, and has not ended. O(1), without
-    /// atomics.
+    /// Puts the process into its executor's run queue at `level`, unless it is there at that level
+    /// or a higher one, or has ended. O(1), without atomics.
     ///
     /// # Safety
     ///
-    /// This is the home's thread, the process is one of an executor's, and stays where it is until it was popped. `level` is below [`LEVELS`].
+    /// This is the executor's thread, the process is one of an executor's, and stays where it is
+    /// until it was popped. `level` is below [`LEVELS`].
     #[inline]
     pub unsafe fn ready_at(&self, level: u8, place: Place) {
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::ENDED | state::RECORDED) != 0 {
-            // SAFETY: the contract.
+            // SAFETY: the caller's promises are those that `ready_more` requires.
             return unsafe { self.ready_more(level, place) };
         }
-        // SAFETY: the contract; it is neither queued nor has it ended.
+        // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
         unsafe { self.queue_at(now, level, place) };
     }
 
@@ -442,9 +472,10 @@ impl Process {
         self.state
             .store(now & !state::NEW | state::QUEUED, Ordering::Relaxed);
         self.queued_level.set(level);
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the process is one of an executor's.
         let link = unsafe { self.link() };
-        // SAFETY: the contract; by the invariant it is in no queue.
+        // SAFETY: the caller promises that the process stays where it is until it was popped; by
+        // the invariant its link is in no queue.
         super::ready::with_queue(|queue| unsafe {
             match place {
                 Place::First => queue.push_front(level, link),
@@ -462,15 +493,17 @@ impl Process {
         let now = self.state.load(Ordering::Relaxed);
         if now & (state::QUEUED | state::ENDED) == 0 {
             events::ready(|| self.id.get());
-            // SAFETY: the contract.
+            // SAFETY: the caller's promises hold, and the process is neither queued nor ended.
             return unsafe { self.queue_at(now, level, place) };
         }
         if now & state::QUEUED != 0 && queued < level {
-            // A more urgent branch of it has become ready: the process waits at the level of the most urgent one.
+            // A more urgent branch of it has become ready: the process is queued at the level of
+            // the most urgent one.
             self.queued_level.set(level);
-            // SAFETY: the contract.
+            // SAFETY: the caller promises that the process is one of an executor's.
             let link = unsafe { self.link() };
-            // SAFETY: the contract, and the invariant.
+            // SAFETY: the caller promises that this is the executor's thread; by the invariant the
+            // link is in its queue at `queued_level`.
             super::ready::with_queue(|queue| unsafe {
                 queue.remove(queued, link);
                 match place {
@@ -481,64 +514,64 @@ impl Process {
         }
     }
 
-    /// Says that its turn has come. On the home's thread.
+    /// Begins its turn. On the executor's thread.
     #[inline]
     pub(super) fn begin_turn(&self) {
         self.state.store(state::RUNNING, Ordering::Relaxed);
     }
 
-    /// Counts a poll. On the home's thread.
+    /// Counts a poll. On the executor's thread.
     #[inline]
     pub fn count_poll(&self) {
         let polls = self.polls.load(Ordering::Relaxed);
         self.polls.store(polls + 1, Ordering::Relaxed);
     }
 
-    /// Says that its turn has ended. On the home's thread.
+    /// Ends its turn. On the executor's thread.
     #[inline]
     pub(super) fn end_turn(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now & !state::RUNNING, Ordering::Relaxed);
     }
 
-    /// Whether it is in its executor's run queue. On the home's thread.
+    /// Whether it is in its executor's run queue. On the executor's thread.
     #[inline]
     pub fn is_queued(&self) -> bool {
         self.state.load(Ordering::Relaxed) & state::QUEUED != 0
     }
 
-    /// The link, by a pointer that leads back to the owner.
+    /// The link, as a pointer with the provenance of the owner.
     ///
     /// # Safety
     ///
     /// The process is one of an executor's.
     #[inline(always)]
     unsafe fn link(&self) -> NonNull<Link> {
-        // SAFETY: the contract.
+        // SAFETY: a process of an executor has an owner.
         unsafe { self.owner().cast() }
     }
 
-    /// Who was said to be its owner.
+    /// The owner that was set.
     ///
     /// # Safety
     ///
-    /// Somebody was.
+    /// [`set_owner`](Self::set_owner) was called.
     #[inline(always)]
     pub unsafe fn owner(&self) -> NonNull<()> {
         NonNull::with_exposed_provenance(NonNull::from(self).addr())
     }
 
-    /// Says that it is not to be readied any more: its body has ended.
+    /// Marks the body as ended: the process is not readied any more.
     ///
     /// # Safety
     ///
-    /// This is the home's thread, as for [`keep_recorded`](Self::keep_recorded).
+    /// This is the executor's thread, as for [`keep_recorded`](Self::keep_recorded).
     pub unsafe fn set_ended(&self) {
         let now = self.state.load(Ordering::Relaxed);
         self.state.store(now | state::ENDED, Ordering::Relaxed);
     }
 
-    /// What it is doing, from any thread that keeps it.
+    /// Its state, from any thread that holds a reference.
     pub fn activity(&self) -> Activity {
         match self.state.load(Ordering::Relaxed) {
             now if now & state::RUNNING != 0 => Activity::Running,
@@ -548,31 +581,33 @@ impl Process {
         }
     }
 
-    /// How many polls were counted.
+    /// The number of counted polls.
     pub fn polls(&self) -> u64 {
         self.polls.load(Ordering::Relaxed)
     }
 
-    /// Notes what its executor is to look at before it polls it next. From any thread that keeps it.
+    /// Sets bits that its executor looks at before the next poll. From any thread that holds a
+    /// reference.
     pub fn notify(&self, bits: u8) {
-        // Release: who finds the notice finds what was said before.
+        // Release: a reader of the notice sees what was written before it.
         self.notices.fetch_or(bits, Ordering::Release);
     }
 
-    /// What was noted. On the home's thread.
+    /// The notices. On the executor's thread.
     #[inline]
     pub fn notices(&self) -> u8 {
         self.notices.load(Ordering::Acquire)
     }
 
-    /// Readies the process without its waker, if it can be, that many levels below its own.
+    /// Readies the process without its waker, if possible, `lowered` levels below its own.
     ///
     /// # Safety
     ///
-    /// The process is referred to by counting, and this is not its home's thread.
+    /// The process is counted by references, and this is not its executor's thread.
     #[inline]
     pub(super) unsafe fn ready_elsewhere(&self, lowered: u8) {
-        // SAFETY: the contract, and that of `set_owner`.
+        // SAFETY: the caller holds a reference, so the owner was not freed; this is another thread
+        // than the executor's, as `ready_elsewhere` requires.
         unsafe {
             if let Some(methods) = self.methods.get() {
                 (methods.ready_elsewhere)(self.owner(), self.lowered_priority(lowered).level);
@@ -580,24 +615,25 @@ impl Process {
         }
     }
 
-    /// The process' number.
+    /// The id of the process.
     pub fn id(&self) -> ProcessId {
         self.id
     }
 
-    /// Where the process runs.
+    /// The executor of the process.
     #[inline]
     pub fn home(&self) -> Home {
         self.home
     }
 
-    /// The level that the process runs at: its own, or a higher one that it [inherits](super::Inheritor).
+    /// The level that the process runs at: its own, or a higher one that it
+    /// [inherits](super::Inheritor).
     #[inline]
     pub fn level(&self) -> u8 {
         self.level.get()
     }
 
-    /// How urgent the process is while it inherits nothing.
+    /// The priority of the process without a boost.
     #[inline]
     pub(super) fn own_priority(&self) -> Priority {
         Priority {
@@ -606,13 +642,14 @@ impl Process {
         }
     }
 
-    /// How urgent the process is. One that inherits from a thread of higher priority counts as of the highest level there.
+    /// The priority of the process. While it inherits from a thread of higher priority, it counts
+    /// as of the highest level there.
     #[inline]
     pub fn priority(&self) -> Priority {
         self.lowered_priority(0)
     }
 
-    /// How urgent a branch of the process is that runs that many levels below it.
+    /// The priority of a branch that runs `lowered` levels below the process.
     #[inline]
     pub(super) fn lowered_priority(&self, lowered: u8) -> Priority {
         Priority {

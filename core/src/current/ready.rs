@@ -1,4 +1,4 @@
-//! Who is ready on this thread, and when the current process lets others run.
+//! The ready processes of this thread, and the points where the current process yields.
 
 use super::branch::lowered;
 use super::run_queue::RunQueue;
@@ -17,53 +17,55 @@ pub fn ready_levels() -> u32 {
     with_queue(RunQueue::bits)
 }
 
-/// Lets the processes of this thread, which is no executor's, believe that at these levels others are ready: for tests.
+/// Pretends, on a thread that is no executor's, that processes are ready at these levels: for
+/// tests.
 ///
 /// # Safety
 ///
-/// Until this is called with 0, no process is in this thread's run queue but at levels that are
-/// given, and [`next_ready`] is called only if one is at the highest of them.
+/// Until this is called with 0, the processes in this thread's run queue are at the given levels
+/// alone, and [`next_ready`] is called only if one is at the highest of them.
 #[doc(hidden)]
 pub unsafe fn pretend_ready_levels(bits: u32) {
     with_queue(|queue| queue.pretend(bits));
 }
 
-/// Takes the process whose turn it is out of this thread's run queue, and gives its owner. It was readied by [`Process::ready_at`] or a wakeup, and is live as
-/// long as its owner keeps it.
+/// Pops the next process of this thread's run queue, and returns its owner. The process was readied
+/// by [`Process::ready_at`] or a wake handle, and is live as long as its owner keeps it.
 ///
 /// # Safety
 ///
 /// The caller gives the process a turn ([`give_turn`](super::give_turn),
-/// [`with_process`](super::with_process)) or ends it before anybody readies it again: until then it
-/// counts as one that is in the queue.
+/// [`with_process`](super::with_process)) or ends it before it is readied again: until then it
+/// counts as queued.
 #[inline(always)]
 pub unsafe fn next_ready() -> Option<NonNull<()>> {
     Some(with_queue(RunQueue::pop)?.cast())
 }
 
-/// Whether a process of higher level than the current one, or the current branch, is ready on its executor: then a completed
-/// communication lets it run.
+/// Whether a process of higher level than the current one, or the current branch, is ready on its
+/// executor: then a completed communication yields to it.
 #[inline]
 pub fn is_outranked() -> bool {
     THREAD.with(|thread| {
         thread.process.get().is_some_and(|process| {
-            // SAFETY: as in `process`.
+            // SAFETY: as in `process`: the pointer is that of the process being polled.
             let process = unsafe { process.as_ref() };
             let level = process
                 .level()
                 .saturating_sub(thread.branch.get().lowered());
-            // Two shifts, since a shift by 32 is none.
+            // Two shifts: a shift by 32 would be masked to none.
             (thread.queue.bits() >> level) >> 1 != 0
         })
     })
 }
 
-/// Readies the current process again, at `place` among those of its level; more urgent ones run before it in any case. The caller
-/// returns `Pending`. Where no process of LUNA runs, or a combinator within it polls, the waker is woken.
+/// Readies the current process again, at `place` among those of its level; more urgent ones run
+/// before it in any case. The caller returns `Pending`. Outside of LUNA processes, or within a
+/// combinator, the waker is woken.
 #[inline]
 pub fn ready_again(cx: &Context<'_>, place: Place) {
     match plain_turn(cx) {
-        // SAFETY: this is the home's thread, and the process lives while it is polled.
+        // SAFETY: this is the executor's thread, and the process lives while it is polled.
         Some(process) if place == Place::Last => unsafe {
             process.ready_at(process.level(), Place::Last);
         },
@@ -75,7 +77,7 @@ pub fn ready_again(cx: &Context<'_>, place: Place) {
 #[inline(never)]
 fn ready_again_attentively(cx: &Context<'_>, place: Place) {
     process(|process| match process {
-        // SAFETY: this is the home's thread, and the process lives while it is polled.
+        // SAFETY: this is the executor's thread, and the process lives while it is polled.
         Some(process) if process.is_owned() && process.is_polled_with(cx) => unsafe {
             process.ready_here(lowered(), place);
         },
@@ -83,9 +85,10 @@ fn ready_again_attentively(cx: &Context<'_>, place: Place) {
     });
 }
 
-/// Lets those run before the current branch that outrank it: if there are any, the process is ready again already, and the caller returns
-/// `Pending`. A branch whose process can be readied at its own level alone (it is polled by a combinator with wakers of its own) does not:
-/// the process would come again before them.
+/// Yields to processes that outrank the current branch. If there are any, the process is ready
+/// again already, and the caller returns `Pending`. A branch does not yield if its process can be
+/// readied at its own level alone (a combinator polls it with wakers of its own): the process would
+/// run again before them.
 #[inline]
 pub fn give_way(cx: &Context<'_>) -> bool {
     is_outranked() && {
@@ -101,20 +104,23 @@ pub fn give_way(cx: &Context<'_>) -> bool {
     }
 }
 
-/// How many operations one poll may complete without waiting before the process lets others run.
+/// How many operations one poll may complete without waiting before the process yields.
 ///
-/// A process whose operations always find a partner would else keep its executor from its timers and from wakes from elsewhere.
+/// Without this bound, a process with partners that are always ready would keep its executor from
+/// its timers and from remote wakes.
 pub const OPERATIONS_PER_POLL: u32 = 64;
 
-/// Counts an operation that completed without waiting; `false` when this poll has used up [`OPERATIONS_PER_POLL`].
+/// Counts an operation that completed without waiting; `false` when this poll has used up
+/// [`OPERATIONS_PER_POLL`].
 ///
-/// Always `true` where no process of LUNA runs: other runtimes have means of their own.
+/// Always `true` outside of LUNA processes: other runtimes have their own means.
 #[inline]
 pub fn count_operation() -> bool {
     spend_operation() || is_replayed()
 }
 
-/// As [`count_operation`], but that it is `false` in a replayed process always: for who has to ask then whether the process may go on.
+/// As [`count_operation`], but always `false` in a replayed process: for callers that then have to
+/// ask whether the process may go on.
 #[inline]
 pub fn spend_operation() -> bool {
     THREAD.with(|thread| {
@@ -127,13 +133,14 @@ pub fn spend_operation() -> bool {
     })
 }
 
-/// Lets others run after an operation of `process`, which has a [plain turn](super::plain_turn), if they are more urgent or it has completed [`OPERATIONS_PER_POLL`] in
-/// this one: then it is ready again already, and the caller returns `Pending`.
+/// Yields after an operation of `process`, which has a [plain turn](super::plain_turn), if more
+/// urgent processes are ready or it has completed [`OPERATIONS_PER_POLL`] operations in this turn:
+/// then it is ready again already, and the caller returns `Pending`.
 ///
 /// # Safety
 ///
 /// `process` is the current one of this thread, and an executor's:
-/// [`plain_turn`](super::plain_turn) has given it in this turn.
+/// [`plain_turn`](super::plain_turn) has returned it in this turn.
 #[inline(always)]
 pub unsafe fn gives_way(process: &Process) -> bool {
     let gives_way = THREAD.with(|thread| {
@@ -150,8 +157,8 @@ pub unsafe fn gives_way(process: &Process) -> bool {
     let Some(place) = gives_way else {
         return false;
     };
-    // SAFETY: by the contract it is the current process, of an executor: so this is its home's
-    // thread, and it lives until its executor has popped it.
+    // SAFETY: the caller promises that it is the current process, of an executor: so this is its
+    // executor's thread, and it lives until its executor has popped it.
     unsafe { process.ready_here(0, place) };
     true
 }

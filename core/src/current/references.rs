@@ -1,10 +1,11 @@
-//! Counting who refers to a process, without atomics on the process' own thread.
+//! Biased reference counts of processes: no atomics on the process' own thread.
 //!
-//! A future that waits can be moved out of its process and outlive it (boxed and sent elsewhere, say), and its node with it. So what a
-//! node says about whom to wake must keep the process' memory. Counting it with one atomic would cost two read-modify-write
-//! operations for each wait; nearly all of them come and go on one thread. This is biased reference counting (J. Choi,
-//! T. Shull, J. Torrellas, PACT 2018), made simpler by what is known here: references begin on the home's thread, or as copies of others, and the
-//! home knows when its process has ended.
+//! A waiting future can be moved out of its process and outlive it (boxed and sent to another
+//! thread, for instance), and its node with it. The wake handle in the node must therefore keep the
+//! process' memory. One atomic count would cost two read-modify-write operations for each wait,
+//! although nearly all references begin and end on one thread. This is biased reference counting
+//! (J. Choi, T. Shull, J. Torrellas, PACT 2018), simplified by two facts: references begin on the
+//! executor's thread, or as copies of others; and the executor knows when its process has ended.
 
 use luna_platform::sync::atomic::{AtomicI64, Ordering};
 use std::cell::Cell;
@@ -12,13 +13,15 @@ use std::cell::Cell;
 /// Added when the process has ended: the count alone cannot reach it before.
 const ENDED: i64 = 1 << 40;
 
-/// In the place of a count that no process reaches.
+/// Replaces a count; no process reaches it.
 const HAS_ENDED: i64 = i64::MIN;
 
 /// # Invariants
 ///
-/// `here` is touched on the home's thread alone, and is [`HAS_ENDED`] from the end on. Until the end, `here + elsewhere` is the number of references, where
-/// `elsewhere` is those that were copied minus those that ended on other threads; after it, `elsewhere - ENDED` is.
+/// `here` is accessed on the executor's thread alone, and is [`HAS_ENDED`] from the end on. Until
+/// the end, `here + elsewhere` is the number of references; `elsewhere` is the number of copies
+/// minus the references that ended on other threads. After the end, `elsewhere - ENDED` is the
+/// number of references.
 #[derive(Debug)]
 pub(super) struct References {
     here: Cell<i64>,
@@ -33,31 +36,34 @@ impl References {
         }
     }
 
-    /// Counts one more. On the home's thread, before the end.
+    /// Counts one more. On the executor's thread, before the end.
     #[inline]
     pub(super) fn add(&self) {
         self.here.set(self.here.get() + 1);
     }
 
-    /// Counts one more, on any thread, for somebody who holds one already.
+    /// Counts one more, on any thread, for a caller that holds a reference already.
     #[inline]
     pub(super) fn add_elsewhere(&self) {
-        // Relaxed: the one that is held keeps the process, and was passed on by other means.
+        // Relaxed: the caller's reference keeps the process, and was passed on with its own
+        // synchronisation.
         self.elsewhere.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts one less; `true` if it was the last one of a process that has ended. `is_home`: this is the home's thread.
+    /// Counts one less; `true` if it was the last one of a process that has ended. `is_home`: this
+    /// is the executor's thread.
     #[inline]
     #[must_use = "the last one frees the process"]
     pub(super) fn remove(&self, is_home: bool) -> bool {
         if is_home && self.remove_here() {
             return false;
         }
-        // AcqRel: whoever frees the process does so after all that others did with it.
+        // AcqRel: all other references' uses of the process happen before it is freed.
         self.elsewhere.fetch_sub(1, Ordering::AcqRel) - 1 == ENDED
     }
 
-    /// Counts one less before the process' end, on the home's thread. `false`: it has ended, and [`remove`](Self::remove) is to be called.
+    /// Counts one less before the process' end, on the executor's thread. `false`: it has ended;
+    /// call [`remove`](Self::remove).
     #[inline(always)]
     pub(super) fn remove_here(&self) -> bool {
         let here = self.here.get();
@@ -67,13 +73,14 @@ impl References {
         here != HAS_ENDED
     }
 
-    /// Ends the process, on the home's thread, once; `true` if nobody refers to it.
+    /// Ends the process, on the executor's thread, once; `true` if there is no reference to it.
     #[must_use = "if nobody refers to it, the process is to be freed"]
     pub(super) fn end(&self) -> bool {
         let here = self.here.replace(HAS_ENDED);
-        // Often nobody does, which costs no more than a look. It may be an old value that is read, but not one from before a copy of what has gone at home: who copies a
-        // reference does so before it goes. So each that is counted as gone was counted as there, and if the sum is 0 there is none, and nobody who could make another.
-        // Acquire: as in `remove`.
+        // The common case costs one load. The load may return an old value, but not one from before
+        // a copy of a reference that has ended on this thread: a reference is copied before it
+        // ends. So each reference that is counted as ended was counted as begun. If the sum is 0
+        // there is no reference, and none that could be copied. Acquire: as in `remove`.
         if self.elsewhere.load(Ordering::Acquire) + here == 0 {
             return true;
         }
@@ -125,14 +132,14 @@ mod loom_tests {
     use loom::sync::Arc;
     use loom::sync::atomic::AtomicUsize;
 
-    /// The cells are the home's: the other thread does not touch them.
+    /// The executor's thread owns the cells: the other thread does not touch them.
     struct Shared(References);
-    // SAFETY: the test keeps to the type's invariants.
+    // SAFETY: the test accesses `here` on one thread alone, as the type's invariants require.
     unsafe impl Send for Shared {}
-    // SAFETY: as above.
+    // SAFETY: as for `Send`.
     unsafe impl Sync for Shared {}
 
-    /// What goes elsewhere was copied there before, and its original goes at home.
+    /// A reference on another thread was copied before; the original ends on the executor's thread.
     #[test]
     fn a_copy_that_is_alive_is_never_overlooked() {
         loom::model(|| {
@@ -146,7 +153,8 @@ mod loom_tests {
             let other = {
                 let (shared, copied) = (shared.clone(), copied.clone());
                 loom::thread::spawn(move || {
-                    // A copy of the home's, which lives until the home is told.
+                    // A copy of the executor's reference, which lives until the executor's thread
+                    // is notified.
                     shared.0.0.add_elsewhere();
                     copied.store(1, Ordering::Release);
                     shared.2.fetch_sub(1, Ordering::SeqCst);
@@ -156,7 +164,8 @@ mod loom_tests {
                     }
                 })
             };
-            // The original goes once it is no longer borrowed; if it still is, it goes after the end.
+            // The original ends once it is no longer borrowed; if it still is, it ends after the
+            // process.
             let may_go = copied.load(Ordering::Acquire) == 1;
             let go = |shared: &(Shared, AtomicUsize, AtomicUsize)| {
                 shared.2.fetch_sub(1, Ordering::SeqCst);

@@ -1,10 +1,12 @@
-//! How a wake handle comes into a node without user code under the node's lock: see the rule at the head of [`wakeup`](super::wakeup).
+//! How a wake handle comes into a node without user code under the node's lock: see the rule at the
+//! head of [`wake_handle`](super::wake_handle).
 
 use super::WakeHandle;
 use std::task::Context;
 
-/// A wake handle on its way into the node of an operation that waits. It is made without the lock that guards the node. What is left of it is dropped with this: where this is declared
-/// first, that is the caller's last step.
+/// A wake handle on its way into the node of a waiting operation. It is made without the lock that
+/// guards the node. A handle that is left over is dropped with this: declare it first, so that the
+/// drop is the caller's last step.
 ///
 /// ```
 /// use luna_core::current::{Renewal, WakeHandle};
@@ -21,7 +23,7 @@ use std::task::Context;
 #[must_use = "nothing is stored until `put` is called"]
 pub struct Renewal<'a, 'b> {
     cx: &'a Context<'b>,
-    /// What is to be stored, or what was stored before.
+    /// The handle to be stored, or the one that was stored before.
     handle: Option<WakeHandle>,
     is_missing: bool,
 }
@@ -45,8 +47,9 @@ impl<'a, 'b> Renewal<'a, 'b> {
         }
     }
 
-    /// Calls `locked`, which takes the lock, looks whether the operation waits, and [stores](Self::store) or [takes](Self::take) the handle if so. It is called a second time if a waker has to be
-    /// cloned in between. Gives what the last call gave.
+    /// Calls `locked`, which takes the lock, checks whether the operation waits, and
+    /// [stores](Self::store) or [takes](Self::take) the handle if so. It is called a second time if
+    /// a waker has to be cloned in between. Returns the result of the last call.
     #[inline]
     pub fn put<R>(&mut self, mut locked: impl FnMut(&mut Self) -> R) -> R {
         // One call of the closure in the code, so that it is inlined.
@@ -65,7 +68,7 @@ impl<'a, 'b> Renewal<'a, 'b> {
         self.handle = Some(WakeHandle::of(self.cx));
     }
 
-    /// Sees to it that `stored` wakes who polls with the context. Called under the lock that guards it.
+    /// Makes `stored` wake the task of the context. Called under the lock that guards it.
     #[inline]
     pub fn store(&mut self, stored: &mut Option<WakeHandle>) {
         if stored.as_ref().is_some_and(|stored| stored.is_of(self.cx)) {
@@ -76,7 +79,8 @@ impl<'a, 'b> Renewal<'a, 'b> {
         }
     }
 
-    /// The handle, for a node that is about to be listed. With `None` the caller lists nothing and returns: it is called again.
+    /// The handle, for a node that is about to be listed. With `None` the caller lists nothing and
+    /// returns: it is called again.
     #[inline]
     pub fn take(&mut self) -> Option<WakeHandle> {
         let handle = self.handle.take();

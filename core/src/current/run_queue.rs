@@ -1,14 +1,15 @@
-//! The processes of one executor that are ready: a queue for each level, touched by the executor's thread alone.
+//! The run queue of an executor: the ready processes, with a queue for each level. Only the
+//! executor's thread uses it.
 //!
-//! It lies here and not with the executors, so that a partner on the same thread readies a process by a few stores, without a call that the
-//! compiler cannot see through.
+//! It is here and not with the executors, so that a partner on the same thread readies a process by
+//! a few stores, without an opaque call.
 
 use super::LEVELS;
 use std::cell::Cell;
 use std::ptr::NonNull;
 
-/// The links to the neighbours in a run queue, inside the process, so that queueing allocates nothing. It is in at most one queue at a time, and
-/// touched by its executor's thread alone.
+/// The links to the neighbours in a run queue, inside the process, so that queueing allocates
+/// nothing. It is in at most one queue at a time, and touched by its executor's thread alone.
 #[derive(Debug)]
 pub(super) struct Link {
     next: Cell<Option<NonNull<Link>>>,
@@ -25,17 +26,21 @@ impl Link {
     }
 }
 
-/// First come first served within a level; one bit for each level that is not empty. Every operation is O(1) and free of atomics.
+/// First come first served within a level; one bit for each level that is not empty. Every
+/// operation is O(1) and free of atomics.
 ///
-/// The process that runs next lies in a *slot*: there it is found without a look at the levels, and a process that becomes ready while no other one is needs no links.
+/// The process that runs next lies in a *slot*. It is found there without reading the levels, and a
+/// process that becomes ready while no other one is needs no links.
 ///
 /// # Invariants
 ///
-/// The slot is empty only if no process is ready. Its process comes before all others: at its level as the first, and none is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
-/// slot is empty. Each level is a circle of live links that are in no other queue: `tails` has the last one of it, whose `next` is the first. The level's bit in `bits` says
-/// whether there is one; while there is none, its tail is not looked at.
+/// The slot is empty only if no process is ready. Its process comes before all others: at its level
+/// as the first, and none is queued at a higher one. `slot_bit` is the bit of its level, 0 if the
+/// slot is empty. Each level is a circle of live links that are in no other queue: `tails` has the
+/// last one of it, whose `next` is the first. The level's bit in `bits` says whether there is one;
+/// while there is none, its tail is not read.
 ///
-/// What is looked at most comes first.
+/// The most used fields come first.
 #[derive(Debug)]
 #[repr(C)]
 pub(super) struct RunQueue {
@@ -61,7 +66,7 @@ impl RunQueue {
         self.bits.get() | self.slot_bit.get()
     }
 
-    /// Lets others believe that these levels have a ready process.
+    /// Makes readers believe that these levels have a ready process.
     pub(super) fn pretend(&self, bits: u32) {
         self.slot.set(None);
         self.slot_bit.set(0);
@@ -69,14 +74,15 @@ impl RunQueue {
         self.tails.iter().for_each(|tail| tail.set(None));
     }
 
-    /// Becomes what `other` is, which is empty from then on. O(1); a few stores if it is empty already.
+    /// Takes over the contents of `other`, which is empty from then on. O(1); a few stores if it is
+    /// empty already.
     pub(super) fn take_over(&self, other: &RunQueue) {
         debug_assert_eq!(self.bits(), 0, "a process that is ready here is forgotten");
         self.slot.set(other.slot.take());
         self.slot_bit.set(other.slot_bit.replace(0));
         let bits = other.bits.replace(0);
         self.bits.set(bits);
-        // By the invariant the tail of a level is not looked at while there is none.
+        // By the invariant the tail of an empty level is not read.
         if bits != 0 {
             for (own, tail) in self.tails.iter().zip(&other.tails) {
                 own.set(tail.get());
@@ -106,7 +112,7 @@ impl RunQueue {
         if self.slot_bit.get() == 0 {
             return self.fill_slot(bit, node);
         }
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is live and in no queue.
         unsafe {
             if bit > self.slot_bit.get() {
                 self.displace(bit, node);
@@ -124,7 +130,7 @@ impl RunQueue {
     #[inline(never)]
     pub(super) unsafe fn push_front(&self, level: u8, node: NonNull<Link>) {
         let bit = 1 << level;
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that the node is live and in no queue.
         unsafe {
             if bit >= self.slot_bit.get() {
                 self.displace(bit, node);
@@ -134,11 +140,13 @@ impl RunQueue {
         }
     }
 
-    /// Makes a process the next one. The process that was in the slot becomes the first of its level.
+    /// Makes a process the next one. The process that was in the slot becomes the first of its
+    /// level.
     ///
     /// # Safety
     ///
-    /// As for [`push_back`](Self::push_back); and no process of a higher level is ready, of which `bit` is the level's bit.
+    /// As for [`push_back`](Self::push_back); and no process of a higher level is ready, of which
+    /// `bit` is the level's bit.
     #[inline(never)]
     unsafe fn displace(&self, bit: u32, node: NonNull<Link>) {
         if let Some(next) = self.slot.get() {
@@ -158,7 +166,7 @@ impl RunQueue {
     unsafe fn link<const FIRST: bool>(&self, level: u8, node: NonNull<Link>) {
         let tail = self.tail(level);
         let (bits, bit) = (self.bits.get(), 1 << level);
-        // SAFETY: the new node is live by the contract, the others by the invariant.
+        // SAFETY: the caller promises that the new node is live; by the invariant the others are.
         unsafe {
             let this = node.as_ref();
             if bits & bit == 0 {
@@ -190,7 +198,8 @@ impl RunQueue {
             self.pop();
             return;
         }
-        // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are live.
+        // SAFETY: by the contract the node is queued, so by the invariant it and its neighbours are
+        // live.
         unsafe { self.unlink(level, node) };
     }
 
@@ -199,7 +208,8 @@ impl RunQueue {
     /// `node` is in the circle of `level`.
     #[inline(always)]
     unsafe fn unlink(&self, level: u8, node: NonNull<Link>) {
-        // SAFETY: the contract and the invariant: a link in a circle has neighbours, which are live.
+        // SAFETY: the caller promises that the node is in the circle; by the invariant a link in a
+        // circle has neighbours, which are live.
         unsafe {
             let next = node.as_ref().next.get().unwrap_unchecked();
             if next == node {
@@ -226,7 +236,7 @@ impl RunQueue {
             self.slot_bit.set(0);
             return Some(node);
         }
-        // SAFETY: a level is not empty.
+        // SAFETY: `bits` is not 0, so a level is not empty.
         unsafe { self.refill(bits) };
         Some(node)
     }
@@ -238,12 +248,13 @@ impl RunQueue {
     /// `bits` are those of the levels, of which one is not empty.
     #[inline(always)]
     unsafe fn refill(&self, bits: u32) {
-        // SAFETY: the contract; by the invariant the level has a tail, and its links are live.
+        // SAFETY: the caller promises that a level is not empty; by the invariant that level has a
+        // tail, and its links are live.
         unsafe {
             std::hint::assert_unchecked(bits != 0);
             let level = bits.ilog2() as u8;
             let Some(last) = self.tail(level).get() else {
-                // Only `pretend` makes this.
+                // Only `pretend` leads here.
                 self.slot.set(None);
                 return self.slot_bit.set(0);
             };
@@ -324,7 +335,8 @@ mod tests {
         for gone in 0..4 {
             let links: Vec<Link> = (0..4).map(|_| Link::new()).collect();
             let queue = RunQueue::new();
-            // SAFETY: the links outlive the queue and are pushed once; the one that is taken out is queued.
+            // SAFETY: the links outlive the queue and are pushed once; the one that is taken out is
+            // queued.
             unsafe {
                 // 2 0 1 3, and one that is alone at its level.
                 queue.push_back(3, NonNull::from(&links[0]));
@@ -352,7 +364,7 @@ mod tests {
         }
     }
 
-    /// Against lists that anybody can check, with a generator whose seed is fixed.
+    /// Compared with plain lists, with a generator of a fixed seed.
     #[test]
     fn it_does_what_plain_lists_do() {
         let links: Vec<Link> = (0..12).map(|_| Link::new()).collect();
@@ -369,7 +381,8 @@ mod tests {
             let index = next(links.len());
             let place = lists.iter().position(|list| list.contains(&index));
             match (next(4), place) {
-                // SAFETY: the links outlive the queue; one is pushed while it is not queued, and taken out while it is.
+                // SAFETY: the links outlive the queue; one is pushed while it is not queued, and
+                // taken out while it is.
                 (0 | 1, None) => unsafe {
                     let (level, link) = (next(5), NonNull::from(&links[index]));
                     if next(3) == 0 {

@@ -1,11 +1,12 @@
-//! Whether the current process is recorded or replayed, and by what.
+//! Whether the current process is recorded or replayed, and its replay log.
 
 use super::THREAD;
 use super::branch::Branch;
 use crate::replay_log::ReplayLog;
 use std::ptr::NonNull;
 
-/// Polls the current process as one that has `tape`: it has no [plain turns](super::plain_turn), and all its operations find the tape.
+/// Polls the current process as one with the replay log `tape`: it has no [plain
+/// turns](super::plain_turn), and all its operations find the log.
 pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     struct Restore(Branch, Option<NonNull<dyn ReplayLog>>);
     impl Drop for Restore {
@@ -18,13 +19,14 @@ pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     }
     let is_replay = tape.is_replay();
     let tape: *const (dyn ReplayLog + '_) = tape;
-    // SAFETY: the same pointer; it is taken back before what it borrows goes, and `tape` lends it for no longer than a call.
+    // SAFETY: the same pointer; it is removed before its borrow ends, and `tape` passes it on for
+    // no longer than a call.
     let tape: *mut (dyn ReplayLog + 'static) = unsafe { std::mem::transmute(tape) };
     let _restore = THREAD.with(|thread| {
         let branch = thread.branch.get();
         thread.branch.set(Branch(branch.0 | Branch::TAPED));
         if is_replay {
-            // So that each operation that need not wait comes by who asks whether its process may go on.
+            // So that each operation that need not wait asks whether its process may go on.
             thread.operations_left.set(0);
         }
         Restore(branch, thread.tape.replace(NonNull::new(tape)))
@@ -32,7 +34,7 @@ pub fn with_tape<R>(tape: &dyn ReplayLog, poll: impl FnOnce() -> R) -> R {
     poll()
 }
 
-/// Calls `f` as if the current process had no tape: for what is done within one of its operations.
+/// Calls `f` as if the current process had no replay log: for work within one of its operations.
 pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Branch);
     impl Drop for Restore {
@@ -48,7 +50,7 @@ pub fn without_tape<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// Whether the current process has a tape.
+/// Whether the current process has a replay log.
 #[inline]
 pub fn is_taped() -> bool {
     THREAD.with(|thread| thread.branch.get().is_taped())
@@ -60,16 +62,18 @@ pub fn is_replayed() -> bool {
     tape(|tape| tape.is_replay()).unwrap_or_default()
 }
 
-/// Calls `f` with the current process' tape, if it has one.
+/// Calls `f` with the current process' replay log, if it has one.
 pub fn tape<R>(f: impl FnOnce(&dyn ReplayLog) -> R) -> Option<R> {
     is_taped().then(|| {
         let tape = THREAD.with(|thread| thread.tape.get())?;
-        // SAFETY: `with_tape` sets it from a reference that lives until it takes it back, and the closure cannot keep what it is lent.
+        // SAFETY: `with_tape` sets it from a reference that lives until it is removed, and the
+        // closure cannot keep the reference.
         Some(f(unsafe { tape.as_ref() }))
     })?
 }
 
-/// Which branch of the current process is being polled, if it has a tape: a number of the way down to it; 0 is the process itself.
+/// The branch of the current process that is being polled, if it has a replay log: a number of the
+/// path down to it; 0 is the process itself.
 pub fn branch_path() -> u32 {
     THREAD.with(|thread| thread.branch.get().path())
 }

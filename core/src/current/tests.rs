@@ -11,7 +11,7 @@ static METHODS: Methods = Methods {
     seldom: None,
 };
 
-/// Counts its wakes, and panics in them if it is to.
+/// Counts its wakes; panics in them if set.
 #[derive(Default)]
 struct Counted {
     wakes: std::sync::atomic::AtomicU32,
@@ -53,22 +53,22 @@ fn a_wakers_panic_is_contained_while_another_one_unwinds() {
         pending_wake(&counted).wake();
     }));
     assert!(caught.is_err() && wakes() == 2, "both have been woken");
-    // A thread that wakes for others goes on.
+    // A thread that wakes on behalf of others goes on.
     pending_wake(&counted).wake_contained();
     assert_eq!(wakes(), 3);
 }
 
-/// Wakes nobody, and is told from all other wakers.
+/// Does nothing; distinct from all other wakers.
 struct Unused;
 
 impl Wake for Unused {
     fn wake(self: std::sync::Arc<Self>) {}
 }
 
-/// At which level the process was readied, which is in no queue afterwards.
+/// The level at which the process was readied; it is in no queue afterwards.
 fn readied() -> u8 {
     let before = ready_levels();
-    // SAFETY: it counts as one that has its turn again before anything readies it.
+    // SAFETY: it counts as one that has its turn again before it is readied.
     assert!(unsafe { next_ready() }.is_some(), "it is not ready");
     let level = (before & !ready_levels()).ilog2();
     // It was given no turn, so it counts as ready still.
@@ -76,7 +76,7 @@ fn readied() -> u8 {
     level as u8
 }
 
-/// Lets others seem ready at these levels, beside those that are queued there.
+/// Pretends that these levels are ready, beside those that are queued there.
 fn pretend(levels: u32) {
     // SAFETY: the tests take only what they have queued at the highest of the levels, and end with
     // 0.
@@ -92,7 +92,8 @@ fn within(level: u8, f: impl FnOnce(&Context<'_>)) {
     let home = Home::new();
     let _home = enter_home(home, Arc::new(TimerQueue::new()), false);
     let process = &Aligned(Process::new(ProcessId::new(), home, 0, level)).0;
-    // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods ignore the owner.
+    // SAFETY: the process is polled below, on this thread, and is not used after `f`; its methods
+    // ignore the owner.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
         process.set_owner(NonNull::from(process).cast(), &METHODS);
@@ -166,12 +167,12 @@ fn who_is_ready_is_queued_once_at_the_highest_level_it_was_readied_at() {
         ready_again(cx, Place::Last);
         assert_eq!(ready_levels(), 1 << 5);
         assert_eq!(readied(), 5);
-        // SAFETY: nobody comes.
+        // SAFETY: the queue is empty, so no process is taken.
         assert_eq!(unsafe { next_ready() }, None);
-        // SAFETY: this is its home's thread.
+        // SAFETY: this is its executor's thread.
         process(|process| unsafe { process.expect("one is current").set_ended() });
         ready_again(cx, Place::Last);
-        // SAFETY: nobody comes.
+        // SAFETY: the queue is empty, so no process is taken.
         let next = unsafe { next_ready() };
         assert_eq!(next, None, "who has ended is not readied");
     });
@@ -208,7 +209,7 @@ fn a_process_within_a_branch_is_whole() {
     within(5, |_| {
         with_branch_below(true, 3, 0, || {
             let inner = Process::new(ProcessId::new(), home().unwrap(), 0, 7);
-            // SAFETY: this is its home's thread.
+            // SAFETY: this is its executor's thread.
             unsafe {
                 with_process(&inner, || {
                     assert_eq!((level(), branch_failed()), (7, false))
@@ -249,7 +250,8 @@ fn a_recorded_process_is_readied_as_others_are_and_has_turns_of_its_own_kind() {
         crate::events::attach(writer);
         reader
     };
-    // SAFETY: the process lives on, and its methods ignore the owner. It is polled by this thread alone, with its own waker.
+    // SAFETY: the process lives on, and its methods ignore the owner. It is polled by this thread
+    // alone, with its own waker.
     unsafe {
         process.set_waker(Waker::from(std::sync::Arc::new(Unused)));
         process.set_owner(NonNull::from(process).cast(), &METHODS);

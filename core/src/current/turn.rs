@@ -1,4 +1,4 @@
-//! Whose turn it is on this thread.
+//! The turn of the current process on this thread.
 
 use super::branch::{Branch, lowered};
 use super::{OPERATIONS_PER_POLL, Priority, Process, THREAD, User};
@@ -9,7 +9,7 @@ use std::task::Context;
 ///
 /// # Safety
 ///
-/// This thread is the process' home, and the process has not ended.
+/// This thread is that of the process' executor, and the process has not ended.
 #[inline]
 pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     struct Restore<'a> {
@@ -39,8 +39,9 @@ pub unsafe fn with_process<R>(process: &Process, poll: impl FnOnce() -> R) -> R 
     poll()
 }
 
-/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before. If `poll` panics, the process stays
-/// the current one: whoever catches that asks [`take_interrupted`] for it. So a turn needs nothing that catches panics.
+/// Runs `poll` with `process`, one of an executor's, as the current one, where none was before. If
+/// `poll` panics, the process stays the current one: the code that catches the panic calls
+/// [`take_interrupted`]. So a turn needs nothing that catches panics.
 ///
 /// # Safety
 ///
@@ -58,7 +59,8 @@ pub unsafe fn give_turn<R>(process: &Process, poll: impl FnOnce() -> R) -> R {
     polled
 }
 
-/// Runs `f` as if no process had its turn: for what is done in the middle of one, and is none of its own. If `f` panics, the turn goes on all the same.
+/// Runs `f` as if there were no current process: for work in the middle of a turn that is not part
+/// of it. If `f` panics, the turn goes on all the same.
 pub fn outside<R>(f: impl FnOnce() -> R) -> R {
     struct Restore(Option<NonNull<Process>>, Branch);
     impl Drop for Restore {
@@ -78,31 +80,33 @@ pub fn outside<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// The process whose turn a panic has ended; from here on it is not the current one any more.
+/// The process with the turn that a panic has ended; it is not the current one any more.
 ///
 /// # Safety
 ///
-/// If there is a current process, its turn was given by [`give_turn`], whose `poll` has unwound:
-/// nobody on this thread's stack relies on it as the current one.
+/// If there is a current process, its turn was given by [`give_turn`], and its `poll` has unwound:
+/// no code on this thread's stack relies on it as the current one.
 pub unsafe fn take_interrupted() -> Option<NonNull<Process>> {
     THREAD.with(|thread| {
         thread.branch.set(Branch::WHOLE);
         let process = thread.process.take()?;
-        // SAFETY: by the contract its turn was given by `give_turn`, whose caller keeps the process
-        // until it is taken here.
+        // SAFETY: the caller promises that the turn was given by `give_turn`, which requires that
+        // the process lives until it is taken here.
         unsafe { process.as_ref() }.end_turn();
         Some(process)
     })
 }
 
-/// The current process, if its turn is a plain one: it is an executor's, `cx` has its own waker and no combinator's, and no branch of it is
-/// being polled that failed or runs at another level. Nearly all polls are.
+/// The current process, if its turn is a plain one: the process is an executor's, `cx` has its own
+/// waker and no combinator's, and the branch that is being polled, if any, has not failed and runs
+/// at the process' level. Nearly all polls are plain.
 #[inline(always)]
 pub fn plain_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     turn(cx, Process::is_owned)
 }
 
-/// As [`plain_turn`], of a process whose events nobody records ([`Process::set_recorded`]): so who asks for this tells none of it.
+/// As [`plain_turn`], for a process that is not recorded ([`Process::set_recorded`]): the caller
+/// need not record events.
 #[inline(always)]
 pub fn unrecorded_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
     turn(cx, Process::is_owned_unrecorded)
@@ -111,13 +115,14 @@ pub fn unrecorded_turn<'a>(cx: &Context<'a>) -> Option<&'a Process> {
 #[inline(always)]
 fn turn<'a>(cx: &Context<'a>, is_owned: impl FnOnce(&Process) -> bool) -> Option<&'a Process> {
     let (current, branch) = THREAD.with(|thread| (thread.process.get(), thread.branch.get()));
-    // SAFETY: the pointer is that of a process which is being polled, so it is live now. It is live for longer if its waker is what `cx`
-    // borrows, since the waker lies in it.
+    // SAFETY: the pointer is that of a process which is being polled, so it is live now. If the
+    // waker that `cx` borrows is the process' own, the process lives as long as that borrow, since
+    // the waker lies in it.
     let process = unsafe { &*current?.as_ptr() };
     (process.is_polled_by(cx) && branch.is_plain() && is_owned(process)).then_some(process)
 }
 
-/// The process whose turn this is, for who knows that there is one.
+/// The current process, for callers that know that there is one.
 ///
 /// # Safety
 ///
@@ -125,7 +130,8 @@ fn turn<'a>(cx: &Context<'a>, is_owned: impl FnOnce(&Process) -> bool) -> Option
 #[inline(always)]
 pub unsafe fn this_process<'a>() -> &'a Process {
     let current = THREAD.with(|thread| thread.process.get());
-    // SAFETY: the contract; a process that is being polled is live.
+    // SAFETY: the caller promises that there is a current process; a process that is being polled
+    // is live.
     unsafe { &*current.unwrap_unchecked().as_ptr() }
 }
 
@@ -133,18 +139,19 @@ pub unsafe fn this_process<'a>() -> &'a Process {
 #[inline]
 pub fn process<R>(f: impl FnOnce(Option<&Process>) -> R) -> R {
     let current = THREAD.with(|thread| thread.process.get());
-    // SAFETY: `with_process` sets the pointer from a reference that lives until it restores the one before, and the closure
-    // cannot keep what it is lent.
+    // SAFETY: `with_process` sets the pointer from a reference that lives until it restores the one
+    // before, and the closure cannot keep the reference.
     f(current.map(|process| unsafe { process.as_ref() }))
 }
 
-/// Who is at work on this thread: the current process, or somebody outside of all.
+/// The user of this thread: the current process, or [`User::Outside`].
 #[inline]
 pub fn user() -> User {
     process(|process| process.map_or(User::Outside, |process| User::Process(process.id())))
 }
 
-/// How urgent the current process is, or the branch of it that is being polled; the lowest priority where there is none.
+/// The priority of the current process, or of the branch of it that is being polled; the lowest
+/// priority if there is none.
 #[inline]
 pub fn priority() -> Priority {
     process(|process| {

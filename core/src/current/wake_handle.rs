@@ -1,22 +1,32 @@
-//! Whom to wake, and the rule for user code.
+//! Wake handles, and the rule for user code.
 //!
 //! # User code
 //!
-//! This is the one place where the rule stands. User code is the clone, the wake and the drop of a waker that is not a process' own, the drop of a value, and a closure of the
-//! user. It may panic. It may call any operation, also on the place that runs it. So:
+//! This is the one place where the rule stands. User code is the clone, the wake and the drop of a
+//! waker that is not a process' own, the drop of a value, and a closure of the user. It may panic.
+//! It may call any operation, also on the object that runs it. So:
 //!
-//! 1. It never runs under a lock. A waker is cloned before the lock is taken ([`Renewal`](super::Renewal)). What a lock section leaves to be woken or dropped is carried out of it: a [`PendingWake`] is
-//!    woken, a former [`WakeHandle`] is dropped, by the caller.
-//! 2. It never runs between two steps of a state change. When it runs, the node is unlinked or listed, the outcome and the operation's own phase are set, and what was received has
-//!    an owner. It is the last step, or what comes after it is done by a guard, which also runs while a panic unwinds.
-//! 3. A panic reaches the caller of the operation, and nobody else. A [`PendingWake`] that is dropped by the unwinding wakes all the same. While one panic unwinds, a second
-//!    one is contained here, since it would end the program. A thread that wakes for others and has more to do (the timer manager, say)
-//!    contains all of them: [`wake_contained`](PendingWake::wake_contained). At a deadline of an executor a panic ends the executor, which is an emergency.
+//! 1. It never runs under a lock. A waker is cloned before the lock is taken
+//!    ([`Renewal`](super::Renewal)). Wakes and drops that a critical section leaves are carried out
+//!    of it: the caller wakes a [`PendingWake`] and drops a former [`WakeHandle`].
+//! 2. It never runs between two steps of a state change. When it runs, the node is unlinked or
+//!    listed, the outcome and the operation's own phase are set, and a received value has an owner.
+//!    It is the last step, or a guard does the remaining ones, which also runs while a panic
+//!    unwinds.
+//! 3. A panic reaches the caller of the operation, and no other code. A [`PendingWake`] that is
+//!    dropped by the unwinding wakes all the same. While one panic unwinds, a second one is
+//!    contained here, since it would end the program. A thread that wakes on behalf of others and
+//!    has more to do (the timer manager, for instance) contains all of them:
+//!    [`wake_contained`](PendingWake::wake_contained). At a deadline of an executor a panic ends
+//!    the executor, which is an emergency.
 //!
-//! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of the other channels if alternatives meet. The value has to be there at the instant of the choice, and
-//! its partner has committed by then. Without the lock, the partner that times out or is dropped meanwhile would have to wait for the closure: an operation would wait for
-//! another thread to leave an intermediate state (invariant 1 of the protocol). With the closure run before the commit, a value would be made that may not be chosen. A panic in the closure
-//! is caught at once, its payload is leaked, and the channel is poisoned: `channels::source`.
+//! There is one exception: the closure of a `send_with` runs under the locks of the channel, and of
+//! the other channels if alternatives meet. The value must exist when the choice is made, and by
+//! then the partner has committed. Without the lock, a partner that times out or is dropped
+//! meanwhile would have to wait for the closure: an operation would wait for another thread to
+//! leave an intermediate state (invariant 1 of the protocol). If the closure ran before the commit,
+//! it would make a value for a choice that may not be made. A panic in the closure is caught at
+//! once, its payload is leaked, and the channel is poisoned: `channels::source`.
 
 use super::process::{Place, Process};
 use super::{LEVELS, home, lowered, process};
@@ -27,24 +37,26 @@ use std::num::NonZeroUsize;
 use std::ptr::{self, NonNull};
 use std::task::{Context, Waker};
 
-/// Which lines of a process' memory, by their distances in bytes: those behind what makes it ready.
+/// The cache lines of a process' memory to prefetch, as offsets in bytes: those behind the fields
+/// of a wake.
 const FETCHED: [usize; 4] = [128, 192, 256, 320];
 
-/// A counted reference to a process of an executor, and how many levels below its own the process is to be readied: those of the
-/// branch that waits.
+/// A counted reference to a process of an executor, and the number of levels below its own at which
+/// it is readied: those of the waiting branch.
 ///
 /// # Invariants
 ///
-/// It is counted in the process' references, so the process' memory is there. The levels stand in the pointer's low bits, which are free
-/// since a counted [`Process`] is aligned to as many as there are levels: a wakeup that is longer than two words makes each wait dearer by 15 ns.
+/// It is counted in the process' references, so the process' memory is valid. The levels are in the
+/// pointer's low bits, which are free since a counted [`Process`] is aligned to the number of
+/// levels: a wake handle longer than two words makes each wait 15 ns slower.
 pub(super) struct Reference(NonNull<Process>);
 
 const LOWERED: usize = Process::ALIGN - 1;
 const _: () = assert!(LOWERED + 1 >= LEVELS as usize && Process::ALIGN.is_power_of_two());
 
-// SAFETY: what it leads to is `Sync`, and counting down works from any thread.
+// SAFETY: the process is `Sync`, and counting down works on any thread.
 unsafe impl Send for Reference {}
-// SAFETY: as above.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Reference {}
 
 impl Reference {
@@ -62,12 +74,13 @@ impl Reference {
 
     #[inline]
     fn pointer(&self) -> NonNull<Process> {
-        // SAFETY: no process lies in the first bytes of the address space.
+        // SAFETY: the masked address is that of a process, and no process lies in the first bytes
+        // of the address space.
         self.0
             .map_addr(|address| unsafe { NonZeroUsize::new_unchecked(address.get() & !LOWERED) })
     }
 
-    /// How many levels below its own the process is to be readied.
+    /// The number of levels below its own at which the process is readied.
     #[inline]
     pub(super) fn lowered(&self) -> u8 {
         (self.0.addr().get() & LOWERED) as u8
@@ -75,11 +88,11 @@ impl Reference {
 
     #[inline]
     pub(super) fn process(&self) -> &Process {
-        // SAFETY: the type's invariant.
+        // SAFETY: by the type's invariant this reference keeps the process' memory.
         unsafe { self.pointer().as_ref() }
     }
 
-    /// Another one to the same. From any thread; one atomic operation.
+    /// Another reference to the same process. From any thread; one atomic operation.
     pub(super) fn copy(&self) -> Self {
         self.process().references.add_elsewhere();
         Self(self.0)
@@ -94,10 +107,11 @@ impl Reference {
     ///
     /// # Safety
     ///
-    /// This is the home's thread.
+    /// This is the executor's thread.
     #[inline]
     pub(super) unsafe fn ready_here(&self, place: Place) {
-        // SAFETY: the contract.
+        // SAFETY: the caller promises that this is the executor's thread; the reference keeps the
+        // process' memory.
         unsafe { self.process().ready_here(self.lowered(), place) };
     }
 }
@@ -113,9 +127,11 @@ impl Drop for Reference {
     }
 }
 
-/// How a waiting operation is woken: stored in its node, under the lock of what it waits for.
+/// The wake handle of a waiting operation: stored in its node, under the lock of the object that it
+/// waits for.
 ///
-/// It keeps the memory of the process that it wakes, but not the process: waking one that has ended does nothing.
+/// It keeps the memory of the process that it wakes, but not the process: waking a process that has
+/// ended does nothing.
 #[derive(Debug)]
 pub struct WakeHandle(Inner);
 
@@ -124,7 +140,7 @@ enum Inner {
     Waker(Foreign),
 }
 
-/// A waker whose functions are user code.
+/// A waker with functions that are user code.
 struct Foreign(ManuallyDrop<Waker>);
 
 impl Foreign {
@@ -132,7 +148,7 @@ impl Foreign {
         Self(ManuallyDrop::new(waker))
     }
 
-    /// The waker, which is then dropped by other means.
+    /// The waker, without running its drop.
     fn into_waker(self) -> Waker {
         let mut this = ManuallyDrop::new(self);
         // SAFETY: taken once, since `this` is not dropped.
@@ -148,7 +164,7 @@ impl Drop for Foreign {
     }
 }
 
-/// Runs user code. A panic in it goes on, unless one unwinds already.
+/// Runs user code. A panic in it is propagated, unless one unwinds already.
 fn run_user_code(code: impl FnOnce()) {
     match std::thread::panicking() {
         true => contain(code),
@@ -160,7 +176,7 @@ fn run_user_code(code: impl FnOnce()) {
 #[cold]
 fn contain(code: impl FnOnce()) {
     if let Err(payload) = luna_platform::panics::catch(code) {
-        // Its drop is user code too.
+        // The drop of the payload is user code too.
         mem::forget(payload);
     }
 }
@@ -181,17 +197,18 @@ impl fmt::Debug for Inner {
 }
 
 impl WakeHandle {
-    /// How to wake who polls with `cx`: without its waker if that is the current process itself, shares its thread with others, and is
-    /// not a combinator with wakers of its own within it.
+    /// The wake handle for `cx`. It does without the waker if `cx` is that of the current process
+    /// itself, the process shares its thread with others, and no combinator with its own wakers is
+    /// in between.
     ///
-    /// It may clone a waker: not to be called under a lock.
+    /// It may clone a waker: do not call it under a lock.
     #[inline]
     pub fn of(cx: &Context<'_>) -> WakeHandle {
         Self::without_waker(cx)
             .unwrap_or_else(|| WakeHandle(Inner::Waker(Foreign::new(cx.waker().clone()))))
     }
 
-    /// As [`of`](Self::of), if no waker is to be cloned for that: then it may be called under a lock.
+    /// As [`of`](Self::of), if that needs no clone of a waker: so it may be called under a lock.
     #[inline]
     pub fn without_waker(cx: &Context<'_>) -> Option<WakeHandle> {
         process(|process| match process {
@@ -202,26 +219,27 @@ impl WakeHandle {
         })
     }
 
-    /// How to wake the current process, in a [plain turn](super::plain_turn).
+    /// The wake handle of the current process, in a [plain turn](super::plain_turn).
     ///
     /// # Safety
     ///
-    /// `process` is the current one of this thread, and an executor's: `plain_turn` has given it in
-    /// this turn. So references to it are counted, and without atomics on this thread, which is its
-    /// home.
+    /// `process` is the current one of this thread, and an executor's: `plain_turn` has returned it
+    /// in this turn. So references to it are counted, and without atomics on this thread, which is
+    /// its executor's.
     #[inline(always)]
     pub unsafe fn of_plain_turn(process: &Process) -> WakeHandle {
         process.references.add();
         WakeHandle(Inner::Process(Reference(NonNull::from(process))))
     }
 
-    /// Whether there is one that [`take_plain`](Self::take_plain) takes.
+    /// Whether [`take_plain`](Self::take_plain) would take it.
     #[inline(always)]
     pub fn is_plain(wakeup: &Option<WakeHandle>) -> bool {
         matches!(wakeup, Some(WakeHandle(Inner::Process(_))))
     }
 
-    /// Takes out what was made [of a plain turn](Self::of_plain_turn); `None` for another one, which stays. One word is moved.
+    /// Takes out a handle that was made [in a plain turn](Self::of_plain_turn); `None` for any
+    /// other handle, which stays. One word is moved.
     #[inline(always)]
     pub fn take_plain(from: &mut Option<WakeHandle>) -> Option<PlainPendingWake> {
         let Some(WakeHandle(Inner::Process(reference))) = from else {
@@ -235,7 +253,7 @@ impl WakeHandle {
         }
     }
 
-    /// Whether it wakes the same as `cx` would.
+    /// Whether it wakes the same task as `cx`.
     #[inline]
     pub fn is_of(&self, cx: &Context<'_>) -> bool {
         match &self.0 {
@@ -248,7 +266,7 @@ impl WakeHandle {
         }
     }
 
-    /// Makes ready to wake after the lock is released. O(1): nothing of another's is called.
+    /// Turns the handle into a wake for after the lock is released. O(1): it runs no user code.
     #[inline]
     pub fn take(self) -> PendingWake {
         PendingWake(match self.0 {
@@ -257,7 +275,8 @@ impl WakeHandle {
         })
     }
 
-    /// Whether one wake with it is enough, however many are due: it readies a process of this thread, or is a foreign waker, which cannot be copied under a lock.
+    /// Whether one wake suffices, however many are due: it readies a process of this thread, or is
+    /// a foreign waker, which cannot be copied under a lock.
     pub(super) fn is_woken_once(&self) -> bool {
         match &self.0 {
             Inner::Process(reference) => reference.is_here(),
@@ -265,15 +284,16 @@ impl WakeHandle {
         }
     }
 
-    /// Readies a process of another thread, or gives what wakes its thread.
+    /// Readies a process of another thread, or returns the wake of its thread.
     ///
-    /// The caller has seen that it is not [woken once](Self::is_woken_once).
+    /// The caller has checked that it is not [woken once](Self::is_woken_once).
     pub(super) fn wake_elsewhere(&self) -> PendingWake {
         match &self.0 {
-            // A thread's own waker: no user code.
+            // The waker of a parker: no user code.
             Inner::Waker(waker) => PendingWake(Readying::Waker(Foreign::new((*waker.0).clone()))),
             Inner::Process(reference) => {
-                // SAFETY: the reference keeps the process' memory, and the caller saw that it is not of this thread.
+                // SAFETY: the reference keeps the process' memory, and the caller has checked that
+                // it is not of this thread.
                 unsafe { reference.process().ready_elsewhere(reference.lowered()) };
                 PendingWake::NOBODY
             }
@@ -281,14 +301,14 @@ impl WakeHandle {
     }
 }
 
-/// A wake of a process of this thread's home that is due: see [`WakeHandle::take_plain`].
+/// A pending wake of a process of this thread's executor: see [`WakeHandle::take_plain`].
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
 pub struct PlainPendingWake(Reference);
 
 impl PlainPendingWake {
-    /// Has the memory of the process fetched into the cache, since it will be polled soon: what its executor keeps for it, and the begin of its body. A few instructions, which wait
-    /// for nothing.
+    /// Prefetches the memory of the process, since it will be polled soon: its executor's data, and
+    /// the begin of its body. A few instructions, without waiting.
     #[inline(always)]
     pub fn fetch(&self) {
         fetch::lines(self.0.pointer().as_ptr().cast(), FETCHED);
@@ -298,20 +318,22 @@ impl PlainPendingWake {
     ///
     /// # Safety
     ///
-    /// Its wakeup was made [of a plain turn](WakeHandle::of_plain_turn) on this thread.
+    /// Its wake handle was made [in a plain turn](WakeHandle::of_plain_turn) on this thread.
     #[inline(always)]
     pub unsafe fn wake(self) {
         let process = self.0.process();
-        // SAFETY: the contract; the reference keeps the process' memory.
+        // SAFETY: the caller promises that the handle was made on this thread, which is the
+        // executor's; the reference keeps the process' memory.
         unsafe { process.ready_here(0, Place::Last) };
         if process.references.remove_here() {
-            // It is not the last one, and is counted off.
+            // It is not the last one, and is already counted off.
             std::mem::forget(self);
         }
     }
 }
 
-/// A wake that is due. Carry it out with [`wake`](Self::wake) after releasing locks. One that is dropped wakes too, so that no wake is lost when user code panics before it.
+/// A pending wake. Carry it out with [`wake`](Self::wake) after releasing locks. Dropping it wakes
+/// too, so no wake is lost when user code panics before it.
 #[derive(Debug)]
 #[must_use = "the process stays asleep until `wake` is called"]
 pub struct PendingWake(Readying);
@@ -333,10 +355,10 @@ impl fmt::Debug for Readying {
 }
 
 impl PendingWake {
-    /// Nobody to wake.
+    /// No process to wake.
     pub const NOBODY: PendingWake = PendingWake(Readying::Nobody);
 
-    /// Readies the process. O(1); a system call only if it is elsewhere and its thread sleeps.
+    /// Readies the process. O(1); a system call only if it is on another thread that sleeps.
     #[inline(always)]
     pub fn wake(self) {
         let this = ManuallyDrop::new(self);
@@ -347,7 +369,8 @@ impl PendingWake {
         unsafe { ptr::read(&this.0) }.carry_out();
     }
 
-    /// As [`wake`](Self::wake), for a thread that wakes for others: a panic of a foreign waker is that waker's own matter, and ends here.
+    /// As [`wake`](Self::wake), for a thread that wakes on behalf of others: a panic of a foreign
+    /// waker is contained here.
     #[inline]
     pub fn wake_contained(self) {
         match self.0 {
@@ -378,7 +401,8 @@ impl Readying {
     fn carry_out(self) {
         match self {
             Readying::Process(reference) => {
-                // SAFETY: in each case the thread is what it must be; the reference keeps the process' memory.
+                // SAFETY: each arm checks which thread this is before the call that requires it;
+                // the reference keeps the process' memory.
                 unsafe {
                     if reference.is_here() {
                         reference.ready_here(Place::Last);

@@ -1,19 +1,23 @@
-//! What the processes of a thread do, event by event, for who records it: the contract between the operations and a logger.
+//! Events of the processes of a thread: the contract between the operations and a logger.
 //!
-//! A thread that is recorded has a ring, made before it runs processes (`attach`). Whoever does something worth an event [tells](tell) it, with the
-//! event's code, its subject and two numbers; a time stamp is added. What an event means is said in the logger's documentation.
+//! A thread that is recorded has a ring, made before it runs processes (`attach`). An operation
+//! [reports](tell) an event by its code, its subject and two numbers; a time stamp is added. The
+//! logger's documentation describes the events.
 //!
-//! Without the feature `events` all of this is nothing: no code, no memory. With it, a thread that is not recorded executes one branch an event, which is always the
-//! same. Where it counts there is one, when an operation that has waited goes on, and no other: turns, wakes and what processes of one executor send each other go other ways in a process that is
-//! [recorded](crate::current::Process::set_recorded), which bytes say that are looked at anyway.
+//! Without the feature `events` this costs no code and no memory. With it, a thread that is not
+//! recorded executes one predictable branch for each event. On the fast path there is a single one,
+//! when an operation that has waited goes on. Turns, wakes and communications within one executor
+//! use separate functions in a [recorded](crate::current::Process::set_recorded) process; bytes
+//! that are read anyway select them.
 //!
-//! The other half are names: who makes a process, a channel or a loop [names](name) it, if anybody listens (`listen`). Not for the real-time path, as making one is not.
+//! The other half are names: the code that makes a process, a channel or a loop [names](name) it,
+//! if there is a listener (`listen`). Not for the real-time path, as making one is not.
 
 pub mod code;
 #[cfg(any(all(feature = "events", not(loom)), all(test, loom)))]
 mod ring;
 
-// A model looks at no events, but at the ring.
+// Models check the ring alone, not the events.
 #[cfg(all(feature = "events", not(loom)))]
 mod names;
 #[cfg(not(all(feature = "events", not(loom))))]
@@ -31,7 +35,7 @@ pub use on::*;
 #[cfg(all(feature = "events", not(loom)))]
 pub use ring::{Losses, Reader, Writer, ring};
 
-/// What a number in an event means; as a byte, what a recording has for it.
+/// The kind of a numbered object in an event; as a byte, its code in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Kind {

@@ -1,4 +1,4 @@
-//! Names, from who makes what has one to who records.
+//! Names, from the code that makes a named object to its listeners.
 
 use super::on::place;
 use super::ring::{Reader, Writer, ring_of};
@@ -12,26 +12,28 @@ use std::sync::{Arc, Weak};
 /// Something with a name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Name {
-    /// What it is.
+    /// The kind of the object.
     pub kind: Kind,
     /// Its number.
     pub number: u32,
-    /// The number of what it belongs to; 0 if nothing.
+    /// The number of its parent; 0 if it has none.
     pub parent: u32,
     /// Its name.
     pub text: String,
-    /// A process': the number of its executor, and its level there; of a process that is in another recording, or in none, nothing.
+    /// For a process: the number of its executor, and its level there. None for a process that is
+    /// in another recording, or in none.
     pub runs_on: Option<(u32, u8)>,
 }
 
-/// What was named since it was last asked.
+/// The names that were not taken yet.
 #[derive(Debug)]
 pub struct Names {
     id: u64,
     last: PiLock<Link>,
 }
 
-/// Made before the lock is taken: under it an executor may wait for who only names something.
+/// Allocated before the lock is taken: an executor may have to wait for a thread that holds the
+/// lock to name something.
 #[derive(Debug)]
 struct Node {
     name: Name,
@@ -43,7 +45,8 @@ type Link = Option<Box<Node>>;
 static LISTENERS: PiLock<Vec<Weak<Names>>> = PiLock::new(Vec::new());
 static LISTENING: AtomicUsize = AtomicUsize::new(0);
 
-/// Who listens learns of each process, channel, barrier, lock and loop of the program that is named from now on, until it is dropped.
+/// Listens to the names of each process, channel, barrier, lock and loop of the program that is
+/// named from now on, until the result is dropped.
 ///
 /// ```
 /// use luna_core::events::{self, Kind};
@@ -66,12 +69,12 @@ pub fn listen() -> Arc<Names> {
 }
 
 impl Names {
-    /// Who listens by this: nobody else in the program has or had it. Never 0.
+    /// The id of this listener, unique in the program. Never 0.
     pub fn id(&self) -> u64 {
         self.id
     }
 
-    /// As [`ring`](super::ring), of a thread or executor that is recorded for who listens by this.
+    /// As [`ring`](super::ring), of a thread or executor that is recorded for this listener.
     ///
     /// ```
     /// use luna_core::events;
@@ -86,7 +89,7 @@ impl Names {
         ring_of(self.id, room, number, counter)
     }
 
-    /// What was named since the last call.
+    /// The names since the last call.
     pub fn take(&self) -> Vec<Name> {
         let mut next = self.last.lock().take();
         let mut names = Vec::new();
@@ -98,7 +101,7 @@ impl Names {
         names
     }
 
-    /// Names something to this listener alone.
+    /// Reports a name to this listener alone.
     pub fn name(&self, kind: Kind, number: u32, text: String) {
         self.put(Box::new(Node {
             name: Name {
@@ -123,12 +126,13 @@ impl Names {
 impl Drop for Names {
     fn drop(&mut self) {
         LISTENING.fetch_sub(1, Ordering::Relaxed);
-        // One after the other, not each by the one behind it: they may be many.
+        // In a loop and not recursively: there may be many.
         drop(self.take());
     }
 }
 
-/// Names something, to all who listen. Not for the real-time path: it locks and allocates, if anybody does.
+/// Reports a name to all listeners. Not for the real-time path: it locks and allocates, if there
+/// are any.
 #[inline]
 pub fn name(kind: Kind, number: u32, parent: u32, text: impl FnOnce() -> String) {
     if LISTENING.load(Ordering::Relaxed) > 0 {
@@ -136,7 +140,8 @@ pub fn name(kind: Kind, number: u32, parent: u32, text: impl FnOnce() -> String)
     }
 }
 
-/// Names a process, on the thread that it runs on. As [`name`]; where it runs only who records this thread learns.
+/// Names a process, on the thread that it runs on. As [`name`]; only the recorder of this thread
+/// gets the executor and level.
 #[inline]
 pub fn name_process(process: u32, level: u8, text: impl FnOnce() -> String) {
     if is_on() && LISTENING.load(Ordering::Relaxed) > 0 {
@@ -144,7 +149,7 @@ pub fn name_process(process: u32, level: u8, text: impl FnOnce() -> String) {
     }
 }
 
-/// Names the executor that the calling thread is, to who records it, if anybody does. As [`name`].
+/// Names the executor of the calling thread to its recorder, if there is one. As [`name`].
 #[inline]
 pub fn name_executor(text: impl FnOnce() -> String) {
     if let Some((_, number)) = place() {
@@ -168,7 +173,8 @@ fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) 
             before: None,
         })
     };
-    // All of it is made before the lock is taken, and freed when it is not held any more. Who has begun to listen meanwhile stands last, and goes without.
+    // Everything is allocated before the lock is taken, and freed after it is released. A listener
+    // that was added meanwhile stands last, and gets none.
     let most = LISTENING.load(Ordering::Relaxed);
     let mut room: Vec<Box<Node>> = (0..most).map(|_| node()).collect();
     let mut heard = Vec::with_capacity(most);
@@ -176,7 +182,7 @@ fn named(kind: Kind, number: u32, parent: u32, text: String, level: Option<u8>) 
         let listeners = LISTENERS.lock();
         for names in listeners.iter().filter_map(Weak::upgrade) {
             let own = place.filter(|(whose, _)| *whose == names.id);
-            // An executor's number means something to its own recording alone.
+            // An executor's number has a meaning in its own recording alone.
             if (kind != Kind::Executor || own.is_some())
                 && let Some(mut node) = room.pop()
             {

@@ -1,4 +1,4 @@
-//! Without events: the same names, and nothing behind them.
+//! The interface without the feature `events`: it does nothing.
 
 use super::Kind;
 use std::task::Poll;
@@ -9,23 +9,23 @@ pub const fn is_on() -> bool {
     false
 }
 
-/// Tells an event: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn tell(_: u16, _: u32, _: impl FnOnce() -> [u64; 2]) {}
 
-/// Notes what the current process waits for: nowhere.
+/// Does nothing.
 #[inline(always)]
 pub fn waits_for(_: impl FnOnce() -> (Kind, u32)) {}
 
-/// Notes that the current process waits for something without a number: nowhere.
+/// Does nothing.
 #[inline(always)]
 pub fn waits_for_other() {}
 
-/// Notes that the current process waits for several things: nowhere.
+/// Does nothing.
 #[inline(always)]
 pub fn waits_for_several() {}
 
-/// Takes a note back: there is none.
+/// Does nothing.
 #[inline(always)]
 pub fn waits_no_more(_: impl FnOnce() -> Option<(Kind, u32)>) {}
 
@@ -41,59 +41,59 @@ pub fn waits_in<F>(_: (Kind, u32), future: F) -> F {
     future
 }
 
-/// Tells that a process has become ready: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn ready(_: impl FnOnce() -> u32) {}
 
-/// Tells that a turn begins: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn begin_turn(_: u32) {}
 
-/// Tells that a turn ends: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn end_turn(_: u32, _: bool) {}
 
-/// Notes that a body has failed: nowhere.
+/// Does nothing.
 #[inline(always)]
 pub fn note_failure() {}
 
-/// Tells that a process has ended: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn done(_: u32, _: u64) {}
 
-/// The number of the current process: nobody asks.
+/// No process number is needed.
 #[inline(always)]
 pub fn current_process() -> u64 {
     0
 }
 
-/// Names something: to nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn name(_: Kind, _: u32, _: u32, _: impl FnOnce() -> String) {}
 
-/// Names something of the current process: to nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn name_in_ring(_: Kind, _: u32, _: &str) {}
 
-/// Runs the turn of a sub-process: tells nobody.
+/// Runs the turn of a sub-process, without events.
 #[inline(always)]
 pub fn sub_turn<T>(_: u32, _: [u64; 2], poll: impl FnOnce() -> Poll<T>) -> Poll<T> {
     poll()
 }
 
-/// Names a process: to nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn name_process(_: u32, _: u8, _: impl FnOnce() -> String) {}
 
-/// Names the executor that the calling thread is: to nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn name_executor(_: impl FnOnce() -> String) {}
 
-/// Tells of the executor that the calling thread is: nobody.
+/// Does nothing.
 #[inline(always)]
 pub fn tell_executor(_: u16) {}
 
-/// The ring of a home that shares its thread with others: none.
+/// The ring of an executor that shares its thread with others: none.
 #[derive(Debug, Default)]
 pub struct Kept(());
 

@@ -1,4 +1,4 @@
-//! With events.
+//! The interface with the feature `events`.
 
 use super::ring::{Ring, Writer};
 use super::{Kind, code, waits};
@@ -13,7 +13,7 @@ pub use super::waits::{
 };
 
 thread_local! {
-    /// Where this thread's events go: null, or the ring of what it has in `ATTACHED`.
+    /// The ring of this thread's events: null, or that of the writer in `ATTACHED`.
     static RING: Cell<*const Ring> = const { Cell::new(ptr::null()) };
     static ATTACHED: RefCell<Attached> = const { RefCell::new(Attached(None)) };
 }
@@ -70,19 +70,19 @@ fn exchange(writer: Option<Writer>) -> Option<Writer> {
     before.ok().flatten()
 }
 
-/// The ring of a home that shares its thread with others, while another has its turn.
+/// The ring of an executor that shares its thread with others, while another one has its turn.
 #[derive(Debug, Default)]
 pub struct Kept(Option<Writer>);
 
 impl Kept {
-    /// Makes this ring the thread's, and keeps the one that was: before a turn and after it.
+    /// Exchanges this ring and the thread's: before a turn and after it.
     pub fn exchange(&mut self) {
         self.0 = exchange(self.0.take());
     }
 }
 
-/// Not an event, but the begin of a name that is made on the real-time path: its length in bytes with its [`Kind`] in the upper half, and its process. Behind it come parts of 16
-/// bytes each.
+/// Not an event, but the begin of a name that is made on the real-time path: its length in bytes
+/// with its [`Kind`] in the upper half, and its process. Parts of 16 bytes each follow.
 pub const TEXT_HEAD: u16 = 0xFF00;
 /// Not an event, but a part of a name.
 pub const TEXT: u16 = 0xFF01;
@@ -92,15 +92,17 @@ fn put(of: u16, subject: u32, arguments: [u64; 2]) {
     let ring = RING.get();
     if !ring.is_null() {
         let head = u64::from(subject) << 32 | u64::from(of) << 16;
-        // SAFETY: it is that of this thread's writer, which is live: before it goes, this is null.
+        // SAFETY: the pointer is that of this thread's writer, which is live: the pointer is null
+        // before the writer is dropped.
         if !unsafe { (*ring).put(head, arguments) } {
-            // Nobody reads any more. The writer stays: this may be the real-time path.
+            // There is no reader any more. The writer stays: this may be the real-time path.
             RING.set(ptr::null());
         }
     }
 }
 
-/// Tells an event of the calling thread, if that is recorded. Real-time path: yes; wait-free, O(1).
+/// Reports an event of the calling thread, if the thread is recorded. Real-time path: yes;
+/// wait-free, O(1).
 #[inline(always)]
 pub fn tell(of: u16, subject: u32, arguments: impl FnOnce() -> [u64; 2]) {
     if is_on() {
@@ -114,7 +116,8 @@ fn told(of: u16, subject: u32, arguments: [u64; 2]) {
     put(of, subject, arguments);
 }
 
-/// Tells that a process of the calling thread has become ready, by who runs there.
+/// Reports that a process of the calling thread has become ready, and the current process as the
+/// one that readied it.
 #[inline(always)]
 pub fn ready(process: impl FnOnce() -> u32) {
     if is_on() {
@@ -128,7 +131,7 @@ fn told_ready(process: u32) {
     put(code::READY, process, [current_process(), 0]);
 }
 
-/// Tells that the turn of a process begins.
+/// Reports that the turn of a process begins.
 #[inline]
 pub fn begin_turn(process: u32) {
     if is_on() {
@@ -137,7 +140,8 @@ pub fn begin_turn(process: u32) {
     }
 }
 
-/// Tells that the turn of a process ends that has not ended itself; `is_ready` again already, or it waits.
+/// Reports that the turn of a process ends and the process goes on; `is_ready`: it is ready again
+/// already, else it waits.
 #[inline]
 pub fn end_turn(process: u32, is_ready: bool) {
     if is_on() {
@@ -149,8 +153,9 @@ pub fn end_turn(process: u32, is_ready: bool) {
     }
 }
 
-/// Runs the turn of a sub-process, and tells of it: `of` are its process, and the sub-process around it or 0. What it waits for is told of it alone, and counts as what its
-/// process waits for, too.
+/// Runs the turn of a sub-process, and reports it: `of` are its process, and the sub-process around
+/// it or 0. What the sub-process waits for is reported for it alone, and counts as what its process
+/// waits for, too.
 pub fn sub_turn<T>(number: u32, of: [u64; 2], poll: impl FnOnce() -> Poll<T>) -> Poll<T> {
     put(code::SUB_RUNNING, number, of);
     let (polled, waits) = waits::of_part(poll);
@@ -168,7 +173,8 @@ pub fn note_failure() {
     }
 }
 
-/// Tells that a process has ended; `how` is one of [`code::ended`], where an error that was noted counts.
+/// Reports that a process has ended; `how` is one of [`code::ended`]. A noted error takes
+/// precedence.
 #[inline]
 pub fn done(process: u32, how: u64) {
     if is_on() {
@@ -189,7 +195,7 @@ pub fn current_process() -> u64 {
     }
 }
 
-/// Tells of the executor that the calling thread is: that it sleeps, or is awake.
+/// Reports that the executor of the calling thread sleeps, or is awake.
 #[inline]
 pub fn tell_executor(of: u16) {
     if let Some((_, number)) = place() {
@@ -213,15 +219,16 @@ pub fn name_in_ring(kind: Kind, number: u32, name: &str) {
     }
 }
 
-/// Whether the calling thread is recorded, for who listens by this: see [`Names::id`].
+/// Whether the calling thread is recorded for this listener: see [`Names::id`].
 #[inline]
 pub fn is_for(listener: u64) -> bool {
     place().is_some_and(|(whose, _)| whose == listener)
 }
 
-/// Whose recording the calling thread is in, and its number there, or that of the executor that it is now.
+/// The listener that records the calling thread, and the number of the thread, or of its present
+/// executor, in that recording.
 pub(super) fn place() -> Option<(u64, u32)> {
     let ring = RING.get();
-    // SAFETY: as in `put`.
+    // SAFETY: as in `put`: a pointer that is not null is that of this thread's live writer.
     (!ring.is_null()).then(|| unsafe { ((*ring).whose(), (*ring).number()) })
 }

@@ -1,4 +1,4 @@
-//! The ring of a thread: one producer, one consumer, and nobody waits.
+//! The event ring of a thread: one producer, one consumer, both non-blocking.
 
 #[cfg(not(loom))]
 use luna_platform::clock::Counter;
@@ -23,10 +23,10 @@ impl Counter {
 /// Codes up to here are events.
 const MOST_CODE: u16 = 0xFEFF;
 
-/// An event as it stands in the ring: code and subject, time stamp, two numbers.
+/// An event in the ring: code and subject, time stamp, two numbers.
 pub(super) type Entry = [u64; 4];
 
-/// Where events go that found no room: how many did.
+/// The number of events that were lost because the ring was full.
 #[derive(Debug, Clone)]
 pub struct Losses(Arc<AtomicU64>);
 
@@ -39,17 +39,18 @@ impl Losses {
 
 /// # Invariants
 ///
-/// `tail` and `limit` belong to the writer. An entry between `read` and `written` is the reader's, any other the writer's.
+/// `tail` and `limit` belong to the writer. An entry between `read` and `written` is the reader's,
+/// any other the writer's.
 pub(super) struct Ring {
     /// How many entries were ever written.
     tail: Cell<usize>,
-    /// Up to how many there is room, as far as the writer knows.
+    /// The number of entries up to which there is room, as far as the writer knows.
     limit: Cell<usize>,
     mask: usize,
     entries: Box<[UnsafeCell<Entry>]>,
     counter: Option<Counter>,
     number: u32,
-    /// Who listens to the names beside it; 0 is nobody.
+    /// The listener to the names beside it; 0 is none.
     whose: u64,
     lost: Arc<AtomicU64>,
     has_writer: AtomicBool,
@@ -62,18 +63,20 @@ pub(super) struct Ring {
 #[repr(align(128))]
 struct Apart(AtomicUsize);
 
-// SAFETY: by the invariant each side touches what belongs to it, and what is shared is atomic.
+// SAFETY: by the invariant each side accesses its own entries and cells, and shared fields are
+// atomic.
 unsafe impl Sync for Ring {}
-// SAFETY: as above.
+// SAFETY: as for `Sync`.
 unsafe impl Send for Ring {}
 
-/// A ring with room for so many events, rounded up to a power of two, of the thread or executor that has this number in its recording. Times are the counter's
-/// ticks, or without one the thread's clock's nanoseconds. Allocates, and touches each page.
+/// A ring with room for `room` events, rounded up to a power of two, of the thread or executor with
+/// this number in its recording. Times are the counter's ticks, or without one the thread's clock's
+/// nanoseconds. Allocates, and touches each page.
 pub fn ring(room: usize, number: u32, counter: Option<Counter>) -> (Writer, Reader) {
     ring_of(0, room, number, counter)
 }
 
-/// As [`ring`], for who listens to names by this.
+/// As [`ring`], for this listener to names.
 pub(super) fn ring_of(
     whose: u64,
     room: usize,
@@ -86,7 +89,7 @@ pub(super) fn ring_of(
         tail: Cell::new(0),
         limit: Cell::new(room),
         mask: room - 1,
-        // Not zeroes, which the system would give without giving memory.
+        // Not zeroes: the system would map those lazily.
         entries: (0..room).map(|_| UnsafeCell::new([!0; 4])).collect(),
         counter,
         number,
@@ -110,7 +113,8 @@ impl Ring {
         self.whose
     }
 
-    /// Puts an event in, or counts it as lost. False if it was lost, and nobody reads what is here. Wait-free, O(1).
+    /// Puts an event in, or counts it as lost. False if it was lost and there is no reader any
+    /// more. Wait-free, O(1).
     ///
     /// # Safety
     ///
@@ -126,10 +130,11 @@ impl Ring {
             None => Instant::now().as_nanos(),
         };
         let place = &self.entries[tail & self.mask];
-        // SAFETY: the contract, and the invariant: there is room, so it is the writer's.
+        // SAFETY: there is room, so by the invariant the entry is the writer's, and the caller is
+        // the writer's thread.
         place.with_mut(|place| unsafe { *place = [head, stamp, arguments[0], arguments[1]] });
         self.tail.set(tail.wrapping_add(1));
-        // Release: who sees it sees the entry.
+        // Release: a reader of the count sees the entry.
         self.written
             .0
             .store(tail.wrapping_add(1), Ordering::Release);
@@ -138,7 +143,7 @@ impl Ring {
 
     #[cold]
     fn finds_room(&self, tail: usize) -> bool {
-        // Acquire: what was read is free.
+        // Acquire: the reader is done with the entries that it has counted as read.
         let read = self.read.0.load(Ordering::Acquire);
         self.limit.set(read.wrapping_add(self.entries.len()));
         tail != self.limit.get()
@@ -148,7 +153,7 @@ impl Ring {
     fn lose(&self, head: u64) -> bool {
         // A part of a name is no event.
         if (head >> 16) as u16 <= MOST_CODE {
-            // The writer alone counts.
+            // Only the writer counts.
             let lost = self.lost.load(Ordering::Relaxed);
             self.lost.store(lost + 1, Ordering::Relaxed);
         }
@@ -163,7 +168,7 @@ impl Writer {
     /// Puts an event in, for a thread that has no ring itself.
     pub fn put(&mut self, of: u16, subject: u32, arguments: [u64; 2]) {
         let head = u64::from(subject) << 32 | u64::from(of) << 16;
-        // SAFETY: who has it exclusively is the one writer.
+        // SAFETY: `self` is borrowed exclusively, so this is the one writer.
         unsafe { self.0.put(head, arguments) };
     }
 
@@ -193,33 +198,34 @@ impl Reader {
         self.0.number
     }
 
-    /// What counts those that are lost.
+    /// The counter of its lost events.
     pub fn losses(&self) -> Losses {
         Losses(self.0.lost.clone())
     }
 
-    /// Moves up to `most` events out, each as four words: the code in bits 16 to 31 and the subject above, the time stamp, and two numbers.
+    /// Moves up to `most` events out, each as four words: the code in bits 16 to 31 and the subject
+    /// above, the time stamp, and two numbers.
     pub fn take(&mut self, into: &mut Vec<u64>, most: usize) {
         let ring = &*self.0;
         let read = ring.read.0.load(Ordering::Relaxed);
-        // Acquire: the entries that it counts are there.
+        // Acquire: the counted entries are visible.
         let written = ring.written.0.load(Ordering::Acquire);
         let taken = written.wrapping_sub(read).min(most);
         for at in 0..taken {
             let place = &ring.entries[read.wrapping_add(at) & ring.mask];
-            // SAFETY: the invariant: it was written and not read, so it is this one's.
+            // SAFETY: the entry was written and not read, so by the invariant it is the reader's.
             into.extend_from_slice(&place.with(|place| unsafe { *place }));
         }
-        // Release: they are read.
+        // Release: the reader is done with them.
         ring.read
             .0
             .store(read.wrapping_add(taken), Ordering::Release);
     }
 
-    /// Whether the writer is gone, and nothing is left.
+    /// Whether the writer was dropped, and no event is left.
     pub fn is_over(&self) -> bool {
         let ring = &*self.0;
-        // In this order: what was written before the end is seen.
+        // In this order: entries that were written before the end are seen.
         !ring.has_writer.load(Ordering::Acquire)
             && ring.written.0.load(Ordering::Relaxed) == ring.read.0.load(Ordering::Relaxed)
     }
@@ -304,7 +310,7 @@ mod tests {
 mod model {
     use super::*;
 
-    /// Whoever comes when: what is read is whole and in order, and the rest is counted.
+    /// In any interleaving, events are read whole and in order, and the others are counted.
     #[test]
     fn events_come_out_whole_and_in_order_and_lost_ones_are_counted() {
         loom::model(|| {

@@ -1,7 +1,9 @@
-//! What the process of the present turn waits for: noted by its operations as they return `Pending`, told at the end of the turn.
+//! The object that the current process waits for: noted by its operations as they return `Pending`,
+//! reported at the end of the turn.
 //!
-//! Only one thing is told. Who waits for two waits for several, which nobody may take for one of them; so what waits for something that has no number notes that too. An
-//! operation that gives up in the turn, or is done in it all the same, takes its note back.
+//! Only one object is reported. A process that waits for two waits for several, and must not be
+//! shown as waiting for one of them; so a wait for something without a number is noted too. An
+//! operation that gives up in the turn, or completes in it after all, takes its note back.
 
 use super::{Kind, code, is_on};
 use std::cell::Cell;
@@ -13,16 +15,16 @@ thread_local! {
     static WAITS: Cell<Noted> = const { Cell::new(Noted::NOTHING) };
 }
 
-/// What is noted: kind and number in one word.
+/// A note: kind and number in one word.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Noted(u64);
 
 impl Noted {
     const NOTHING: Noted = Noted(0);
     const SEVERAL: Noted = Noted(u64::MAX);
-    /// For nothing: its body has failed.
+    /// No wait: the body has failed.
     const FAILED: Noted = Noted(u64::MAX - 1);
-    /// For one thing without a number.
+    /// One object without a number.
     const OTHER: Noted = Noted(u64::MAX - 2);
 
     fn of((kind, number): (Kind, u32)) -> Self {
@@ -30,7 +32,8 @@ impl Noted {
     }
 }
 
-/// Notes what the current process waits for, whose operation is about to return `Pending`: for the end of its turn.
+/// Notes what the current process waits for, with an operation that is about to return `Pending`:
+/// for the end of its turn.
 #[inline(always)]
 pub fn waits_for(what: impl FnOnce() -> (Kind, u32)) {
     if is_on() {
@@ -38,7 +41,8 @@ pub fn waits_for(what: impl FnOnce() -> (Kind, u32)) {
     }
 }
 
-/// Notes that the current process waits for something that has no number: a time, a file, the end of a process.
+/// Notes that the current process waits for something that has no number: a time, a file, the end
+/// of a process.
 #[inline(always)]
 pub fn waits_for_other() {
     if is_on() {
@@ -67,7 +71,7 @@ fn note(new: Noted) {
     });
 }
 
-/// Takes a note back, of an operation that gives up; what waits for something without a number says `None`.
+/// Takes a note back, of an operation that gives up; `None` for a wait without a number.
 #[inline(always)]
 pub fn waits_no_more(what: impl FnOnce() -> Option<(Kind, u32)>) {
     if is_on() {
@@ -78,13 +82,13 @@ pub fn waits_no_more(what: impl FnOnce() -> Option<(Kind, u32)>) {
 #[cold]
 #[inline(never)]
 fn take_back(noted: Noted) {
-    // What is among several stays there: who else it is is not known.
+    // A note of several stays: the others are unknown.
     if WAITS.get() == noted {
         WAITS.set(Noted::NOTHING);
     }
 }
 
-/// What `f` notes is not told: it is what an operation waits for beside what matters, such as its deadline.
+/// Discards the notes of `f`: an operation waits for it in addition, for instance for its deadline.
 #[inline(always)]
 pub fn beside<R>(f: impl FnOnce() -> R) -> R {
     if !is_on() {
@@ -96,7 +100,8 @@ pub fn beside<R>(f: impl FnOnce() -> R) -> R {
     result
 }
 
-/// What a part of the current process does in its turn, and what that part waits for then: for [`code::WAITING`].
+/// Calls `f`, a part of the current process, and returns what that part waits for then: for
+/// [`code::WAITING`].
 pub(super) fn of_part<R>(f: impl FnOnce() -> R) -> (R, [u64; 2]) {
     let before = WAITS.replace(Noted::NOTHING);
     let result = f();
@@ -139,7 +144,7 @@ impl<F: Future> Future for WaitsIn<F> {
 
     #[inline]
     fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<F::Output> {
-        // SAFETY: the future is pinned with the whole, and nothing is moved.
+        // SAFETY: the future is pinned with the whole structure, and nothing is moved.
         let (what, future) = unsafe {
             let this = self.get_unchecked_mut();
             (

@@ -1,4 +1,5 @@
-//! Events that one of a workers hears of alone, and jobs that it does: none is lost, and whoever runs one is watched.
+//! Events that are announced to one member alone, and jobs that it runs: none is lost, and every
+//! runner is watched.
 
 use crate::failover::{FailoverSequence, Leg};
 use luna_platform::clock::Instant;
@@ -12,7 +13,8 @@ struct EmergencyWorkers {
 }
 
 impl EmergencyWorkers {
-    /// A member that hangs in the job for ever, or leaves behind who does; says whether it hangs. It is interrupted as it is about to wait.
+    /// A member that hangs in the job for ever, or leaves a hanging runner behind; returns whether
+    /// it hangs. It is interrupted as it is about to wait.
     fn serve(&self, member: u8, interrupt: impl FnOnce()) -> bool {
         let mut interrupt = Some(interrupt);
         loop {
@@ -34,7 +36,8 @@ impl EmergencyWorkers {
     }
 }
 
-/// A handler interrupts the wait of one, who alone hears of it. Should it hang, the timer wakes the other.
+/// A handler interrupts the wait of one member, which alone is notified. If that member hangs, the
+/// timer wakes the other.
 #[test]
 fn one_who_is_interrupted_acts_and_is_watched() {
     loom::model(|| {
@@ -59,7 +62,8 @@ fn one_who_is_interrupted_acts_and_is_watched() {
     });
 }
 
-/// A second workers joins while a member of the first is told alone: it hears of it all the same.
+/// A second group joins while a member of the first alone is notified: the second is notified all
+/// the same.
 #[test]
 fn a_crew_that_joins_meanwhile_hears_of_it() {
     loom::model(|| {

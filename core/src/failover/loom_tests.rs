@@ -1,4 +1,5 @@
-//! Triggers, members that hang, the end of the system, and jobs that come late, in any order: each job is run once, none is lost.
+//! Triggers, members that hang, the end of the system, and late jobs, in any order: each job is run
+//! once, none is lost.
 
 use super::*;
 use luna_platform::sync::Arc;
@@ -25,7 +26,7 @@ impl Scene {
         std::array::from_fn(|job| self.runs[job].load(Ordering::Relaxed))
     }
 
-    /// A member that is never stuck itself, and at once takes who is before it for stuck.
+    /// A member that never hangs, and at once takes the runner before it for hung.
     fn serve(&self, member: u8) {
         loop {
             match self.failover.take(member) {
@@ -96,7 +97,7 @@ fn a_job_that_comes_late_is_run_or_refused() {
     });
 }
 
-/// A job is taken back as it begins: as many run as are left, and that is known at once.
+/// A job is removed as it begins: as many run as are left, and that is known at once.
 #[test]
 fn a_job_that_is_taken_back_meanwhile() {
     loom::model(|| {
@@ -113,7 +114,7 @@ fn a_job_that_is_taken_back_meanwhile() {
     });
 }
 
-/// The end and a reset at once: it is ready no more.
+/// A retirement and a reset at once: it is never ready again.
 #[test]
 fn one_that_is_retired_as_it_is_reset() {
     loom::model(|| {

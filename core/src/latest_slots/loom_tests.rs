@@ -1,4 +1,4 @@
-//! A publisher, the owner, and other readers, in any order: nobody sees parts of two values, the
+//! A publisher, the owner, and other readers, in any order: no reader sees parts of two values, the
 //! owner sees a value until it takes a new one, and the last one is never lost.
 
 use super::*;

@@ -29,8 +29,8 @@ impl Scene {
         self.slots.read(|slot| self.load(slot))
     }
 
-    /// A read in whose first copy the front changes to `values[0]`, so that the second is counted;
-    /// `then` happens in the middle of that.
+    /// A read with a change of the front to `values[0]` during its first copy, so that the second
+    /// is counted; `then` happens in the middle of that.
     fn get_slowly(&self, value: u64, then: &dyn Fn()) -> u64 {
         let mut copies = 0;
         let read = self.slots.read(|slot| {
@@ -110,7 +110,7 @@ fn a_reader_whose_check_fails_copies_once_more() {
     assert_eq!((read, scene.get()), (2, 20));
 }
 
-/// The owner has named the new slot to those who enter, and not to those who check.
+/// The owner has named the new slot to readers that enter, and not to those that check.
 #[test]
 fn no_read_finds_an_older_value_than_one_before() {
     let scene = Scene::new();

@@ -1,10 +1,10 @@
-//! The real-time path, as a test can watch it: where a thread leaves it on purpose, and how the guard
-//! in tests (the crate `luna-path-guard`) learns of it.
+//! The real-time path, as a test can watch it: where a thread leaves it on purpose, and how the
+//! guard in tests (the crate `luna-path-guard`) is notified.
 //!
 //! [`current::on_path`] says whether a thread is on the path. [`off_path`] leaves it for a while.
-//! [`name_process`] tells the guard the name of a process. [`expected`] names the reason of a system
-//! call. The guard is there in builds with `--cfg luna_path_guard` alone; in others these are inlined
-//! away.
+//! [`name_process`] reports the name of a process to the guard. [`expected`] names the reason of a
+//! system call. The guard is there in builds with `--cfg luna_path_guard` alone; in others these
+//! are inlined away.
 
 pub use luna_platform::path::*;
 
@@ -19,13 +19,15 @@ pub(crate) use watched::switched;
 
 use crate::current;
 
-/// Calls `f` off the real-time path: until it returns, this thread says of itself that it is not on it.
+/// Calls `f` off the real-time path: until it returns, this thread does not count as being on it.
 ///
-/// For what a process does on purpose although the path's rules forbid it: to allocate what it needs before its first cycle, or to print from a
-/// process that is alone on a thread without a deadline. It changes nothing about the time that `f` takes: the processes of the same executor wait
-/// for it. What is let go of meanwhile is freed at once. Outside of the path it is a plain call.
+/// For intended exceptions to the path's rules: to allocate what it needs before its first cycle,
+/// or to print from a process that is alone on a thread without a deadline. It changes nothing
+/// about the time that `f` takes: the processes of the same executor wait for it. Memory that is
+/// released meanwhile is freed at once. Outside of the path it is a plain call.
 ///
-/// Real-time path: this is how it is left; O(1) apart from `f`. If `f` panics, the thread is on the path again.
+/// Real-time path: this is how it is left; O(1) apart from `f`. If `f` panics, the thread is on the
+/// path again.
 ///
 /// ```
 /// use luna_core::{current, path};
@@ -47,12 +49,12 @@ pub fn off_path<R>(f: impl FnOnce() -> R) -> R {
     f()
 }
 
-/// Tells the guard how a process is called: nothing without one.
+/// Reports a process' name to the guard; without a guard it does nothing.
 #[cfg(not(all(luna_path_guard, not(loom))))]
 #[inline(always)]
 pub fn name_process(_: current::ProcessId, _: &str) {}
 
-/// Tells the guard that this thread goes on the path or off it: nothing without one.
+/// Notifies the guard that this thread enters or leaves the path; without a guard it does nothing.
 #[cfg(not(all(luna_path_guard, not(loom))))]
 #[inline(always)]
 pub(crate) fn switched(_: bool) {}

@@ -1,12 +1,13 @@
-//! What a guard sees of the path: in builds with `--cfg luna_path_guard`.
+//! The hooks of a path guard: in builds with `--cfg luna_path_guard`.
 
 use crate::current::{self, ProcessId};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-/// Who watches the path.
+/// A watcher of the path.
 pub trait Watcher: Sync {
-    /// This thread goes on the path, or off it. Called on the thread itself, while it counts as off the path.
+    /// This thread enters or leaves the path. Called on the thread itself, while it counts as off
+    /// the path.
     fn switched(&self, on_path: bool);
 }
 
@@ -14,7 +15,8 @@ static WATCHER: OnceLock<&'static dyn Watcher> = OnceLock::new();
 /// A plain lock: taken off the path alone.
 static NAMES: Mutex<BTreeMap<u32, String>> = Mutex::new(BTreeMap::new());
 
-/// From now on `watcher` is told of each thread that goes on the path or off it. The first one stays for good.
+/// From now on `watcher` is notified of each thread that enters or leaves the path. The first
+/// watcher stays for good.
 ///
 /// ```
 /// use luna_core::path::{self, Watcher};
@@ -30,23 +32,23 @@ static NAMES: Mutex<BTreeMap<u32, String>> = Mutex::new(BTreeMap::new());
 /// luna_core::current::set_on_path(false);
 /// ```
 pub fn watch(watcher: &'static dyn Watcher) {
-    // A second one would be as good as the first: there is one guard.
+    // A second one is ignored: there is one guard.
     let _ = WATCHER.set(watcher);
 }
 
-/// Tells the watcher, if there is one.
+/// Notifies the watcher, if there is one.
 pub(crate) fn switched(on_path: bool) {
     if let Some(watcher) = WATCHER.get() {
         watcher.switched(on_path);
     }
 }
 
-/// Says how a process is called, for whoever has its number alone. Allocates, off the path.
+/// Records the name of a process, for reports that know only its id. Allocates, off the path.
 pub fn name_process(process: ProcessId, name: &str) {
     super::off_path(|| names().insert(process.get(), name.to_owned()));
 }
 
-/// How a process is called. Not for the real-time path.
+/// The name of a process. Not for the real-time path.
 ///
 /// ```
 /// use luna_core::{current::ProcessId, path};

@@ -1,4 +1,4 @@
-//! Shared ownership whose end is put off on the real-time path.
+//! Shared ownership with a deferred end on the real-time path.
 
 use super::{Retired, retire};
 use std::fmt;
@@ -8,10 +8,12 @@ use std::ops::Deref;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A value with several owners, as [`Arc`](std::sync::Arc): but when the last one lets go on the real-time path, the value is dropped and freed when
-/// somebody calls [`collect`](super::collect), on that thread.
+/// A value with several owners, as [`Arc`](std::sync::Arc): but if the last owner is dropped on the
+/// real-time path, the value is dropped and freed by the next call of [`collect`](super::collect),
+/// on the thread that calls it.
 ///
-/// To make one allocates; to clone and to drop one is for the path: O(1), one atomic operation, two if it is the last. There are no weak owners.
+/// `new` allocates. Cloning and dropping are for the real-time path: O(1), one atomic operation,
+/// two for the last owner. There are no weak owners.
 ///
 /// ```
 /// use luna_platform::{current, reclaim};
@@ -28,7 +30,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 ///
 /// # Invariants
 ///
-/// `inner` comes from a leaked box, and stays valid until the count of owners, of whom this is one, is 0. The last one retires it.
+/// `inner` comes from a leaked box, and stays valid until the count of owners, this one included,
+/// is 0. The last owner retires it.
 pub struct Shared<T> {
     inner: NonNull<Inner<T>>,
     owns: PhantomData<Inner<T>>,
@@ -36,13 +39,13 @@ pub struct Shared<T> {
 
 #[repr(C)]
 struct Inner<T> {
-    /// First, so that its address is that of the whole.
+    /// First, so that its address is that of the whole structure.
     retired: Retired,
     owners: AtomicUsize,
     value: T,
 }
 
-// SAFETY: `new` took a value that may be used and dropped on any thread; the rest is atomic.
+// SAFETY: `new` requires a value that may be used and dropped on any thread; the rest is atomic.
 unsafe impl<T: Send + Sync> Send for Shared<T> {}
 // SAFETY: as above.
 unsafe impl<T: Send + Sync> Sync for Shared<T> {}
@@ -64,28 +67,29 @@ impl<T: Send + Sync + 'static> Shared<T> {
 
 impl<T> Shared<T> {
     fn inner(&self) -> &Inner<T> {
-        // SAFETY: the type's invariant.
+        // SAFETY: by the type's invariant the allocation is valid while this owner exists.
         unsafe { self.inner.as_ref() }
     }
 
-    /// Whether there is no other owner. If so there will be none, as long as this one is not cloned.
+    /// Whether there is no other owner. If so there will be none until this one is cloned.
     pub fn is_only(&self) -> bool {
         self.inner().owners.load(Ordering::Acquire) == 1
     }
 
-    /// Gives the owner away as a pointer, for [`from_raw`](Self::from_raw).
+    /// Turns the owner into a pointer, for [`from_raw`](Self::from_raw).
     pub(crate) fn into_raw(self) -> *const () {
         ManuallyDrop::new(self).inner.as_ptr().cast_const().cast()
     }
 
-    /// The owner that was given away.
+    /// The owner that was turned into a pointer.
     ///
     /// # Safety
     ///
-    /// The pointer comes from `into_raw` of the same type, and each is taken back once.
+    /// The pointer comes from `into_raw` of the same type, and is used once.
     pub(crate) unsafe fn from_raw(raw: *const ()) -> Self {
         Self {
-            // SAFETY: the contract: it is that of a live allocation.
+            // SAFETY: the caller promises that the pointer is from `into_raw`, so it is that of a
+            // live allocation and not null.
             inner: unsafe { NonNull::new_unchecked(raw.cast_mut().cast()) },
             owns: PhantomData,
         }
@@ -94,18 +98,18 @@ impl<T> Shared<T> {
 
 /// # Safety
 ///
-/// `head` begins an `Inner<T>` that nobody owns any more.
+/// `head` begins an `Inner<T>` that has no owner any more.
 unsafe fn free<T>(head: NonNull<Retired>) {
-    // SAFETY: the contract; `new` made it of a box.
+    // SAFETY: the caller promises that the `Inner<T>` has no owner; `new` made it from a box.
     drop(unsafe { Box::from_raw(head.cast::<Inner<T>>().as_ptr()) });
 }
 
 impl<T> Clone for Shared<T> {
     #[inline]
     fn clone(&self) -> Self {
-        // Relaxed: who clones is an owner, and keeps it alive.
+        // Relaxed: the cloned owner keeps the value alive.
         if self.inner().owners.fetch_add(1, Ordering::Relaxed) > isize::MAX as usize {
-            // So many were leaked: to wrap would be to free what is owned.
+            // So many owners were leaked: if the count wrapped, a value with owners would be freed.
             std::process::abort();
         }
         Self {
@@ -118,10 +122,11 @@ impl<T> Clone for Shared<T> {
 impl<T> Drop for Shared<T> {
     #[inline]
     fn drop(&mut self) {
-        // AcqRel: what the others did with the value comes before its end. No fence for the last
-        // one alone: ThreadSanitizer knows no fences.
+        // AcqRel: all other owners' uses of the value happen before it is dropped. No separate
+        // fence for the last owner: ThreadSanitizer does not understand fences.
         if self.inner().owners.fetch_sub(1, Ordering::AcqRel) == 1 {
-            // SAFETY: nobody owns it any more, and `new` saw to it that it may be freed on any thread and at any time.
+            // SAFETY: there is no owner any more, and the bounds of `new` allow freeing it on any
+            // thread and at any time.
             unsafe { retire(self.inner.cast()) };
         }
     }
@@ -160,7 +165,7 @@ mod tests {
         assert_eq!(Arc::strong_count(&token), 1);
     }
 
-    /// What another test collects meanwhile may end it a moment earlier, but never on the path.
+    /// The `collect` of another test may end it a moment earlier, but never on the path.
     #[test]
     fn on_the_path_its_end_is_put_off() {
         struct Noting(Arc<AtomicUsize>);
@@ -177,7 +182,7 @@ mod tests {
         set_on_path(false);
         super::super::collect();
         while dropped.load(Ordering::SeqCst) == 0 {
-            // It is in the hands of another test's `collect`.
+            // The `collect` of another test is freeing it.
             std::thread::yield_now();
         }
     }

@@ -160,8 +160,9 @@ mod alone {
 
 #[cfg(loom)]
 mod interleavings {
-    //! On every interleaving: no tick is slept through, and what is dropped is never touched again. A list that does not look how far it was fired before it lists a wait sleeps
-    //! through a tick in the first model.
+    //! On every interleaving: no tick is missed, and a dropped wait is never accessed again. A list
+    //! that does not check how far it was fired before it lists a wait misses a tick in the first
+    //! model.
 
     use super::*;
     use std::sync::Arc;

@@ -1,7 +1,9 @@
-//! A leftist heap whose nodes lie elsewhere (C. A. Crane, "Linear lists and priority queues as balanced binary trees", 1972).
+//! An intrusive leftist heap (C. A. Crane, "Linear lists and priority queues as balanced binary
+//! trees", 1972).
 //!
-//! Chosen over a binary heap in an array, which must grow, and over a timing wheel, which rounds deadlines or cascades. Its right
-//! spines are at most log2(n + 1) long, which bounds inserting, removing the first and removing any by O(log n).
+//! Chosen over a binary heap in an array, which must grow, and over a timing wheel, which rounds
+//! deadlines or cascades. Its right spines are at most log2(n + 1) long, which bounds inserting,
+//! removing the first and removing any by O(log n).
 
 use super::Fired;
 use crate::current::WakeHandle;
@@ -10,7 +12,7 @@ use std::ptr::NonNull;
 
 type Link = Option<NonNull<Node>>;
 
-/// A deadline and whom to wake.
+/// A deadline and its wake handle.
 #[derive(Debug)]
 pub(super) struct Node {
     parent: Link,
@@ -48,8 +50,8 @@ impl Node {
 ///
 /// # Invariants
 ///
-/// All nodes reached from `root` are live and pinned. No node's key is less than its parent's. A node's left rank is not less than
-/// its right one, and its own is the right one plus one.
+/// All nodes reached from `root` are live and pinned. A node's key is not less than its parent's. A
+/// node's left rank is not less than its right one, and its own is the right one plus one.
 #[derive(Debug)]
 pub(super) struct Heap {
     root: Link,
@@ -76,10 +78,11 @@ impl Heap {
     ///
     /// # Safety
     ///
-    /// `node` is in no heap, stays where it is, and is removed before it dies.
+    /// `node` is in no heap, stays where it is, and is removed before it is freed.
     pub(super) unsafe fn insert(&mut self, node: NonNull<Node>, deadline: Instant) {
         self.sequence += 1;
-        // SAFETY: the contract for the new node, the invariants for the others.
+        // SAFETY: the caller promises that the new node is live and in no heap; by the invariants
+        // the others are live.
         unsafe {
             let fields = &mut *node.as_ptr();
             fields.deadline = deadline;
@@ -92,13 +95,14 @@ impl Heap {
         }
     }
 
-    /// Takes a node out. O(log n).
+    /// Removes a node. O(log n).
     ///
     /// # Safety
     ///
     /// `node` is in this heap.
     pub(super) unsafe fn remove(&mut self, node: NonNull<Node>) {
-        // SAFETY: by the contract the node is in this heap, so by the invariants it and all it leads to are live.
+        // SAFETY: the caller promises that the node is in this heap, so by the invariants it and
+        // its descendants are live.
         unsafe {
             let Node {
                 parent,
@@ -118,7 +122,7 @@ impl Heap {
                     } else {
                         (*above.as_ptr()).right = children;
                     }
-                    // Ranks change on the way up only while they still do, which is at most log2(n + 1) times.
+                    // Go up while ranks change, which is at most log2(n + 1) steps.
                     let mut next = parent;
                     while let Some(ancestor) = next {
                         if !restore(ancestor) {
@@ -132,13 +136,13 @@ impl Heap {
     }
 }
 
-/// Puts the higher-ranked child left and sets the rank; says whether the rank changed.
+/// Puts the child of higher rank on the left and sets the rank; returns whether the rank changed.
 ///
 /// # Safety
 ///
 /// `node` and its children are live.
 unsafe fn restore(node: NonNull<Node>) -> bool {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that the node and its children are live.
     unsafe {
         let rank = |link: Link| link.map_or(0, |child| (*child.as_ptr()).rank);
         let fields = &mut *node.as_ptr();
@@ -150,7 +154,7 @@ unsafe fn restore(node: NonNull<Node>) -> bool {
     }
 }
 
-/// Joins two heaps into one, whose root has no parent set by this function unless it came with one.
+/// Joins two heaps. The function does not set the parent of the resulting root.
 ///
 /// # Safety
 ///
@@ -159,12 +163,13 @@ unsafe fn merge(a: Link, b: Link) -> Link {
     let (Some(a), Some(b)) = (a, b) else {
         return a.or(b);
     };
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that all nodes of both heaps are live.
     unsafe {
         let less = |x: NonNull<Node>, y: NonNull<Node>| (*x.as_ptr()).key() < (*y.as_ptr()).key();
         let (root, mut other) = if less(a, b) { (a, b) } else { (b, a) };
         (*root.as_ptr()).parent = None;
-        // Down the right spine: at each place the lesser of what is there and what is still to be placed.
+        // Down the right spine: at each place the lesser of the node there and the one to be
+        // placed.
         let mut place = root;
         while let Some(there) = (*place.as_ptr()).right {
             let (here, rest) = if less(other, there) {
@@ -179,7 +184,7 @@ unsafe fn merge(a: Link, b: Link) -> Link {
         }
         (*place.as_ptr()).right = Some(other);
         (*other.as_ptr()).parent = Some(place);
-        // Up again: every node on the way has a new right child.
+        // Up again: every node of the way has a new right child.
         let mut next = Some(place);
         while let Some(node) = next {
             restore(node);
@@ -193,7 +198,7 @@ unsafe fn merge(a: Link, b: Link) -> Link {
 mod tests {
     use super::*;
 
-    /// A small generator, so that the test needs no crate and repeats itself.
+    /// A small generator of fixed sequences, so that the test needs no crate.
     fn random(state: &mut u64) -> u64 {
         *state ^= *state << 13;
         *state ^= *state >> 7;
@@ -207,7 +212,7 @@ mod tests {
         let node_ref = unsafe { node.as_ref() };
         assert_eq!(node_ref.parent, parent);
         if let Some(parent) = parent {
-            // SAFETY: as above.
+            // SAFETY: the test's nodes live in boxes.
             assert!(unsafe { parent.as_ref() }.key() <= node_ref.key());
         }
         let (left, left_count) = check(node_ref.left, link);

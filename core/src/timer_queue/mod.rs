@@ -1,8 +1,9 @@
-//! The deadlines that the processes of one thread wait for.
+//! The deadline queue of one thread.
 //!
-//! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The nodes lie in the waiting
-//! futures: arming, expiring and cancelling allocate nothing and take O(log n) steps. A thread that does not look at its queue by itself
-//! is called by it when a deadline is armed that comes before all that the thread provides for ([`Attention`]).
+//! The thread sleeps until [`TimerQueue::next_deadline`], then calls [`TimerQueue::expire`]. The
+//! nodes lie in the waiting futures: arming, expiring and cancelling allocate nothing and take
+//! O(log n) steps. A thread that does not check its queue before each poll is called
+//! ([`Attention`]) when a deadline is armed that is earlier than all that the thread provides for.
 
 mod heap;
 
@@ -23,25 +24,28 @@ use std::task::{Context, Poll};
 
 /// The armed deadlines of one thread.
 ///
-/// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from there, hence the lock;
-/// it is free in all other cases.
+/// Its thread alone arms and expires. A sleep that is dropped on another thread cancels itself from
+/// there, hence the lock; otherwise the lock is uncontended.
 pub struct TimerQueue {
     heap: PiLock<Heap>,
-    /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the lock.
+    /// The earliest armed deadline or an earlier one, as nanoseconds: read by the owner without the
+    /// lock.
     next: AtomicU64,
-    /// The owner looks in time for deadlines from this one on, as nanoseconds: the owner's thread alone reads and writes it.
+    /// The owner checks the queue in time for deadlines from this one on, as nanoseconds. Only the
+    /// owner's thread reads and writes it.
     provided: AtomicU64,
     attention: Option<std::sync::Arc<dyn Attention>>,
 }
 
-/// The owner of a [`TimerQueue`], as the queue calls it.
+/// Notifications of a [`TimerQueue`] to its owner.
 pub trait Attention: Send + Sync {
-    /// The owner is to look at its queue before it polls the next process. Called on its own thread, in the middle of a poll.
+    /// The owner has to check its queue before it polls the next process. Called on its own thread,
+    /// in the middle of a poll.
     fn ask_look(&self);
 }
 
 impl TimerQueue {
-    /// An empty queue, whose owner looks at it before each poll.
+    /// An empty queue; its owner checks it before each poll.
     #[expect(
         clippy::new_without_default,
         reason = "a queue belongs to a thread: made on purpose, not by default"
@@ -50,7 +54,8 @@ impl TimerQueue {
         Self::provided_from(Instant::from_nanos(0), None)
     }
 
-    /// An empty queue, whose owner looks at it when it is called: until the owner has [provided](Self::provide) for something, by each deadline.
+    /// An empty queue; its owner checks it when notified: for each deadline, until the owner has
+    /// [provided](Self::provide) for some.
     pub fn attended(attention: std::sync::Arc<dyn Attention>) -> Self {
         Self::provided_from(Instant::NEVER, Some(attention))
     }
@@ -64,17 +69,20 @@ impl TimerQueue {
         }
     }
 
-    /// Says that the owner looks in time for deadlines at `deadline` and later, so that it is called for earlier ones alone. On the owner's thread.
+    /// States that the owner checks the queue in time for deadlines at `deadline` and later: it is
+    /// notified of earlier ones alone. On the owner's thread.
     pub fn provide(&self, deadline: Instant) {
         self.provided.store(deadline.as_nanos(), Ordering::Relaxed);
     }
 
-    /// What the owner provides for; or the deadline that it was called for since, which is earlier. On the owner's thread. O(1), one load.
+    /// The deadline that the owner provides for; or an earlier one of which it was notified since.
+    /// On the owner's thread. O(1), one load.
     pub fn provided(&self) -> Instant {
         Instant::from_nanos(self.provided.load(Ordering::Relaxed))
     }
 
-    /// Has the owner look before its next poll, if it does not before each one. On the owner's thread.
+    /// Makes the owner check the queue before its next poll, if it does not before each one. On the
+    /// owner's thread.
     pub fn ask_look(&self) {
         if self.provided().as_nanos() > 0
             && let Some(attention) = &self.attention
@@ -83,7 +91,7 @@ impl TimerQueue {
         }
     }
 
-    /// A deadline was armed: if it comes before all that the owner provides for, the owner is called.
+    /// Notifies the owner of an armed deadline that is earlier than all that it provides for.
     #[inline]
     fn announce(&self, deadline: Instant) {
         if deadline < self.provided() {
@@ -99,13 +107,15 @@ impl TimerQueue {
         }
     }
 
-    /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one load.
+    /// When to call [`expire`](Self::expire): [`Instant::NEVER`] if nothing is armed. O(1), one
+    /// load.
     #[inline]
     pub fn next_deadline(&self) -> Instant {
         Instant::from_nanos(self.next.load(Ordering::Relaxed))
     }
 
-    /// Readies all whose deadline is at `now` or before, in the order of their deadlines. O(k log n) for k of them.
+    /// Readies all waiters with a deadline at `now` or before, in the order of their deadlines. O(k
+    /// log n) for k of them.
     pub fn expire(&self, now: Instant) {
         while self.next_deadline() <= now {
             let ready = {
@@ -127,13 +137,14 @@ impl TimerQueue {
                         .wakeup
                         .take()
                         .map_or(PendingWake::NOBODY, WakeHandle::take);
-                    // The sleep may be gone from here on.
+                    // The sleep may be freed from here on.
                     node.fired.store(true, Ordering::Release);
                     ready
                 }
             };
-            // The last step of this deadline. A foreign waker that panics here ends the executor, which
-            // is an emergency: a process that nothing wakes would wait without a report.
+            // The last step of this deadline. A foreign waker that panics here ends the executor,
+            // which is an emergency: otherwise a process that is never woken would wait without a
+            // report.
             ready.wake();
         }
     }
@@ -149,17 +160,18 @@ impl TimerQueue {
 
 /// Waits until an instant. Made by [`Sleep::until`].
 ///
-/// Real-time path: yes; O(log n) for n sleeps of this thread, no allocation, no system call of its own. Cancel-safe: dropping it
-/// cancels it.
+/// Real-time path: yes; O(log n) for n sleeps of this thread, no allocation, no system call of its
+/// own. Cancel-safe: dropping it cancels it.
 ///
 /// # Panics
 ///
-/// When polled for the first time on a thread that runs no process of LUNA: there is no timer queue. Under another runtime
-/// use that runtime's timers.
+/// Panics when polled for the first time on a thread that runs no LUNA process: there is no timer
+/// queue. Under another runtime use that runtime's timers.
 ///
 /// # Invariants
 ///
-/// `node` is in `queue`'s heap exactly while `armed`; then the sleep is pinned, and the heap's lock guards the node but for `fired`.
+/// `node` is in `queue`'s heap exactly while `armed`; then the sleep is pinned, and the heap's lock
+/// guards the node except for `fired`.
 pub struct Sleep {
     deadline: Instant,
     queue: Option<Arc<TimerQueue>>,
@@ -168,13 +180,14 @@ pub struct Sleep {
     _pinned: PhantomPinned,
 }
 
-// SAFETY: a node in a heap is touched under the heap's lock alone, from whichever thread; `fired` is atomic.
+// SAFETY: a node in a heap is accessed under the heap's lock alone, on any thread; `fired` is
+// atomic.
 unsafe impl Send for Sleep {}
 // SAFETY: `&Sleep` gives access to the deadline only.
 unsafe impl Sync for Sleep {}
 
 impl Sleep {
-    /// Waits until `deadline`; one that has passed is ready at once.
+    /// Waits until `deadline`; an instant in the past is ready at once.
     pub fn until(deadline: Instant) -> Self {
         Self {
             deadline,
@@ -202,7 +215,7 @@ impl Sleep {
         unsafe { self.get_unchecked_mut() }.deadline = deadline;
     }
 
-    /// Gives the handle that it was to be woken by, if there is one.
+    /// Returns its wake handle, if there is one.
     #[must_use = "its drop is user code, and the caller's last step"]
     fn disarm(self: Pin<&mut Self>) -> Option<WakeHandle> {
         // SAFETY: nothing is moved.
@@ -215,7 +228,8 @@ impl Sleep {
         let queue = this.queue.as_ref()?;
         let mut heap = queue.heap.lock();
         let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
-        // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if not, it is in it.
+        // SAFETY: the lock is held. `fired` under it says whether the node has left the heap; if
+        // not, it is in it.
         unsafe {
             if (*node.as_ptr()).fired.load(Ordering::Relaxed) {
                 return None;
@@ -236,14 +250,15 @@ impl Future for Sleep {
         let node = NonNull::new(this.node.get()).expect("a cell's address is never null");
         let mut _former = None;
         if this.armed {
-            // SAFETY: the node is this sleep's; `fired` may be read by anyone.
+            // SAFETY: the node is this sleep's; `fired` is atomic, so any thread may read it.
             if unsafe { &(*node.as_ptr()).fired }.load(Ordering::Acquire) {
                 this.armed = false;
                 this.deadline = Instant::from_nanos(0);
                 return Poll::Ready(());
             }
             match &this.queue {
-                // A deadline belongs to the thread that polls it: another one's may have ended.
+                // A deadline belongs to the thread that polls it: the thread of the other queue may
+                // have ended.
                 Some(queue) if current::has_other_timers(queue) => {
                     _former = self.as_mut().disarm();
                 }
@@ -253,7 +268,7 @@ impl Future for Sleep {
                         let _heap = queue.heap.lock();
                         // SAFETY: the lock that guards the node is held.
                         let wakeup = unsafe { &mut (*node.as_ptr()).wakeup };
-                        // One that has just fired is ready at its next poll.
+                        // A deadline that has just fired is ready at its next poll.
                         if wakeup.is_some() {
                             renewal.store(wakeup);
                         }
@@ -271,7 +286,8 @@ impl Future for Sleep {
         }
         if Instant::now() >= this.deadline {
             if !current::count_operation() {
-                // One of too many operations in a row that did not have to wait: the next poll begins a new count.
+                // The budget of operations that did not have to wait is used up: the next poll
+                // starts a new count.
                 current::ready_again(cx, current::Place::Last);
                 return Poll::Pending;
             }
@@ -286,7 +302,8 @@ impl Future for Sleep {
         if let Some(queue) = &this.queue {
             let wakeup = WakeHandle::of(cx);
             let mut heap = queue.heap.lock();
-            // SAFETY: the node is in no heap, so it is this sleep's alone; it is pinned, and leaves the heap before it dies.
+            // SAFETY: the node is in no heap, so only this sleep uses it; it is pinned, and leaves
+            // the heap before it is freed.
             unsafe {
                 let fields = &mut *node.as_ptr();
                 fields.wakeup = Some(wakeup);
@@ -327,7 +344,7 @@ impl fmt::Debug for Sleep {
     }
 }
 
-/// The flag lies here so that the heap knows nothing of atomics.
+/// Defined here, so that the heap does not depend on atomics.
 type Fired = AtomicBool;
 
 #[cfg(all(test, not(loom)))]

@@ -81,7 +81,7 @@ fn an_owner_is_called_for_what_it_does_not_provide_for() {
     assert_eq!(count(), 0);
     let earlier = sleep(near);
     assert_eq!((count(), queue.provided()), (1, near));
-    // One that is gone was provided for all the same.
+    // A deadline that was dropped is provided for all the same.
     drop((first, later, earlier));
     let again = sleep(near);
     assert_eq!(count(), 0);

@@ -4,10 +4,12 @@ use super::Instant;
 use crate::facts::Source;
 use std::sync::OnceLock;
 
-/// The time-stamp counter of the processor: read in half the time that [`Instant::now`] takes, in ticks of its own.
+/// The time-stamp counter of the processor: read in half the time that [`Instant::now`] takes, in
+/// ticks of its own.
 ///
-/// There is one only where the kernel itself keeps time by it: then it has one rate that never changes, and is the same on all cores. Whoever uses it reads it
-/// [beside the clock](Self::beside_clock) from time to time, and so turns ticks into instants.
+/// It is available only where the kernel itself keeps time by it: then its rate is constant, and it
+/// is the same on all cores. A user reads it [beside the clock](Self::beside_clock) from time to
+/// time, to convert ticks to instants.
 ///
 /// ```
 /// use luna_platform::clock::Counter;
@@ -32,7 +34,8 @@ struct Kept(());
 enum Kept {}
 
 impl Counter {
-    /// The machine's counter, if it can stand for a clock. Not for the real-time path: the first call reads a file.
+    /// The machine's counter, if it can stand for a clock. Not for the real-time path: the first
+    /// call reads a file.
     pub fn of_machine() -> Option<Counter> {
         static KEPT: OnceLock<Option<Kept>> = OnceLock::new();
         KEPT.get_or_init(look).map(Counter)
@@ -44,15 +47,17 @@ impl Counter {
         #[cfg(target_arch = "x86_64")]
         {
             let Kept(()) = self.0;
-            // SAFETY: every processor of this architecture has the instruction, and a kernel that forbade it to programs could not offer its clock to
-            // them without a system call by it, which `look` has found that it does.
+            // SAFETY: every processor of this architecture has the instruction, and a kernel that
+            // forbade it to programs could not offer its clock to them without a system call by it,
+            // which `look` has found that it does.
             unsafe { std::arch::x86_64::_rdtsc() }
         }
         #[cfg(not(target_arch = "x86_64"))]
         match self.0 {}
     }
 
-    /// Ticks, and the instant on the machine's clock at which they were read, as closely as a few tries give: to some 30 ns. O(1).
+    /// Ticks, and the instant on the machine's clock at which they were read, as closely as a few
+    /// tries give: to some 30 ns. O(1).
     pub fn beside_clock(self) -> (u64, Instant) {
         let mut best = (u64::MAX, 0, Instant::from_nanos(0));
         for _ in 0..5 {
@@ -69,7 +74,8 @@ impl Counter {
 
 #[cfg(target_arch = "x86_64")]
 fn look() -> Option<Kept> {
-    // The kernel takes it only if it is invariant and the cores agree, and leaves it when they do no longer.
+    // The kernel takes it only if it is invariant and the cores agree, and leaves it when they do
+    // no longer.
     let source = Source::machine()
         .read("/sys/devices/system/clocksource/clocksource0/current_clocksource")
         .ok()?;

@@ -12,11 +12,13 @@ use std::fmt;
 use std::ops::{Add, AddAssign, Sub};
 use std::time::Duration;
 
-/// A point in time, in nanoseconds since an origin: on the machine's monotonic clock an origin that is the same for the whole run of the machine, on
-/// a [`VirtualClock`] one of its own. Instants of different clocks have nothing to do with each other.
+/// A point in time, in nanoseconds since an origin: on the machine's monotonic clock an origin that
+/// is the same for the whole run of the machine, on a [`VirtualClock`] one of its own. Instants of
+/// different clocks have nothing to do with each other.
 ///
-/// Unlike `std::time::Instant` it is a number: it can be stored in an atomic, written to a log, and given to the kernel
-/// as an absolute deadline. Arithmetic saturates: no sum of an instant and a duration wraps or panics.
+/// Unlike `std::time::Instant` it is a number: it can be stored in an atomic, written to a log, and
+/// given to the kernel as an absolute deadline. Arithmetic saturates: no sum of an instant and a
+/// duration wraps or panics.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -34,14 +36,16 @@ impl Instant {
     /// A deadline that never comes.
     pub const NEVER: Instant = Instant(u64::MAX);
 
-    /// Reads the calling thread's clock: the machine's, unless the thread has [entered](Clock::enter) a virtual one. O(1), no system call where the
-    /// kernel offers a vDSO (24 ns on the reference machine).
+    /// Reads the calling thread's clock: the machine's, unless the thread has
+    /// [entered](Clock::enter) a virtual one. O(1), no system call where the kernel offers a vDSO
+    /// (24 ns on the reference machine).
     #[inline]
     pub fn now() -> Instant {
         source::now()
     }
 
-    /// Reads the machine's clock, whatever the thread's is: for what measures the machine, and for who sleeps in its kernel.
+    /// Reads the machine's clock, also on a thread with another one: for measurements of the
+    /// machine, and for sleeps in its kernel.
     ///
     /// ```
     /// use luna_platform::clock::{Clock, Instant, VirtualClock};

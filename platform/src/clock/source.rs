@@ -9,7 +9,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 thread_local! {
-    /// The clock of this thread: null is the machine's, anything else that of the [`ClockGuard`] which keeps it.
+    /// The clock of this thread: null is the machine's, anything else that of the [`ClockGuard`]
+    /// which keeps it.
     static SOURCE: Cell<*const VirtualClock> = const { Cell::new(ptr::null()) };
 }
 
@@ -30,7 +31,7 @@ pub(super) fn now() -> Instant {
 #[cold]
 #[inline(never)]
 unsafe fn read(source: *const VirtualClock) -> Instant {
-    // SAFETY: the contract.
+    // SAFETY: the caller promises that the source is live.
     unsafe { &*source }.now()
 }
 
@@ -43,7 +44,8 @@ fn as_far_on_machine(deadline: Instant) -> Instant {
     Instant::now_real() + (deadline - Instant::now())
 }
 
-/// A clock that stands until somebody moves it. Threads that have [entered](Clock::enter) it see it stand, and move.
+/// A clock that stands until it is moved. Threads that have [entered](Clock::enter) it see it stand
+/// and move.
 ///
 /// ```
 /// use luna_platform::clock::{Instant, VirtualClock};
@@ -60,7 +62,8 @@ pub struct VirtualClock {
 }
 
 impl VirtualClock {
-    /// Where every virtual clock begins, so that each run sees the same instants. Not 0, so that there is something before it.
+    /// Where every virtual clock begins, so that each run sees the same instants. Not 0, so that
+    /// there is something before it.
     pub const ORIGIN: Instant = Instant::from_nanos(1_000_000_000);
 
     /// A clock at its [origin](Self::ORIGIN).
@@ -77,7 +80,7 @@ impl VirtualClock {
     /// The time on it, from any thread. O(1), one load.
     #[inline]
     pub fn now(&self) -> Instant {
-        // Acquire: who sees that time has moved sees what was done before that.
+        // Acquire: a thread that sees the new time sees what was done before the move.
         Instant::from_nanos(self.nanos.load(Ordering::Acquire))
     }
 
@@ -113,12 +116,13 @@ impl Clock {
             .map_or_else(Instant::now_real, |clock| clock.now())
     }
 
-    /// Whether it stands until somebody moves it.
+    /// Whether the clock stands until it is moved.
     pub fn is_virtual(&self) -> bool {
         self.0.is_some()
     }
 
-    /// Makes it the calling thread's, until the guard is dropped; then the one before is it again. Guards are dropped in the reverse order.
+    /// Makes it the calling thread's, until the guard is dropped; then the one before is it again.
+    /// Guards are dropped in the reverse order.
     pub fn enter(&self) -> ClockGuard {
         let source = self.0.as_ref().map_or(ptr::null(), Arc::as_ptr);
         ClockGuard {
@@ -134,14 +138,16 @@ impl Clock {
         !SOURCE.get().is_null()
     }
 
-    /// A number for the calling thread's clock: 0 for the machine's, and no other clock that lives has the same.
+    /// A number for the calling thread's clock: 0 for the machine's, and no other clock that lives
+    /// has the same.
     #[inline]
     pub fn number_here() -> usize {
         SOURCE.get().addr()
     }
 
-    /// When the machine's clock has moved by as much as the calling thread's has to move until `deadline`: what the kernel is given by who sleeps there. Where
-    /// time is virtual it stands as long as such a thread is waited for, so a timeout there takes real time.
+    /// The instant on the machine's clock after the time that the calling thread's clock has to
+    /// advance until `deadline`: the deadline of a sleep in the kernel. A virtual clock stands
+    /// while such a thread is waited for, so a timeout there takes real time.
     #[inline]
     pub fn deadline_of_machine(deadline: Instant) -> Instant {
         if Self::is_virtual_here() {

@@ -26,8 +26,9 @@ pub fn has(command_line: &str, word: &str) -> bool {
     command_line.split_whitespace().any(|one| one == word)
 }
 
-/// The cores of `key=cores`, such as `rcu_nocbs=2-3` or `isolcpus=managed_irq,domain,2-3`, whose leading words are passed over. `None` if
-/// there is no such word or its value is no list; `Some` of none for `key` without a value.
+/// The cores of `key=cores`, such as `rcu_nocbs=2-3` or `isolcpus=managed_irq,domain,2-3`, with
+/// leading words skipped. `None` if there is no such word or its value is no list; `Some` of an
+/// empty list for `key` without a value.
 ///
 /// ```
 /// use luna_platform::facts::command_line::cores;

@@ -2,10 +2,12 @@
 
 use super::{Source, Unread, UnreadReason};
 
-/// The configuration of the running kernel, packed by gzip, where it has one (`CONFIG_IKCONFIG_PROC`).
+/// The configuration of the running kernel, packed by gzip, where it has one
+/// (`CONFIG_IKCONFIG_PROC`).
 pub const PACKED: &str = "/proc/config.gz";
 
-/// The value of an option: `CONFIG_HZ=250` gives `250`, `# CONFIG_RT_GROUP_SCHED is not set` gives `n`, one that is not there nothing.
+/// The value of an option: `CONFIG_HZ=250` gives `250`, `# CONFIG_RT_GROUP_SCHED is not set` gives
+/// `n`, one that is not there nothing.
 ///
 /// ```
 /// use luna_platform::facts::config::option;

@@ -1,4 +1,5 @@
-//! The control groups of a process, from `/proc/self/cgroup`, and where their files are, from `/proc/self/mounts`.
+//! The control groups of a process, from `/proc/self/cgroup`, and where their files are, from
+//! `/proc/self/mounts`.
 
 /// The path of the version 1 group with the controller `controller`.
 ///

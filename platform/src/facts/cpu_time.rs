@@ -1,6 +1,7 @@
 //! `/proc/stat`: where the cores' time went.
 
-/// The time of all cores together since the machine started, in ticks of the kernel's clock for users.
+/// The time of all cores together since the machine started, in ticks of the kernel's clock for
+/// users.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct CpuTime {
@@ -36,7 +37,8 @@ impl CpuTime {
 /// Reads the line of all cores in `/proc/stat`. `None` where it is missing or has no eight columns.
 pub fn cpu_time(text: &str) -> Option<CpuTime> {
     let line = text.lines().find_map(|line| line.strip_prefix("cpu "))?;
-    // user nice system idle iowait irq softirq steal; guest times follow, and are within user and nice.
+    // user nice system idle iowait irq softirq steal; guest times follow, and are within user and
+    // nice.
     let columns: Option<Vec<u64>> = line
         .split_whitespace()
         .take(8)

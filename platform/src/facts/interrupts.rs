@@ -6,7 +6,8 @@
 pub struct Interrupt {
     /// Its number, or the kernel's letters for those without one (`LOC`, `RES`).
     pub id: String,
-    /// How often it came since the machine started: (core, count), for the cores that the table has.
+    /// How often it came since the machine started: (core, count), for the cores that the table
+    /// has.
     pub counts: Vec<(usize, u64)>,
     /// What it is of.
     pub name: String,
@@ -25,7 +26,8 @@ impl Interrupt {
     }
 }
 
-/// Reads `/proc/interrupts`. Lines of another form (`ERR:`, a column short) keep what they have; `None` if the heading names no core.
+/// Reads `/proc/interrupts`. Lines of another form (`ERR:`, a column short) keep what they have;
+/// `None` if the heading names no core.
 ///
 /// ```
 /// use luna_platform::facts::interrupts::interrupts;
@@ -62,7 +64,8 @@ pub fn interrupts(text: &str) -> Option<Vec<Interrupt>> {
     Some(interrupts.collect())
 }
 
-/// Reads a mask of cores as the kernel writes it, `ff,00000001`: groups of 32 bits in hexadecimal, the highest first. Ascending.
+/// Reads a mask of cores as the kernel writes it, `ff,00000001`: groups of 32 bits in hexadecimal,
+/// the highest first. Ascending.
 ///
 /// ```
 /// use luna_platform::facts::interrupts::core_mask;

@@ -1,6 +1,7 @@
-//! Facts about the machine: what bears on how well it keeps time.
+//! Facts about the machine that affect its timing.
 //!
-//! Every fact may be missing: another system, a container that hides a file, a user who may not read it. Nothing here fails.
+//! Every fact may be missing: another system, a container that hides a file, a user without
+//! permission to read it. Nothing here fails.
 
 pub mod command_line;
 pub mod config;
@@ -32,11 +33,14 @@ use std::fmt;
 pub struct SystemFacts {
     /// The cores that are switched on, ascending. Their numbers may have gaps.
     pub online_cores: Option<Vec<usize>>,
-    /// The cores that this process may use, ascending: see [`available_cores`](crate::thread::available_cores).
+    /// The cores that this process may use, ascending: see
+    /// [`available_cores`](crate::thread::available_cores).
     pub allowed_cores: Option<Vec<usize>>,
-    /// The cores that the scheduler keeps free of ordinary threads (`isolcpus=` or an isolated cpuset partition).
+    /// The cores that the scheduler keeps free of ordinary threads (`isolcpus=` or an isolated
+    /// cpuset partition).
     pub isolated_cores: Option<Vec<usize>>,
-    /// The cores without a periodic tick while one thread runs there (`nohz_full=`); `None` also where the kernel cannot do it.
+    /// The cores without a periodic tick while one thread runs there (`nohz_full=`); `None` also
+    /// where the kernel cannot do it.
     pub tickless_cores: Option<Vec<usize>>,
     /// The memory nodes, ascending, with their cores.
     pub numa_nodes: Option<Vec<NumaNode>>,
@@ -46,9 +50,11 @@ pub struct SystemFacts {
     pub preemption: Option<PreemptionModel>,
     /// How much time real-time threads may take.
     pub throttling: Option<Throttling>,
-    /// Where the kernel gets the time from: `tsc` is fast and fine, `hpet` and `acpi_pm` cost a microsecond a reading.
+    /// Where the kernel gets the time from: `tsc` is fast and fine, `hpet` and `acpi_pm` cost a
+    /// microsecond a reading.
     pub clock_source: Option<String>,
-    /// The frequency governor of each core that has one. Empty on machines whose frequency the kernel does not choose.
+    /// The frequency governor of each core that has one. Empty on machines with frequencies that
+    /// the kernel does not choose.
     pub governors: BTreeMap<usize, String>,
     /// Whether this thread may take any policy and priority (CAP_SYS_NICE).
     pub may_set_policy: Option<bool>,
@@ -77,7 +83,8 @@ pub struct NumaNode {
     pub cores: Vec<usize>,
 }
 
-/// How the kernel lets threads preempt each other. The later, the shorter a real-time thread waits for the kernel.
+/// How the kernel lets threads preempt each other. The later, the shorter a real-time thread waits
+/// for the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum PreemptionModel {
@@ -112,11 +119,12 @@ impl fmt::Display for PreemptionModel {
 }
 
 impl PreemptionModel {
-    /// The one in effect, as far as `source` tells; [`Dynamic`](Self::Dynamic) where it hides which.
+    /// The setting in effect, as far as `source` shows it; [`Dynamic`](Self::Dynamic) where it does
+    /// not.
     ///
     /// # Errors
     ///
-    /// The file that should have told.
+    /// The file that could not be read.
     pub fn read(source: &Source) -> Result<PreemptionModel, Unread> {
         Self::read_with_file(source).map(|(model, _)| model)
     }
@@ -126,7 +134,7 @@ impl PreemptionModel {
     ///
     /// # Errors
     ///
-    /// The file that should have told.
+    /// The file that could not be read.
     pub fn read_with_file(source: &Source) -> Result<(PreemptionModel, &'static str), Unread> {
         let real_time = "/sys/kernel/realtime";
         if source.word(real_time).as_deref() == Ok("1") {
@@ -169,7 +177,8 @@ impl PreemptionModel {
     }
 }
 
-/// How much of each period real-time threads may take together, on each core. A spinning one is stopped for the rest.
+/// How much of each period real-time threads may take together, on each core. A spinning one is
+/// stopped for the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub struct Throttling {
@@ -184,7 +193,7 @@ impl Throttling {
     ///
     /// # Errors
     ///
-    /// The file that should have told.
+    /// The file that could not be read.
     pub fn read(source: &Source) -> Result<Throttling, Unread> {
         let value = |name: &str| source.parse(&format!("/proc/sys/kernel/{name}"), parse::number);
         Ok(Throttling {

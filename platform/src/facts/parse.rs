@@ -1,10 +1,13 @@
-//! What the kernel writes, as values: pure functions, so that other machines' files can be tested on this one.
+//! Parsers of the kernel's files: pure functions, so that other machines' files can be tested on
+//! this one.
 
 use super::PreemptionModel;
 
-/// Reads a list of cores or nodes as the kernel writes it, `0-3,8,10-11`; an empty one is a list without members.
+/// Reads a list of cores or nodes as the kernel writes it, `0-3,8,10-11`; an empty one is a list
+/// without members.
 ///
-/// Ascending, without doubles. `None` if it is no such list: a range backwards, a number above 65535, or anything else.
+/// Ascending, without doubles. `None` if it is no such list: a range backwards, a number above
+/// 65535, or anything else.
 ///
 /// ```
 /// use luna_platform::facts::parse::core_list;
@@ -69,8 +72,8 @@ pub fn number(text: &str) -> Option<i64> {
 
 /// The preemption model that the kernel was built with, from its version line (`uname -v`).
 ///
-/// Since Linux 5.12 a kernel can choose when it boots: then this is [`PreemptionModel::Dynamic`], and
-/// [`preemption_in_effect`] knows more where its file can be read.
+/// Since Linux 5.12 a kernel can choose when it boots: then this is [`PreemptionModel::Dynamic`],
+/// and [`preemption_in_effect`] knows more where its file can be read.
 ///
 /// ```
 /// use luna_platform::facts::{PreemptionModel, parse::preemption_of_version};
@@ -114,7 +117,8 @@ pub fn preemption_in_effect(text: &str) -> Option<PreemptionModel> {
     preemption_word(word)
 }
 
-/// The preemption model asked for on the kernel's command line, `preempt=full`; the last one counts.
+/// The preemption model asked for on the kernel's command line, `preempt=full`; the last one
+/// counts.
 ///
 /// ```
 /// use luna_platform::facts::{PreemptionModel, parse::preemption_asked};
@@ -130,7 +134,8 @@ pub fn preemption_asked(command_line: &str) -> Option<PreemptionModel> {
         .and_then(preemption_word)
 }
 
-/// A core's line of `/proc/stat`: the core, and how many ticks a hypervisor has taken from it. `None` for every other line.
+/// A core's line of `/proc/stat`: the core, and how many ticks a hypervisor has taken from it.
+/// `None` for every other line.
 ///
 /// ```
 /// use luna_platform::facts::parse::stolen_ticks;

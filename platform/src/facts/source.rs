@@ -12,7 +12,8 @@ const MOST_BYTES: u64 = 4 << 20;
 /// The most entries of a folder that are listed.
 const MOST_ENTRIES: usize = 100_000;
 
-/// The files that tell facts (`/proc`, `/sys`, `/dev`, `/boot`), of this machine or below a folder that holds a copy of them.
+/// The files with the facts (`/proc`, `/sys`, `/dev`, `/boot`), of this machine or below a folder
+/// that holds a copy of them.
 ///
 /// Not for the real-time path: it opens files and allocates.
 ///
@@ -53,11 +54,12 @@ impl Source {
         self.machine
     }
 
-    /// The text of `file`, an absolute path. Bytes that are no text are replaced; at most 4 MiB are read, of a regular file.
+    /// The text of `file`, an absolute path. Bytes that are no text are replaced; at most 4 MiB are
+    /// read, of a regular file.
     ///
     /// # Errors
     ///
-    /// [`Unread`] says which file, and why.
+    /// [`Unread`] reports which file, and why.
     pub fn read(&self, file: &str) -> Result<String, Unread> {
         let bytes = self.read_bytes(file)?;
         Ok(String::from_utf8_lossy(&bytes).into_owned())
@@ -67,7 +69,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says which file, and why.
+    /// [`Unread`] reports which file, and why.
     pub fn read_bytes(&self, file: &str) -> Result<Vec<u8>, Unread> {
         let read = || {
             let opened = File::open(self.path(file)?)?;
@@ -120,7 +122,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says why it cannot be listed.
+    /// [`Unread`] reports why it cannot be listed.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, Unread> {
         let list = || {
             let entries = fs::read_dir(self.path(folder)?)?.flatten();
@@ -141,7 +143,7 @@ impl Source {
     ///
     /// # Errors
     ///
-    /// [`Unread`] says why not.
+    /// [`Unread`] reports why not.
     pub fn may_write(&self, file: &str) -> Result<(), Unread> {
         let open = || {
             OpenOptions::new().write(true).open(self.path(file)?)?;
@@ -156,7 +158,7 @@ impl Source {
     }
 }
 
-/// A file that told nothing.
+/// A file that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Unread {
@@ -166,7 +168,7 @@ pub struct Unread {
     pub reason: UnreadReason,
 }
 
-/// Why a file told nothing.
+/// Why a file could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UnreadReason {
@@ -178,7 +180,7 @@ pub enum UnreadReason {
     Malformed,
     /// This backend knows no such files.
     Unsupported,
-    /// The system said something else.
+    /// Another error of the system.
     Other {
         /// Its words.
         message: String,
@@ -186,7 +188,7 @@ pub enum UnreadReason {
 }
 
 impl Unread {
-    /// That `file` told nothing, for `reason`.
+    /// Reports that `file` could not be read, for `reason`.
     pub fn new(file: &str, reason: UnreadReason) -> Unread {
         Unread {
             file: file.to_owned(),

@@ -1,8 +1,9 @@
-//! What `/proc` says of a process or thread: its limits, its capabilities, its policy.
+//! The contents of `/proc` for a process or thread: its limits, its capabilities, its policy.
 
 use super::Limit;
 
-/// A soft limit of `/proc/self/limits`, by the name that the file gives it, such as `Max realtime priority`.
+/// A soft limit of `/proc/self/limits`, by the name that the file gives it, such as `Max realtime
+/// priority`.
 ///
 /// ```
 /// use luna_platform::facts::{Limit, task::soft_limit};
@@ -46,8 +47,8 @@ pub fn has_capability(status: &str, bit: u32) -> Option<bool> {
     Some(bits.checked_shr(bit).unwrap_or(0) & 1 == 1)
 }
 
-/// Whether `/proc/self/uid_map` is that of the first user namespace, which maps every number to itself: in another, capabilities do not
-/// reach scheduling and locked memory.
+/// Whether `/proc/self/uid_map` is that of the first user namespace, which maps every number to
+/// itself: in another, capabilities do not reach scheduling and locked memory.
 ///
 /// ```
 /// use luna_platform::facts::task::is_first_user_namespace;
@@ -63,9 +64,10 @@ pub fn is_first_user_namespace(uid_map: &str) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Scheduling {
-    /// The priority of SCHED_FIFO or SCHED_RR that is in effect, inherited ones included; 0 for none.
+    /// The priority of SCHED_FIFO or SCHED_RR that is in effect, inherited ones included; 0 for
+    /// none.
     pub real_time_priority: u8,
-    /// The one that it has of its own.
+    /// Its own, without inheritance.
     pub own_real_time_priority: u8,
 }
 
@@ -80,13 +82,15 @@ pub struct Scheduling {
 /// assert_eq!((fifo_50.real_time_priority, fifo_50.own_real_time_priority), (50, 50));
 /// ```
 pub fn scheduling(stat: &str) -> Option<Scheduling> {
-    // The name may hold spaces and parentheses; what follows its last one are numbers, from the third field on.
+    // The name may hold spaces and parentheses; what follows its last one are numbers, from the
+    // third field on.
     let (_, fields) = stat.rsplit_once(") ")?;
     let field = |number: usize| {
         let word = fields.split_whitespace().nth(number - 3)?;
         word.parse::<i64>().ok()
     };
-    // The eighteenth is the kernel's priority: -1 - p for a real-time one in effect, -101 for SCHED_DEADLINE.
+    // The eighteenth is the kernel's priority: -1 - p for a real-time one in effect, -101 for
+    // SCHED_DEADLINE.
     let in_effect = match field(18)? {
         negative @ -100..=-2 => -1 - negative,
         _ => 0,

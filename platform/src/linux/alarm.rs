@@ -22,8 +22,9 @@ struct Target {
 }
 
 thread_local! {
-    /// What the handler sets on this thread, null without an alarm. It has no destructor, so a handler can read it at any time; and a thread with a timer has
-    /// touched it, so reading it allocates nothing.
+    /// What the handler sets on this thread, null without an alarm. It has no destructor, so a
+    /// handler can read it at any time; and a thread with a timer has touched it, so reading it
+    /// allocates nothing.
     static HERE: Cell<*const Target> = const { Cell::new(ptr::null()) };
 }
 
@@ -42,7 +43,8 @@ pub struct Alarm {
 }
 
 impl Alarm {
-    /// An alarm for the calling thread that sets `bit` of a word of `owner`. Nothing if the thread has one, or the kernel refuses. Not for the real-time path.
+    /// An alarm for the calling thread that sets `bit` of a word of `owner`. Nothing if the thread
+    /// has one, or the kernel refuses. Not for the real-time path.
     ///
     /// ```
     /// use luna_platform::alarm::Alarm;
@@ -82,20 +84,22 @@ impl Alarm {
         })
     }
 
-    /// Sets the bit at `deadline`, and no more at an earlier one; at once if it has passed. `false` if the kernel refuses. Real-time path: yes; one system call.
+    /// Sets the bit at `deadline`, which replaces an earlier one; at once if it has passed. `false`
+    /// if the kernel refuses. Real-time path: yes; one system call.
     #[must_use = "without an alarm the clock is to be read"]
     pub fn arm(&self, deadline: Instant) -> bool {
         // 0 would disarm.
         self.set(deadline.as_nanos().max(1))
     }
 
-    /// Sets nothing any more. Real-time path: yes; one system call.
+    /// Disarms the timer: the bit is not set any more. Real-time path: yes; one system call.
     pub fn disarm(&self) {
         // It fails for no timer that exists.
         self.set(0);
     }
 
-    /// When the bit was set last, if that was not taken before. Real-time path: yes; a load and a store.
+    /// When the bit was set last, if that was not taken before. Real-time path: yes; a load and a
+    /// store.
     pub fn take_rung(&self) -> Option<Instant> {
         let rung = self.target.rung.load(Ordering::Relaxed);
         (rung != 0).then(|| {
@@ -125,7 +129,8 @@ impl Alarm {
 
 impl Drop for Alarm {
     fn drop(&mut self) {
-        // A signal that is under way finds nothing to set, also if it comes only when the thread unblocks it.
+        // A signal that is under way finds nothing to set, also if it comes only when the thread
+        // unblocks it.
         HERE.set(ptr::null());
         // SAFETY: the timer is this value's, and is deleted once; the mask was given by the kernel.
         unsafe {
@@ -158,7 +163,8 @@ fn create(number: c_int) -> Option<timer_t> {
 
 /// Lets the signal `number` interrupt the calling thread. Gives what it blocked before.
 fn unblock(number: c_int) -> libc::sigset_t {
-    // SAFETY: both sets live during the calls, and the kernel or the C library writes them before they are read. It fails only for an unknown operation.
+    // SAFETY: both sets live during the calls, and the kernel or the C library writes them before
+    // they are read. It fails only for an unknown operation.
     unsafe {
         let mut one = MaybeUninit::uninit();
         let mut before = MaybeUninit::zeroed();
@@ -169,8 +175,8 @@ fn unblock(number: c_int) -> libc::sigset_t {
     }
 }
 
-/// The signal of all alarms, with the handler. Nothing if all real-time signals have handlers of others.
-/// The handlers of signals that end a program are set after it, so that they leave it one.
+/// The signal of all alarms, with the handler. Nothing if all real-time signals have handlers of
+/// others. The handlers of signals that end a program are set after it, so that they leave it one.
 pub(super) fn signal_number() -> Option<c_int> {
     static CHOSEN: Mutex<Option<c_int>> = Mutex::new(None);
     let mut chosen = CHOSEN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -189,7 +195,8 @@ pub(super) fn signal_number() -> Option<c_int> {
         // SAFETY: a zeroed action is a valid one, with an empty mask.
         let mut own: libc::sigaction = unsafe { MaybeUninit::zeroed().assume_init() };
         own.sa_sigaction = handler();
-        // Other system calls go on after the handler where they can; it runs on an alternative stack if the thread has one.
+        // Other system calls go on after the handler where they can; it runs on an alternative
+        // stack if the thread has one.
         own.sa_flags = libc::SA_SIGINFO | libc::SA_RESTART | libc::SA_ONSTACK;
         match action(number, Some(&own)) {
             Some(before) if !is_free(before) => {
@@ -207,7 +214,8 @@ pub(super) fn signal_number() -> Option<c_int> {
 fn action(number: c_int, new: Option<&libc::sigaction>) -> Option<libc::sigaction> {
     let mut before = MaybeUninit::zeroed();
     let new = new.map_or(ptr::null(), ptr::from_ref);
-    // SAFETY: both live during the call; the handler is `ring`, which has the signature that SA_SIGINFO asks for and is async-signal-safe, or what was there before.
+    // SAFETY: both live during the call; the handler is `ring`, which has the signature that
+    // SA_SIGINFO asks for and is async-signal-safe, or what was there before.
     unsafe {
         (libc::sigaction(number, new, before.as_mut_ptr()) == 0).then(|| before.assume_init())
     }
@@ -217,7 +225,8 @@ fn handler() -> libc::sighandler_t {
     ring as *const () as usize
 }
 
-/// The handler. Async-signal-safe: it reads the clock and a thread-local without a destructor, and stores to atomics.
+/// The handler. Async-signal-safe: it reads the clock and a thread-local without a destructor, and
+/// stores to atomics.
 extern "C" fn ring(number: c_int, information: *mut siginfo_t, _: *mut c_void) {
     // SAFETY: with SA_SIGINFO the kernel gives it.
     if unsafe { (*information).si_code } != libc::SI_TIMER {
@@ -225,11 +234,12 @@ extern "C" fn ring(number: c_int, information: *mut siginfo_t, _: *mut c_void) {
         super::crash::take_over(number);
         return;
     }
-    // SAFETY: by the alarm's invariant it is null or points to what lives; the handler runs on the thread whose alarm it is, so nothing goes meanwhile.
+    // SAFETY: by the alarm's invariant it is null or points to a live target; the handler runs on
+    // the thread of the alarm, so the target is not dropped meanwhile.
     if let Some(target) = unsafe { HERE.get().as_ref() } {
         let now = Instant::now_real().as_nanos();
         target.rung.store(now, Ordering::Relaxed);
-        // SAFETY: as above; the word is a part of what the alarm owns.
+        // SAFETY: by the alarm's invariant the word is a part of the owner, which the alarm keeps.
         unsafe { &*target.word }.fetch_or(target.bit, Ordering::AcqRel);
     }
 }

@@ -1,15 +1,18 @@
-//! A stack for handlers of signals, for a thread that has used up its own.
+//! A stack for signal handlers, for a thread that has used up its own.
 
 use super::thread::page_size;
 use nix::libc;
 use std::ptr;
 
-/// Large enough for what is called in a crash, whose frames hold all registers of the processor: also of an unoptimized program.
+/// Large enough for the calls in a crash, with frames that hold all registers of the processor:
+/// also of an unoptimized program.
 const SIZE: usize = 64 << 10;
 
-/// The calling thread's stack for handlers, until it is dropped on that thread. Below it lies a page that nobody may touch.
+/// The calling thread's stack for handlers, until it is dropped on that thread. The page below it
+/// is a guard.
 pub(crate) struct AlternateStack {
-    /// The mapping, and what was set before; none if there was no memory, and the thread keeps the stack that it had.
+    /// The mapping, and what was set before; none if there was no memory, and the thread keeps the
+    /// stack that it had.
     made: Option<(*mut libc::c_void, usize, libc::stack_t)>,
 }
 
@@ -41,13 +44,14 @@ impl AlternateStack {
             ss_flags: libc::SS_DISABLE,
             ss_size: 0,
         };
-        // SAFETY: the mapping is this value's alone, and is unmapped only when the kernel does not use it any more. It fails only on one of the former stacks.
+        // SAFETY: the mapping is this value's alone, and is unmapped only when the kernel does not
+        // use it any more. The call fails only on one of the former stacks.
         let is_set = unsafe {
             libc::mprotect(mapping, guard, libc::PROT_NONE);
             libc::sigaltstack(&raw const stack, &raw mut before) == 0
         };
         if !is_set {
-            // SAFETY: nobody uses it.
+            // SAFETY: the kernel did not accept the mapping, so it is unused.
             unsafe { libc::munmap(mapping, length) };
             return Self { made: None };
         }
@@ -62,7 +66,8 @@ impl Drop for AlternateStack {
         let Some((mapping, length, before)) = self.made.take() else {
             return;
         };
-        // SAFETY: the former stack lives as long as the thread; the mapping is unmapped only if the kernel has let go of it.
+        // SAFETY: the former stack lives as long as the thread; the mapping is unmapped only if the
+        // kernel does not use it any more.
         unsafe {
             if libc::sigaltstack(&raw const before, ptr::null_mut()) == 0 {
                 libc::munmap(mapping, length);

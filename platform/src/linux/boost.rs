@@ -1,4 +1,4 @@
-//! A thread at another priority than its own, for a while.
+//! Temporary boosts of a thread to another priority than its own.
 
 use super::thread::why_no_policy;
 use crate::shortfall::PolicyRefusal;
@@ -6,7 +6,7 @@ use crate::thread::Policy;
 use nix::errno::Errno;
 use nix::unistd::gettid;
 
-/// A thread and what it runs under when nothing is lent to it.
+/// A thread and its scheduling without a boost.
 #[derive(Debug)]
 pub struct Scheduling {
     thread: i32,
@@ -14,7 +14,7 @@ pub struct Scheduling {
     priority: i32,
 }
 
-/// That of the calling thread. Three system calls.
+/// The scheduling of the calling thread. Three system calls.
 pub fn scheduling() -> Scheduling {
     let (policy, priority) = super::thread::scheduler();
     Scheduling {
@@ -24,11 +24,12 @@ pub fn scheduling() -> Scheduling {
     }
 }
 
-/// As [`scheduling`], of the thread that `of` is, from any thread. Two system calls. What it was, if the system does not say.
+/// As [`scheduling`], of the thread of `of`, from any thread. Two system calls. Returns the former
+/// value if the system does not report it.
 pub fn scheduling_again(of: &Scheduling) -> Scheduling {
     let mut parameter = super::thread::zeroed_parameter();
-    // The system calls themselves, as below.
-    // SAFETY: the parameter is a valid structure for the length of the calls.
+    // Direct system calls, as below. SAFETY: the parameter is a valid structure for the length of
+    // the calls.
     let (policy, asked) = unsafe {
         (
             libc::syscall(libc::SYS_sched_getscheduler, of.thread),
@@ -78,11 +79,11 @@ impl Scheduling {
     }
 }
 
-/// Lets the thread run under SCHED_FIFO at `priority`. From any thread of the program; one system call.
+/// Runs the thread under SCHED_FIFO at `priority`. From any thread of the program; one system call.
 ///
 /// # Errors
 ///
-/// The system's number for why it refused.
+/// The system's error number.
 pub fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
     if !of.has_rank() {
         return Ok(());
@@ -90,7 +91,8 @@ pub fn boost(of: &Scheduling, priority: u8) -> Result<(), i32> {
     set(of.thread, libc::SCHED_FIFO, i32::from(priority))
 }
 
-/// Lets the thread run under what was its own. One system call. Going down needs no privilege, so it is not refused.
+/// Restores the thread's own scheduling. One system call. Lowering a priority needs no privilege,
+/// so it is not refused.
 pub fn restore(of: &Scheduling) {
     if of.has_rank() {
         let outcome = set(
@@ -105,12 +107,13 @@ pub fn restore(of: &Scheduling) {
     }
 }
 
-/// What a thread starts meanwhile is not to inherit the priority; and taking the flag back would need a privilege.
+/// Threads that it starts meanwhile must not inherit the priority; and clearing the flag would need
+/// a privilege.
 fn set(thread: i32, policy: i32, priority: i32) -> Result<(), i32> {
     let mut parameter = super::thread::zeroed_parameter();
     parameter.sched_priority = priority;
-    // The system call itself: musl's function of this name only fails.
-    // SAFETY: the parameter is a valid structure for the length of the call.
+    // Direct system call: musl's function of this name only fails. SAFETY: the parameter is a valid
+    // structure for the length of the call.
     let outcome = unsafe {
         libc::syscall(
             libc::SYS_sched_setscheduler,
@@ -124,7 +127,7 @@ fn set(thread: i32, policy: i32, priority: i32) -> Result<(), i32> {
         .map_err(|error| error as i32)
 }
 
-/// Finds out why a boost to `priority` was refused with this number.
+/// Determines why a boost to `priority` was refused with this error number.
 pub fn why_refused(priority: u8, number: i32) -> PolicyRefusal {
     match Errno::from_raw(number) {
         Errno::EPERM => why_no_policy(Policy::fifo(priority)),

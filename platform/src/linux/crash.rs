@@ -10,7 +10,7 @@ use std::cell::UnsafeCell;
 use std::mem::MaybeUninit;
 use std::ptr;
 
-/// By these a program crashes. Whatever handled them before has its turn afterwards.
+/// The faults of a program. A former handler runs afterwards.
 const FAULTS: [libc::c_int; 5] = [
     libc::SIGSEGV,
     libc::SIGBUS,
@@ -19,9 +19,9 @@ const FAULTS: [libc::c_int; 5] = [
     libc::SIGABRT,
 ];
 
-/// The others that end a program by default: they are handled where they would, and left alone
-/// where the program ignores them or has a handler of its own. The real-time signals belong to
-/// them. SIGINT, SIGTERM and SIGHUP ask for an end in order, and are handled elsewhere.
+/// The other signals that end a program by default: they are handled where they would, and left
+/// alone where the program ignores them or has a handler of its own. The real-time signals belong
+/// to them. SIGINT, SIGTERM and SIGHUP ask for an orderly end, and are handled elsewhere.
 const OTHERS: &[libc::c_int] = &[
     libc::SIGQUIT,
     libc::SIGTRAP,
@@ -54,10 +54,12 @@ const NUMBERS: usize = 129;
 ///
 /// # Invariants
 ///
-/// Written only by `install`, which one thread at a time calls, before the handler of that signal is set; read from then on.
+/// Written only by `install`, which one thread at a time calls, before the handler of that signal
+/// is set; read from then on.
 struct Before([UnsafeCell<MaybeUninit<libc::sigaction>>; NUMBERS]);
 
-// SAFETY: the invariant: writes come before the system call that sets the handler, which alone reads.
+// SAFETY: by the invariant writes come before the system call that sets the handler, which alone
+// reads.
 unsafe impl Sync for Before {}
 
 static BEFORE: Before = Before([const { UnsafeCell::new(MaybeUninit::zeroed()) }; NUMBERS]);
@@ -102,7 +104,7 @@ pub(crate) fn install() -> Result<(), SignalError> {
 }
 
 /// Handles a signal that was sent to the program, and not by a timer, as one that ends it: for the
-/// handler of the alarms, whose signal is left out above. Async-signal-safe.
+/// handler of the alarms; their signal is left out above. Async-signal-safe.
 pub(super) fn take_over(signal: libc::c_int) {
     // SAFETY: zeros are the default action, which was in place before the alarms' handler. Threads
     // that come here at once write the same.
@@ -127,7 +129,7 @@ fn install_one(signal: libc::c_int) -> Result<(), Errno> {
     // It may be set already: a library found it as the former action and has put it back since.
     // Then what was before it is known.
     if !is_own(&before) {
-        // SAFETY: the invariant: the handler of this signal is not set, so no handler reads the
+        // SAFETY: the handler of this signal is not set, so by the invariant no handler reads the
         // place.
         unsafe { before_of(signal).write(before) };
     }
@@ -141,12 +143,13 @@ fn before_of(signal: libc::c_int) -> *mut libc::sigaction {
 
 fn set_handler(signal: libc::c_int) -> Result<(), Errno> {
     let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: all zeros is an action, whose fields are then set.
+    // SAFETY: all zeros is a valid action; its fields are then set.
     let outcome = unsafe {
         let action = action.assume_init_mut();
         action.sa_sigaction = HANDLER as *const () as libc::sighandler_t;
-        // On a stack of its own, since the thread's may be used up. A fault while its own signal is blocked ends the program by default.
-        // Other system calls go on after the handler where they can, if it returns.
+        // On a stack of its own, since the thread's may be used up. A fault while its own signal is
+        // blocked ends the program by default. Other system calls go on after the handler where
+        // they can, if it returns.
         action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK | libc::SA_RESTART;
         libc::sigemptyset(&raw mut action.sa_mask);
         libc::sigaction(signal, action, ptr::null_mut())
@@ -159,15 +162,15 @@ pub(super) fn is_own(action: &libc::sigaction) -> bool {
     action.sa_sigaction == HANDLER as *const () as usize
 }
 
-/// Sets what the signals did before, where nobody has set something else since.
+/// Restores the former actions, except where another one was set since.
 pub(crate) fn restore() {
     signals().for_each(restore_one);
 }
 
 fn restore_one(signal: libc::c_int) {
     if action_of(signal).is_some_and(|now| is_own(&now)) {
-        // SAFETY: the action of before was in place before, so whoever set it answers for it. It
-        // was written before the handler was set.
+        // SAFETY: the former action was in place before, so its validity is up to the code that set
+        // it. It was written before the handler was set.
         unsafe { libc::sigaction(signal, before_of(signal), ptr::null_mut()) };
     }
 }
@@ -193,9 +196,11 @@ extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: 
     if !ends {
         return;
     }
-    // Whoever handled it before may abort, and there may be no room for one more of these on a small stack; what it is for has been done.
+    // The former handler may abort, and a small stack may have no room for another frame of this
+    // handler; its work is done.
     restore_one(libc::SIGABRT);
-    // SAFETY: it was written before this handler was set. The kernel's arguments are passed on to whoever would have been given them.
+    // SAFETY: it was written before this handler was set. The kernel's arguments are passed on
+    // unchanged to the former handler.
     unsafe {
         let before = *before_of(number);
         match before.sa_sigaction {
@@ -210,15 +215,16 @@ extern "C" fn crashed(number: libc::c_int, info: *mut libc::siginfo_t, context: 
             }
         }
         if action_of(number).is_none_or(|now| now.sa_sigaction != libc::SIG_DFL) {
-            // Who handled it before has, and the program goes on.
+            // The former handler has returned, and the program goes on.
             let _ = set_handler(libc::SIGABRT);
             if !is_child {
                 forget();
             }
             return;
         }
-        // What the processor refused is refused again when this returns, now by default, and a core
-        // dump tells why. All others are sent again, since they would not come again by themselves.
+        // An instruction that the processor refused is refused again when this returns, now by
+        // default, and with a core dump. All other signals are sent again, since they would not
+        // come again by themselves.
         let is_refused_again = code > 0 && FAULTS.contains(&number);
         if !is_refused_again {
             send_here(number);

@@ -8,7 +8,8 @@ use crate::thread::Policy;
 use nix::errno::Errno;
 use std::fs;
 
-/// Gives the calling thread `asked`, which is a deadline policy. What it starts is not to inherit it: the kernel would refuse the start.
+/// Gives the calling thread `asked`, which is a deadline policy. Threads that it starts must not
+/// inherit it: the kernel would refuse the start.
 pub(super) fn set(asked: Policy) -> Result<(), PolicyRefusal> {
     let Policy::Deadline {
         runtime,
@@ -24,7 +25,8 @@ pub(super) fn set(asked: Policy) -> Result<(), PolicyRefusal> {
     attributes.sched_runtime = runtime;
     attributes.sched_deadline = deadline;
     attributes.sched_period = period;
-    // SAFETY: the structure is valid for the length of the call and says its size; 0 is the calling thread, and no flags.
+    // SAFETY: the structure is valid for the length of the call and says its size; 0 is the calling
+    // thread, and no flags.
     let outcome = unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) };
     match Errno::result(outcome) {
         Ok(_) => match current_policy() {
@@ -50,7 +52,7 @@ pub(super) fn get() -> Policy {
             0,
         );
     }
-    // It cannot fail for the calling thread; zeros would read as a policy that nobody was given.
+    // It cannot fail for the calling thread; zeros would read as a policy that was never set.
     Policy::Deadline {
         runtime: attributes.sched_runtime,
         deadline: attributes.sched_deadline,
@@ -67,11 +69,11 @@ fn zeroed() -> libc::sched_attr {
     }
 }
 
-/// Which of the kernel's reasons for `EPERM` it was. A limit on priorities does not matter here.
+/// Determines the kernel's reason for `EPERM`. A limit on priorities does not matter here.
 fn why_not_permitted() -> PolicyRefusal {
     match privileges::effective(Capability::SysNice) {
         Some(true) if privileges::in_a_user_namespace() => PolicyRefusal::UserNamespace,
-        // It may: so its cores are too few.
+        // The process is permitted: so its cores are too few.
         Some(true) => PolicyRefusal::NotAllCores {
             allowed: write_core_list(&available_cores()),
         },

@@ -1,4 +1,4 @@
-//! A pair of fences of which one costs nothing: `membarrier(2)`.
+//! An asymmetric pair of fences, one of which costs nothing: `membarrier(2)`.
 
 use nix::errno::Errno;
 use std::sync::atomic::{AtomicU8, Ordering, compiler_fence};
@@ -13,7 +13,8 @@ const AVAILABLE: u8 = 1;
 const REFUSED: u8 = 2;
 static STATE: AtomicU8 = AtomicU8::new(UNASKED);
 
-/// Asks the kernel for the heavy fence, once for the program. Off the real-time path: the first call may take milliseconds.
+/// Asks the kernel for the heavy fence, once for the program. Off the real-time path: the first
+/// call may take milliseconds.
 pub fn prepare() {
     if STATE.load(Ordering::Acquire) == UNASKED {
         let granted = call(REGISTER).and_then(|()| call(EXPEDITED)).is_ok();
@@ -27,20 +28,22 @@ pub fn is_available() -> bool {
     STATE.load(Ordering::Relaxed) == AVAILABLE
 }
 
-/// Orders what this thread does for who calls [`heavy`]. No instruction.
+/// Orders what this thread does for a thread that calls [`heavy`]. No instruction.
 #[inline(always)]
 pub fn light() {
     compiler_fence(Ordering::SeqCst);
 }
 
-/// A full fence on this thread, and on each other one of the program that runs. A system call.
+/// A full fence on this thread, and on each other running thread of the program. A system call.
 pub fn heavy() {
     let fenced = crate::path::expected(crate::path::Call::Fence, || match call(EXPEDITED) {
-        // It notes on which processors to interrupt, where there are very many of them. The slow one needs no room.
+        // The kernel allocates a set of processors to interrupt on machines with very many. The
+        // slow command needs no memory.
         Err(Errno::ENOMEM) => call(GLOBAL),
         fenced => fenced,
     });
-    // What was granted once is not refused: the kernel keeps the registration with the address space.
+    // What was granted once is not refused: the kernel keeps the registration with the address
+    // space.
     if let Err(error) = fenced {
         panic!("the kernel refused a memory barrier that it had granted: {error}");
     }

@@ -7,7 +7,8 @@ use std::sync::atomic::AtomicU32;
 
 /// A 32-bit word that threads can wait on.
 ///
-/// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait sees the change or the wake.
+/// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait
+/// sees the change or the wake.
 #[derive(Debug)]
 #[repr(transparent)]
 pub struct Futex {
@@ -37,7 +38,8 @@ impl Futex {
         &self.word
     }
 
-    /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without end).
+    /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without
+    /// end).
     ///
     /// One system call. May end without a cause, so call it in a loop.
     pub fn wait(&self, expected: u32, deadline: Instant) -> Waited {
@@ -47,8 +49,8 @@ impl Futex {
         } else {
             &until
         };
-        // SAFETY: the word outlives the call, `until` is null or points to a timespec on this stack. FUTEX_WAIT_BITSET takes its
-        // deadline as absolute on CLOCK_MONOTONIC.
+        // SAFETY: the word outlives the call, `until` is null or points to a timespec on this
+        // stack. FUTEX_WAIT_BITSET takes its deadline as absolute on CLOCK_MONOTONIC.
         let outcome = unsafe {
             libc::syscall(
                 libc::SYS_futex,

@@ -1,18 +1,22 @@
-//! Whether the favoured home is inside a lock: a priority-inheriting futex that its owner takes and leaves by plain stores.
+//! Whether the owner of a bias is inside a lock: a priority-inheriting futex that the owner takes
+//! and leaves by plain stores.
 //!
-//! The word holds the owner's thread number, 0 when nobody is inside, and the kernel's note (`FUTEX_WAITERS`) when somebody waits. One thread at a time
-//! waits for the owner, which the lock around this sees to. The owner's plain store of 0 can erase the note. So an owner that
-//! finds itself not favoured any more afterwards puts both back, if the word is still 0, and lets the kernel hand over; if it is not, who
-//! waited has come through already. A wait that begins after the store finds 0, and does not wait.
+//! The word holds the owner's thread id, 0 when it is outside, and the kernel's mark
+//! (`FUTEX_WAITERS`) when a thread waits. One thread at a time waits for the owner; the lock around
+//! this ensures that. The owner's plain store of 0 can erase the mark. So an owner that finds the
+//! bias revoked afterwards puts both back, if the word is still 0, and lets the kernel hand over.
+//! If the word is not 0, the waiting thread has got it already. A wait that begins after the store
+//! finds 0, and does not wait.
 
 use super::lock::{futex_pi, known_thread_id, lock_pi, thread_id};
 use std::hint::spin_loop;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// How often the word is looked at before the kernel is asked: a section takes some tens of nanoseconds, and its owner may be on another core.
+/// The number of looks at the word before the kernel is asked: a critical section takes some tens
+/// of nanoseconds, and its owner may be on another core.
 const LOOKS: u32 = 40;
 
-/// The word of a biased lock that says whether its owner is inside.
+/// The word of a biased lock that holds whether its owner is inside.
 #[derive(Debug)]
 pub struct Inside {
     word: AtomicU32,
@@ -32,20 +36,21 @@ impl Inside {
         }
     }
 
-    /// Whether somebody is inside: for the favoured home's thread, whether it is itself.
+    /// Whether the owner of the bias is inside; its own thread learns whether it is itself.
     #[inline(always)]
     pub fn is_entered(&self) -> bool {
         self.word.load(Ordering::Relaxed) != 0
     }
 
-    /// The favoured home's thread enters.
+    /// The thread of the owner enters.
     #[inline(always)]
     pub fn enter(&self) {
         let me = known_thread_id();
         if self.word.load(Ordering::Relaxed) != 0 {
             entered_twice();
         }
-        // Not asked for here: then all that the way at home has in its hands would have to be kept across a call, each time.
+        // The id is not requested here: otherwise the fast path would have to keep all its
+        // registers across a call, each time.
         if me == 0 {
             unknown();
         }
@@ -59,13 +64,14 @@ impl Inside {
         }
     }
 
-    /// The favoured home's thread leaves.
+    /// The thread of the owner leaves.
     #[inline(always)]
     pub fn leave(&self) {
         self.word.store(0, Ordering::Release);
     }
 
-    /// The home's thread has left, and found that it is not favoured any more: somebody may wait in the kernel without a note of it.
+    /// The owner has left, and found the bias revoked: a thread may wait in the kernel without a
+    /// mark of it.
     #[cold]
     pub fn leave_revoked(&self) {
         let noted = thread_id() | libc::FUTEX_WAITERS;
@@ -73,7 +79,7 @@ impl Inside {
             .word
             .compare_exchange(0, noted, Ordering::AcqRel, Ordering::Relaxed);
         if left.is_ok() {
-            // Hands over to who waits; frees the word if nobody does.
+            // Hands over to the waiting thread; frees the word if there is none.
             let outcome = crate::path::expected(crate::path::Call::Lock, || {
                 futex_pi(&self.word, libc::FUTEX_UNLOCK_PI)
             });
@@ -81,8 +87,8 @@ impl Inside {
         }
     }
 
-    /// Waits until the home's thread is outside, and lends it the caller's priority meanwhile. The caller has ended its favour, and
-    /// executed the heavy fence.
+    /// Waits until the owner is outside, and boosts it to the caller's priority meanwhile. The
+    /// caller has revoked the bias, and executed the heavy fence.
     pub fn wait_until_left(&self) {
         for _ in 0..LOOKS {
             if self.word.load(Ordering::Acquire) == 0 {

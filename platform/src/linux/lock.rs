@@ -1,10 +1,12 @@
 //! The priority-inheriting lock.
 //!
-//! The word holds the owner's thread id, 0 when free, and the kernel's `FUTEX_WAITERS` bit when somebody waits in the kernel:
-//! the protocol of `FUTEX_LOCK_PI(2const)`. Free and uncontended, locking and unlocking are one compare-and-swap each. Contended,
-//! the waiter first watches the word for a bounded while (an owner on another core leaves within some tens of nanoseconds), then
-//! asks the kernel, which lends the owner the waiter's priority and hands the lock over in order of priority. A thread that may look before it sleeps looks
-//! for longer, and less often (`spin::at_lock`).
+//! The word holds the owner's thread id, 0 when free, and the kernel's `FUTEX_WAITERS` bit when a
+//! thread waits in the kernel: the protocol of `FUTEX_LOCK_PI(2const)`. Free and uncontended,
+//! locking and unlocking are one compare-and-swap each. Contended, the waiter first watches the
+//! word for a bounded while (an owner on another core leaves within some tens of nanoseconds), then
+//! asks the kernel, which boosts the owner to the waiter's priority and hands the lock over in
+//! order of priority. A thread that may spin before it sleeps spins for longer, and looks less
+//! often (`spin::at_lock`).
 
 use crate::path::{self, Call};
 use crate::spin;
@@ -16,19 +18,22 @@ use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// How often a contended lock is looked at before the kernel is asked: about half a microsecond. It is bounded, so an owner that was
-/// preempted on this very core costs that much and no more. A thread that looks for longer shares its core with no other process of its system.
+/// The number of looks at a contended lock before the kernel is asked: about half a microsecond. It
+/// is bounded, so an owner that was preempted on this very core costs that much and no more. A
+/// thread that spins for longer shares its core with no other process of its system.
 const LOOKS: u32 = 40;
 
 /// A priority-inheriting mutual exclusion lock around a value.
 ///
-/// A thread that waits lends its priority to the owner, so that a thread of middle priority cannot delay it (`FUTEX_LOCK_PI2`,
-/// or `FUTEX_LOCK_PI` on kernels before 5.14). Hold it for a bounded number of steps. Not poisoned by a panic. Real-time path:
-/// yes; O(1) free, otherwise the owner's section and those of waiters of higher priority.
+/// The owner inherits the priority of a waiting thread, so that a thread of middle priority cannot
+/// delay it (`FUTEX_LOCK_PI2`, or `FUTEX_LOCK_PI` on kernels before 5.14). Hold it for a bounded
+/// number of steps. Not poisoned by a panic. Real-time path: yes; O(1) free, otherwise the owner's
+/// section and those of waiters of higher priority.
 ///
 /// # Panics
 ///
-/// `lock` panics if the thread that calls it holds the lock already, or if its owner has died with it.
+/// `lock` panics if the calling thread holds the lock already, or if a thread has ended as its
+/// owner.
 ///
 /// ```
 /// use luna_platform::lock::PiLock;
@@ -40,26 +45,29 @@ const LOOKS: u32 = 40;
 ///
 /// # Invariants
 ///
-/// `value` is accessed only by the thread whose id is in `word`, through the one guard that its `lock` returned.
+/// `value` is accessed only by the thread whose id is in `word`, through the one guard that its
+/// `lock` returned.
 #[repr(C)]
 pub struct PiLock<T> {
-    /// Beside the beginning of the value: who takes the lock from another core has fetched that too.
+    /// Beside the beginning of the value: a thread that takes the lock from another core fetches
+    /// both.
     word: AtomicU32,
     value: UnsafeCell<T>,
 }
 
-// SAFETY: the lock hands out access to one thread at a time, so sharing it needs no more than that the value may change threads.
+// SAFETY: the lock gives access to one thread at a time, so it may be shared if the value may move
+// between threads.
 unsafe impl<T: Send> Sync for PiLock<T> {}
-// SAFETY: a lock that is moved is not borrowed, so nobody holds it; it is as `Send` as its value.
+// SAFETY: a lock that is moved is not borrowed, so no guard exists; it is as `Send` as its value.
 unsafe impl<T: Send> Send for PiLock<T> {}
 
-/// Unlocks when dropped. Stays on the thread that locked, since the kernel knows the owner by its thread.
+/// Unlocks when dropped. Not `Send`, since the kernel knows the owner by its thread.
 pub struct PiGuard<'a, T> {
     lock: &'a PiLock<T>,
     stays_on_its_thread: PhantomData<*const ()>,
 }
 
-// SAFETY: a shared guard gives out `&T` alone.
+// SAFETY: a shared guard gives `&T` alone.
 unsafe impl<T: Sync> Sync for PiGuard<'_, T> {}
 
 impl<T> PiLock<T> {
@@ -71,7 +79,7 @@ impl<T> PiLock<T> {
         }
     }
 
-    /// Locks, waiting as long as another thread holds it.
+    /// Locks. Waits while another thread holds it.
     #[inline]
     pub fn lock(&self) -> PiGuard<'_, T> {
         let me = thread_id();
@@ -85,7 +93,7 @@ impl<T> PiLock<T> {
         self.guard()
     }
 
-    /// Locks if nobody holds it.
+    /// Locks if the lock is free.
     #[inline]
     pub fn try_lock(&self) -> Option<PiGuard<'_, T>> {
         self.word
@@ -94,7 +102,7 @@ impl<T> PiLock<T> {
             .then(|| self.guard())
     }
 
-    /// The value, without locking: the exclusive borrow shows that nobody holds it.
+    /// The value, without locking: the exclusive borrow shows that no guard exists.
     pub fn get_mut(&mut self) -> &mut T {
         self.value.get_mut()
     }
@@ -110,7 +118,7 @@ impl<T> PiLock<T> {
     #[cold]
     fn lock_contended(&self, me: u32) {
         let (looks, pauses) = spin::at_lock().unwrap_or((LOOKS, 1));
-        // A holder that does not come back at once is through by then.
+        // The first look comes after half the pause: a short holder is done by then.
         let mut wait = pauses.div_ceil(2);
         for _ in 0..looks {
             let word = self.word.load(Ordering::Relaxed);
@@ -122,7 +130,8 @@ impl<T> PiLock<T> {
             {
                 return;
             }
-            // Others wait in the kernel already: the lock will be handed to them, looking on is of no use.
+            // Threads wait in the kernel already: the lock will be handed to them, so spinning is
+            // of no use.
             if word & libc::FUTEX_WAITERS != 0 {
                 break;
             }
@@ -133,7 +142,7 @@ impl<T> PiLock<T> {
     }
 }
 
-/// Takes `word` in the kernel, which lends its owner this thread's priority until then.
+/// Takes `word` in the kernel, which boosts its owner to this thread's priority until then.
 pub(super) fn lock_pi(word: &AtomicU32) {
     loop {
         match path::expected(Call::Lock, || futex_pi(word, lock_operation())) {
@@ -159,7 +168,7 @@ pub(super) fn lock_pi(word: &AtomicU32) {
     }
 }
 
-/// `FUTEX_LOCK_PI2` came with Linux 5.14; a kernel without it says so once.
+/// `FUTEX_LOCK_PI2` came with Linux 5.14; set to false once on a kernel without it.
 static HAS_LOCK_PI2: AtomicBool = AtomicBool::new(true);
 
 fn lock_operation() -> i32 {
@@ -171,7 +180,8 @@ fn lock_operation() -> i32 {
 }
 
 pub(super) fn futex_pi(word: &AtomicU32, operation: i32) -> Result<(), Errno> {
-    // SAFETY: the word outlives the call; the two operations used take no other pointer but a null deadline.
+    // SAFETY: the word outlives the call; the two operations used take no other pointer but a null
+    // deadline.
     let outcome = unsafe {
         libc::syscall(
             libc::SYS_futex,
@@ -188,7 +198,8 @@ thread_local! {
     static THREAD_ID: Cell<u32> = const { Cell::new(0) };
 }
 
-/// The kernel's id of this thread, asked for once. A process that was forked without exec must not use locks of its parent.
+/// The kernel's id of this thread, read once. A process that was forked without exec must not use
+/// locks of its parent.
 #[inline]
 pub(super) fn thread_id() -> u32 {
     THREAD_ID.with(|id| {
@@ -199,7 +210,8 @@ pub(super) fn thread_id() -> u32 {
     })
 }
 
-/// The id as far as it was asked for already, 0 if it was not: for who has locked before, as every thread that becomes a home has.
+/// The id if it was read already, else 0: for threads that have locked before, as every thread that
+/// becomes an executor has.
 #[inline(always)]
 pub(super) fn known_thread_id() -> u32 {
     THREAD_ID.get()
@@ -212,7 +224,7 @@ impl<T> Drop for PiGuard<'_, T> {
     }
 }
 
-/// Gives `word` up, which this thread owns.
+/// Releases `word`, which this thread owns.
 #[inline]
 pub(super) fn unlock_pi(word: &AtomicU32) {
     if word
@@ -244,7 +256,8 @@ impl<T> Deref for PiGuard<'_, T> {
 impl<T> DerefMut for PiGuard<'_, T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: this guard exists, so this thread owns the lock, and the guard is borrowed exclusively.
+        // SAFETY: this guard exists, so this thread owns the lock, and the guard is borrowed
+        // exclusively.
         unsafe { &mut *self.lock.value.get() }
     }
 }
@@ -289,7 +302,7 @@ mod tests {
         }
     }
 
-    /// The holder does not leave before that: so it is the bound that ends the looks, and nothing else.
+    /// The holder does not leave before that, so the bound alone ends the spinning.
     #[test]
     fn who_looks_for_longer_asks_the_kernel_in_the_end() {
         let lock = Arc::new(PiLock::new(0));
@@ -315,7 +328,7 @@ mod tests {
     #[test]
     fn those_who_look_for_longer_are_excluded_too() {
         const ROUNDS: u32 = 20_000;
-        // Two numbers that differ only while somebody is inside.
+        // Two numbers that differ only while a thread is inside.
         let lock = Arc::new(PiLock::new((0, 0)));
         let threads = [true, true, false].map(|is_patient| {
             let lock = lock.clone();

@@ -1,4 +1,4 @@
-//! Locked memory: `mlockall`, where it will go on working.
+//! Locked memory: `mlockall`, where it keeps working.
 
 use super::privileges::{self, Capability};
 use crate::shortfall::MemoryRefusal;
@@ -28,7 +28,7 @@ pub(crate) fn lock() -> Result<(), MemoryRefusal> {
     })
 }
 
-/// Copies what lies from `address` on; gives how many bytes there were.
+/// Copies the memory from `address` on; returns the number of bytes.
 pub(crate) fn copy(address: usize, into: &mut [u8]) -> usize {
     let from = RemoteIoVec {
         base: address,
@@ -43,14 +43,15 @@ pub(crate) fn unlock() {
     let _ = munlockall();
 }
 
-/// Tells the allocator to give nothing back to the kernel.
+/// Makes the allocator return no memory to the kernel.
 pub(crate) fn keep_heap() {
     #[cfg(target_env = "gnu")]
-    // SAFETY: both parameters exist, and may be changed at any time by any thread. A refusal (0) leaves things as they were.
+    // SAFETY: both parameters exist, and may be changed at any time by any thread. A refusal (0)
+    // leaves things as they were.
     unsafe {
         // Never shrink the heap: -1 is the largest threshold.
         libc::mallopt(libc::M_TRIM_THRESHOLD, -1);
-        // No block has a mapping of its own, which `free` would give back.
+        // No block gets a mapping of its own, which `free` would unmap.
         libc::mallopt(libc::M_MMAP_MAX, 0);
     }
 }

@@ -24,9 +24,10 @@ impl Watch {
         let opened = unsafe { libc::syscall(libc::SYS_pidfd_open, parent.as_raw(), 0) };
         let descriptor = match Errno::result(opened) {
             Ok(number) => {
-                // SAFETY: it is open, and nobody else's.
+                // SAFETY: the descriptor is open, and this is its only owner.
                 let descriptor = unsafe { OwnedFd::from_raw_fd(number as i32) };
-                // The number was not given to somebody else before it was opened, if it still is the parent's.
+                // If the process is still the parent now, its number was not reused before the
+                // descriptor was opened.
                 (getppid() == parent).then_some(descriptor)
             }
             Err(Errno::ESRCH) => None,
@@ -68,9 +69,11 @@ impl Watch {
     }
 }
 
-/// Makes this process survive what ends its terminal, its session, or is typed there: for one that must be the last.
+/// Makes this process survive what ends its terminal or its session, or is typed there: for a
+/// process that must be the last.
 pub(crate) fn outlive_requests() {
-    // Fails for a leader of a group, which is in a session of its own already, or is what a user typed.
+    // Fails for the leader of a process group, which is in a session of its own already, or was
+    // started by a user.
     let _ = nix::unistd::setsid();
     for signal in [
         libc::SIGINT,

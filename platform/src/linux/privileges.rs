@@ -13,13 +13,14 @@ pub(super) enum Capability {
     SysNice = CAP_SYS_NICE as isize,
 }
 
-/// Whether the calling thread has the capability in effect; `None` if `/proc` does not tell.
+/// Whether the calling thread has the capability in effect; `None` if `/proc` does not show it.
 pub(super) fn effective(capability: Capability) -> Option<bool> {
     let status = fs::read_to_string("/proc/thread-self/status").ok()?;
     has_capability(&status, capability as u32)
 }
 
-/// Whether this process lives in a user namespace of its own, where capabilities do not reach scheduling and locked memory.
+/// Whether this process lives in a user namespace of its own, where capabilities do not reach
+/// scheduling and locked memory.
 pub(super) fn in_a_user_namespace() -> bool {
     // The first namespace maps every number to itself.
     fs::read_to_string("/proc/self/uid_map").is_ok_and(|map| !is_first_user_namespace(&map))

@@ -1,7 +1,7 @@
 //! One epoll, with a timerfd for the deadline and an eventfd for other threads.
 //!
-//! Both are watched edge-triggered, so neither is ever read: arming a timer forgets what expired before, and each write to an
-//! eventfd is an edge of its own, whatever it has counted to.
+//! Both are watched edge-triggered, so neither is ever read: arming a timer forgets what expired
+//! before, and each write to an eventfd is an edge of its own, whatever it has counted to.
 
 use super::timer_fd::TimerFd;
 use crate::clock::Instant;
@@ -24,8 +24,9 @@ const EVENTS: usize = 64;
 
 /// Waits for files, for a deadline, and for [`wake`](Self::wake).
 ///
-/// One thread waits; any thread may call the other functions meanwhile. Linux only; elsewhere [`new`](Self::new) fails. Made off the
-/// real-time path; all else may be done on it: nothing is allocated.
+/// One thread waits; any thread may call the other functions meanwhile. Linux only; elsewhere
+/// [`new`](Self::new) fails. `new` is not for the real-time path; all other functions are: they
+/// allocate nothing.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -47,8 +48,9 @@ pub struct Reactor {
     epoll: Epoll,
     timer: TimerFd,
     waker: EventFd,
-    /// The deadline that the timer is armed for, in nanoseconds; that of `NEVER` when it is not, or has expired. Only the thread that
-    /// waits touches it; an atomic so that others may call `wake` meanwhile.
+    /// The deadline that the timer is armed for, in nanoseconds; that of `NEVER` when it is not, or
+    /// has expired. Only the thread that waits touches it; an atomic so that others may call `wake`
+    /// meanwhile.
     armed: AtomicU64,
 }
 
@@ -57,12 +59,13 @@ impl Reactor {
     ///
     /// # Errors
     ///
-    /// The process has no file descriptors left (it takes three), or (elsewhere) [`ReactorError::Unsupported`].
+    /// The process has no file descriptors left (it takes three), or (elsewhere)
+    /// [`ReactorError::Unsupported`].
     pub fn new() -> Result<Reactor, ReactorError> {
         let epoll =
             Epoll::new(EpollCreateFlags::EPOLL_CLOEXEC).map_err(refused("epoll_create1"))?;
         let timer = TimerFd::new().map_err(timer_refused)?;
-        // Non-blocking: a counter at its end, after 2^64 wakes, must not stop who wakes.
+        // Non-blocking: a counter at its end, after 2^64 wakes, must not block the waking thread.
         let waker = EventFd::from_flags(EfdFlags::EFD_CLOEXEC | EfdFlags::EFD_NONBLOCK)
             .map_err(refused("eventfd"))?;
         let edge = EpollFlags::EPOLLIN | EpollFlags::EPOLLET;
@@ -80,13 +83,16 @@ impl Reactor {
         })
     }
 
-    /// Watches `fd`, and reports it once, with `token`, when it is as `interest` says. After that, [`rearm`](Self::rearm) it.
+    /// Watches `fd`, and reports it once, with `token`, when it is as `interest` says. After that,
+    /// [`rearm`](Self::rearm) it.
     ///
-    /// Deregister it before it is closed; one that is closed everywhere is forgotten by itself. One system call, O(log files).
+    /// Deregister it before it is closed; one that is closed everywhere is forgotten by itself. One
+    /// system call, O(log files).
     ///
     /// # Errors
     ///
-    /// A token from [`FIRST_RESERVED_TOKEN`] on, a file registered already, one that cannot be waited for, or a limit of the kernel.
+    /// A token from [`FIRST_RESERVED_TOKEN`] on, a file registered already, one that cannot be
+    /// waited for, or a limit of the kernel.
     pub fn register(
         &self,
         fd: BorrowedFd<'_>,
@@ -100,8 +106,9 @@ impl Reactor {
             .map_err(|error| file_refused(fd, error))
     }
 
-    /// As [`register`](Self::register) for reading, but each wait reports it as long as it can be read, without being rearmed: for one whose reader empties it each time, such as a
-    /// timer.
+    /// As [`register`](Self::register) for reading, but each wait reports the file as long as it
+    /// can be read, without being rearmed: for a file with a reader that empties it each time, such
+    /// as a timer.
     ///
     /// # Errors
     ///
@@ -115,8 +122,8 @@ impl Reactor {
             .map_err(|error| file_refused(fd, error))
     }
 
-    /// Watches a registered `fd` for one more report, with a token and an interest anew. One that is ready already is reported by
-    /// the next wait. One system call, O(log files).
+    /// Watches a registered `fd` for one more report, with a token and an interest anew. One that
+    /// is ready already is reported by the next wait. One system call, O(log files).
     ///
     /// # Errors
     ///
@@ -146,11 +153,13 @@ impl Reactor {
             .map_err(|error| file_refused(fd, error))
     }
 
-    /// Waits until a file is ready, somebody calls [`wake`](Self::wake), or `deadline` comes ([`Instant::NEVER`]: never); calls
-    /// `on_ready` with the token of each ready file, at most 64 of them, before it returns.
+    /// Waits until a file is ready, [`wake`](Self::wake) is called, or `deadline` comes
+    /// ([`Instant::NEVER`]: never); calls `on_ready` with the token of each ready file, at most 64
+    /// of them, before it returns.
     ///
-    /// A deadline that has passed makes it look without waiting. One system call, and one more to arm the timer if the deadline is
-    /// another one than last time. A wake from before the wait ends it at once. May end without a cause after a signal.
+    /// With a deadline that has passed it polls without waiting. One system call, and one more to
+    /// arm the timer if the deadline is another one than last time. A wake from before the wait
+    /// ends it at once. May end spuriously after a signal.
     ///
     /// # Errors
     ///
@@ -199,16 +208,18 @@ impl Reactor {
                     }
                 }
             }
-            // Else it was the timer alone, armed for an earlier deadline: a later one does not disarm it.
+            // Else it was the timer alone, armed for an earlier deadline: a later one does not
+            // disarm it.
             if ended != Ended::default() || is_due {
                 return Ok(ended);
             }
         }
     }
 
-    /// Ends the present wait, or else the next. From any thread; one system call. Several before a wait end that one wait.
+    /// Ends the present wait, or else the next. From any thread; one system call. Several before a
+    /// wait end that one wait.
     pub fn wake(&self) {
-        // It can fail only with a counter at its end, and then there is a wake that nobody took.
+        // It can fail only with a counter at its end, and then a wake is pending already.
         let _ = path::expected(Call::Wake, || self.waker.write(1));
     }
 }

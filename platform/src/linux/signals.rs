@@ -45,7 +45,7 @@ pub(crate) fn number(signal: Signal) -> i32 {
 /// Which signals a thread blocks.
 pub(crate) type Mask = sys::SigSet;
 
-/// What asks a program to end, as far as a system takes it.
+/// The signals that ask a program to end, as far as a system handles them.
 fn requests() -> sys::SigSet {
     let mut requests = sys::SigSet::from_iter([sys::Signal::SIGINT, sys::Signal::SIGTERM]);
     for (signal, takes) in &TAKES {
@@ -136,7 +136,8 @@ pub(crate) fn set_mask(mask: &Mask) {
 
 /// A number that no other living thread has, without a system call: where its `errno` is.
 pub(crate) fn current_thread() -> usize {
-    // SAFETY: it has no precondition. The place is set aside with the thread, so a handler of signals may ask.
+    // SAFETY: it has no precondition. The place is allocated with the thread, so a signal handler
+    // may call this.
     unsafe { nix::libc::__errno_location() }.addr()
 }
 
@@ -154,7 +155,8 @@ pub(crate) fn install(signal: Signal) -> Result<Option<Before>, SignalError> {
     if !is_needed && !is_free(number(signal)) {
         return Ok(None);
     }
-    // Other system calls go on after the handler where they can; the handler runs on an alternative stack if the thread has one.
+    // Other system calls go on after the handler where they can; the handler runs on an alternative
+    // stack if the thread has one.
     let flags = sys::SaFlags::SA_RESTART | sys::SaFlags::SA_ONSTACK;
     let action = sys::SigAction::new(sys::SigHandler::Handler(handle), flags, sys::SigSet::all());
     // SAFETY: `handle` does only what is async-signal-safe.
@@ -173,7 +175,7 @@ pub(crate) fn restore(before: Before) {
     if action_of(number(before.signal)).is_none_or(|action| !is_own(&action)) {
         return;
     }
-    // SAFETY: the action was in place before, so whoever set it answers for it.
+    // SAFETY: the action was in place before, so its validity is up to the code that set it.
     let outcome = unsafe { sys::sigaction(sys_signal(before.signal), &before.action) };
     debug_assert!(
         outcome.is_ok(),
@@ -181,12 +183,12 @@ pub(crate) fn restore(before: Before) {
     );
 }
 
-/// Runs on whatever thread the kernel picked, in the middle of anything.
+/// Runs on the thread that the kernel picked, at any point of its work.
 extern "C" fn handle(number: i32) {
     // What was interrupted may be about to read its `errno`, which the system call in here changes.
     let errno = Errno::last_raw();
     if forked::is_child() {
-        // The parent's threads are not here: it does what it does by default, as soon as this
+        // The parent's threads do not exist here: the signal has its default effect as soon as this
         // handler has returned.
         set_default(number);
         send_here(number);

@@ -27,7 +27,8 @@ const KERNEL_NAME: usize = 15;
 fn initial_mask() -> &'static CpuSet {
     static MASK: OnceLock<CpuSet> = OnceLock::new();
     MASK.get_or_init(|| {
-        // The main thread's number is the process'. The call fails only on a machine with more cores than the mask has bits.
+        // The main thread's number is the process'. The call fails only on a machine with more
+        // cores than the mask has bits.
         sched_getaffinity(getpid()).unwrap_or_else(|_| {
             let mut all = CpuSet::new();
             for core in 0..CpuSet::count() {
@@ -38,7 +39,8 @@ fn initial_mask() -> &'static CpuSet {
     })
 }
 
-/// Notes what a later thread must not inherit. To be called before any thread is pinned.
+/// Records the initial mask, which a later thread must not inherit. Call it before any thread is
+/// pinned.
 pub(crate) fn remember_process() {
     initial_mask();
 }
@@ -67,8 +69,8 @@ pub(crate) fn current_policy() -> Policy {
     }
 }
 
-/// What a new thread does first: leave the signals that end a program to the threads made elsewhere, so that no handler runs on a
-/// real-time thread. The main thread is always among those.
+/// The first step of a new thread: leave the signals that end a program to the threads made
+/// elsewhere, so that no handler runs on a real-time thread. The main thread is always among those.
 pub(crate) fn begin() {
     let ending = SigSet::from_iter([
         Signal::SIGINT,
@@ -87,7 +89,8 @@ pub(crate) fn current_number() -> i32 {
 pub(crate) fn demote(number: i32) {
     let parameter = zeroed_parameter();
     let policy = libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK;
-    // SAFETY: plain system calls; the parameter is valid for the first. A thread that has ended is an error, which is what was wanted.
+    // SAFETY: plain system calls; the parameter is valid for the first. A thread that has ended is
+    // an error, which is what was wanted.
     unsafe {
         libc::syscall(
             libc::SYS_sched_setscheduler,
@@ -95,7 +98,8 @@ pub(crate) fn demote(number: i32) {
             policy,
             &raw const parameter,
         );
-        // One that was ordinary before keeps no flag, and may not be given one: then the call above did nothing that was needed.
+        // One that was ordinary before keeps no flag, and may not be given one: then the call above
+        // did nothing that was needed.
         libc::syscall(libc::SYS_setpriority, libc::PRIO_PROCESS, number, 19);
     }
 }
@@ -142,7 +146,7 @@ pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     Ok(obtained)
 }
 
-/// Tells the kernel as much of the name as it keeps, cut between characters.
+/// Sets the kernel's name of the thread, cut between characters to its maximum.
 fn set_name(name: &str) {
     // The main thread's name is the program's in `ps` and `killall`: not ours to change.
     if gettid() == getpid() {
@@ -192,7 +196,8 @@ fn why_no_core(core: usize) -> CoreRefusal {
 /// Lets the calling thread run where the process could from its start.
 pub(crate) fn unpin() {
     if sched_setaffinity(MYSELF, initial_mask()).is_err() {
-        // The control group has other cores by now. All of them, then: the kernel keeps those that are allowed.
+        // The control group has other cores by now. All of them, then: the kernel keeps those that
+        // are allowed.
         let mut all = CpuSet::new();
         for core in 0..CpuSet::count() {
             let _ = all.set(core);
@@ -204,9 +209,11 @@ pub(crate) fn unpin() {
 fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     let (before, _) = scheduler();
     let (number, priority) = match asked {
-        // A thread that was batch or idle before stays so: it has no real-time policy, and that was somebody's wish.
+        // A batch or idle thread stays so: it has no real-time policy, and its policy was set on
+        // purpose.
         Policy::Other if !current_policy().is_real_time() => return Ok(()),
-        // Taking the flag back would need a privilege, which must not keep a thread from giving up its policy.
+        // Taking the flag back would need a privilege, which must not keep a thread from giving up
+        // its policy.
         Policy::Other => (libc::SCHED_OTHER | before & libc::SCHED_RESET_ON_FORK, 0),
         Policy::Fifo(priority) => (libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority),
         Policy::RoundRobin(priority) => (libc::SCHED_RR | libc::SCHED_RESET_ON_FORK, priority),
@@ -214,8 +221,8 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     };
     let mut parameter = zeroed_parameter();
     parameter.sched_priority = i32::from(priority);
-    // The system call itself: musl's function of this name only fails.
-    // SAFETY: the parameter is a valid structure for the length of the call; 0 is the calling thread.
+    // Direct system call: musl's function of this name only fails. SAFETY: the parameter is a valid
+    // structure for the length of the call; 0 is the calling thread.
     let outcome = unsafe {
         libc::syscall(
             libc::SYS_sched_setscheduler,
@@ -236,7 +243,7 @@ fn set_policy(asked: Policy) -> Result<(), PolicyRefusal> {
     }
 }
 
-/// Finds out which of the kernel's reasons for `EPERM` it was.
+/// Determines the kernel's reason for `EPERM`.
 pub(super) fn why_no_policy(asked: Policy) -> PolicyRefusal {
     let limit = getrlimit(Resource::RLIMIT_RTPRIO)
         .ok()
@@ -274,7 +281,8 @@ pub(super) fn scheduler() -> (i32, u8) {
 }
 
 pub(super) fn zeroed_parameter() -> libc::sched_param {
-    // SAFETY: a structure of numbers (one with glibc, more with musl), for which all zeros is a value.
+    // SAFETY: a structure of numbers (one with glibc, more with musl), for which all zeros is a
+    // value.
     unsafe { std::mem::zeroed() }
 }
 
@@ -286,7 +294,8 @@ struct Stack {
 
 /// The calling thread's stack, without its guard.
 fn stack() -> Option<Stack> {
-    // SAFETY: the attributes are written by the first call, read by the second only if it succeeded, and then released.
+    // SAFETY: the attributes are written by the first call, read by the second only if it
+    // succeeded, and then released.
     unsafe {
         let mut attributes = std::mem::MaybeUninit::<libc::pthread_attr_t>::uninit();
         if libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) != 0 {
@@ -303,18 +312,21 @@ fn stack() -> Option<Stack> {
     }
 }
 
-/// Writes to each page of the stack below this function, `most` bytes or down to `lowest`, so that none has to be fetched later.
+/// Writes to each page of the stack below this function, `most` bytes or down to `lowest`, so that
+/// none has to be faulted in later.
 #[inline(never)]
 fn touch_stack(lowest: usize, most: usize) {
     let page = page_size();
     let here = 0_u8;
     let here = (&raw const here).addr() & !(page - 1);
     let lowest = lowest.max(here.saturating_sub(most));
-    // The lowest byte of the page below this one: at least a page away from the frames in use, which are much smaller.
+    // The lowest byte of the page below this one: at least a page away from the frames in use,
+    // which are much smaller.
     let mut at = here - page;
     while at >= lowest {
-        // SAFETY: the byte lies in this thread's stack, above its guard and below every frame in use, so nobody's value is changed. A
-        // signal's handler may use it too, but only while this loop does not run.
+        // SAFETY: the byte lies in this thread's stack, above its guard and below every frame in
+        // use, so no live value is changed. A signal handler may use it too, but only while this
+        // loop does not run.
         unsafe { std::ptr::with_exposed_provenance_mut::<u8>(at).write_volatile(0) };
         match at.checked_sub(page) {
             Some(next) => at = next,

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// A timer that is a file: disarmed, armed for one deadline, or periodic.
 ///
-/// Linux only; elsewhere [`new`](Self::new) fails. Made off the real-time path; all else may be done on it: one system call each,
-/// O(log of the system's timers). One thread reads it.
+/// Linux only; elsewhere [`new`](Self::new) fails. Made off the real-time path; all else may be
+/// done on it: one system call each, O(log of the system's timers). One thread reads it.
 ///
 /// ```
 /// use luna_platform::clock::Instant;
@@ -50,7 +50,8 @@ impl TimerFd {
             .map_err(refused("timerfd_create"))
     }
 
-    /// As [`new`](Self::new), but one that is not waited for here: a reactor watches it, and [`take`](Self::take) reads it.
+    /// As [`new`](Self::new), but one that is not waited for here: a reactor watches it, and
+    /// [`take`](Self::take) reads it.
     ///
     /// # Errors
     ///
@@ -63,7 +64,8 @@ impl TimerFd {
             .map_err(refused("timerfd_create"))
     }
 
-    /// How often a [`watched`](Self::watched) one expired since it was last read or armed: 0 if it did not, or was disarmed meanwhile. One system call, which does not wait.
+    /// How often a [`watched`](Self::watched) one expired since it was last read or armed: 0 if it
+    /// did not, or was disarmed meanwhile. One system call, which does not wait.
     ///
     /// # Errors
     ///
@@ -75,7 +77,8 @@ impl TimerFd {
         }
     }
 
-    /// Expires once, at `deadline`; at once if that has passed. [`Instant::NEVER`] disarms it. What expired before is forgotten.
+    /// Expires once, at `deadline`; at once if that has passed. [`Instant::NEVER`] disarms it. What
+    /// expired before is forgotten.
     ///
     /// # Errors
     ///
@@ -87,8 +90,9 @@ impl TimerFd {
         self.set(Expiration::OneShot(time_spec(deadline.as_nanos())))
     }
 
-    /// Expires at `first` and then every `period` after that, on the same grid however late it is read. What expired before is
-    /// forgotten. A `first` that has passed counts the expirations since then.
+    /// Expires at `first` and then every `period` after that, on the same grid however late it is
+    /// read. What expired before is forgotten. A `first` that has passed counts the expirations
+    /// since then.
     ///
     /// # Errors
     ///
@@ -112,7 +116,8 @@ impl TimerFd {
         path::expected(Call::ArmTimer, || self.timer.unset()).map_err(refused("timerfd_settime"))
     }
 
-    /// Waits until it expires, and returns how often it did since it was last read or armed: at least 1.
+    /// Waits until it expires, and returns how often it did since it was last read or armed: at
+    /// least 1.
     ///
     /// One system call. A timer that is not armed is waited for until another thread arms it.
     ///
@@ -123,7 +128,8 @@ impl TimerFd {
         self.read().map_err(refused("read"))
     }
 
-    /// How often it expired since it was last read or armed: 0 if it did not. Does not wait; at most two system calls.
+    /// How often it expired since it was last read or armed: 0 if it did not. Does not wait; at
+    /// most two system calls.
     ///
     /// # Errors
     ///

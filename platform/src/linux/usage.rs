@@ -10,7 +10,8 @@ use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
 thread_local! {
-    /// Open from the first reading on, as long as the thread lives: opening it costs more than reading it.
+    /// Open from the first reading on, as long as the thread lives: opening it costs more than
+    /// reading it.
     static SCHEDULING: OnceCell<Option<File>> = const { OnceCell::new() };
 }
 

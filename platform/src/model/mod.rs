@@ -1,4 +1,5 @@
-//! loom's clock, lock and wait: what the protocols are checked on. There are no threads' attributes and no files here.
+//! loom's clock, lock and wait: what the protocols are checked on. There are no threads' attributes
+//! and no files here.
 
 pub mod boost {
     //! Threads have no priorities in a model.
@@ -156,7 +157,7 @@ pub mod fence {
 }
 
 pub mod inside {
-    //! The word without the kernel: who waits looks again and again.
+    //! The word without the kernel: a waiting thread polls it.
 
     use loom::sync::atomic::{AtomicBool, Ordering};
 

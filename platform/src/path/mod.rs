@@ -16,19 +16,23 @@ pub use watched::{expected, expected_call};
 pub enum Call {
     /// To wake a thread that sleeps.
     Wake,
-    /// To sleep, or to look at files without sleeping.
+    /// To sleep, or to poll files without sleeping.
     Sleep,
-    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that is busy when its earliest deadline changes.
+    /// To arm or disarm a timer: that of a loop, or the [alarm](crate::alarm) of an executor that
+    /// is busy when its earliest deadline changes.
     ArmTimer,
     /// To wait for a contended priority-inheriting lock, or to hand it over.
     Lock,
-    /// To end the favour of a biased lock: once in the life of a channel that another thread comes to.
+    /// To revoke the bias of a lock: once in the life of a channel, when another thread first uses
+    /// it.
     Fence,
-    /// To lend a thread a priority, or to give it back.
+    /// To boost a thread, or to end its boost.
     Boost,
-    /// To read or write a file that does not wait, or to say what it is waited for: for those processes alone that work on files.
+    /// To read or write a file without waiting, or to register what is waited for: only for
+    /// processes that use files.
     File,
-    /// To read what the kernel has counted of the thread, when a loop begins, a cycle is late or a budget is overrun. None of these calls waits.
+    /// To read what the kernel has counted of the thread, when a loop begins, a cycle is late or a
+    /// budget is overrun. None of these calls waits.
     Account,
 }
 

@@ -1,4 +1,5 @@
-//! The reason of the system call that a thread is about to make: in builds with `--cfg luna_path_guard`.
+//! The reason of the system call that a thread is about to make: in builds with `--cfg
+//! luna_path_guard`.
 
 use super::Call;
 use std::cell::Cell;

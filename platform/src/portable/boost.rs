@@ -1,12 +1,12 @@
-//! Threads have no priorities here, so that none is ever lent.
+//! Threads have no priorities here, so there are no boosts.
 
 use crate::shortfall::PolicyRefusal;
 
-/// A thread, and what it runs under without inheritance.
+/// A thread, and its scheduling without a boost.
 #[derive(Debug)]
 pub struct Scheduling;
 
-/// That of the calling thread.
+/// The scheduling of the calling thread.
 pub fn scheduling() -> Scheduling {
     Scheduling
 }
@@ -23,19 +23,19 @@ impl Scheduling {
     }
 }
 
-/// Lets the thread run at this priority.
+/// Runs the thread at this priority.
 ///
 /// # Errors
 ///
-/// The system's number for why it refused.
+/// The system's error number.
 pub fn boost(_: &Scheduling, _: u8) -> Result<(), i32> {
     Err(0)
 }
 
-/// Lets the thread run under what was its own.
+/// Restores the thread's own scheduling.
 pub fn restore(_: &Scheduling) {}
 
-/// Why a boost was refused with this number.
+/// Why a boost was refused with this error number.
 pub fn why_refused(_: u8, _: i32) -> PolicyRefusal {
     PolicyRefusal::Unsupported
 }

@@ -1,4 +1,4 @@
-//! There is no pair of fences of which one costs nothing, so nobody is favoured.
+//! There is no asymmetric pair of fences here, so no lock is biased.
 
 /// Asks for the heavy fence, once for the program.
 pub fn prepare() {}

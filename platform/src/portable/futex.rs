@@ -7,7 +7,8 @@ use std::time::Duration;
 
 /// A 32-bit word that threads can wait on.
 ///
-/// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait sees the change or the wake.
+/// Change the word first, through [`word`](Self::word), then wake: a thread that is about to wait
+/// sees the change or the wake.
 #[derive(Debug)]
 pub struct Futex {
     word: AtomicU32,
@@ -40,7 +41,8 @@ impl Futex {
         &self.word
     }
 
-    /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without end).
+    /// Waits while the word holds `expected`, at most until `deadline` ([`Instant::NEVER`]: without
+    /// end).
     pub fn wait(&self, expected: u32, deadline: Instant) -> Waited {
         let guard = self.lock.lock().unwrap_or_else(PoisonError::into_inner);
         if self.word.load(Ordering::SeqCst) != expected {

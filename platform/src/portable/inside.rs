@@ -1,4 +1,4 @@
-//! Nobody is favoured here, so nobody is inside.
+//! No lock is biased here, so no thread is ever inside.
 
 /// The word of a biased lock that says whether its owner is inside.
 #[derive(Debug)]

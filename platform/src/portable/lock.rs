@@ -1,4 +1,5 @@
-//! A lock with the interface of the priority-inheriting one; it inherits nothing, since the standard library offers no such lock.
+//! A lock with the interface of the priority-inheriting one; it inherits nothing, since the
+//! standard library offers no such lock.
 
 use std::fmt;
 use std::ops::{Deref, DerefMut};
@@ -6,7 +7,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A mutual exclusion lock around a value.
 ///
-/// On this backend it is `std::sync::Mutex` without poisoning: there are no real-time policies here, so nothing to inherit.
+/// On this backend it is `std::sync::Mutex` without poisoning: there are no real-time policies
+/// here, so nothing to inherit.
 pub struct PiLock<T>(Mutex<T>);
 
 /// Unlocks when dropped.
@@ -24,7 +26,7 @@ impl<T> PiLock<T> {
         PiGuard(self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Locks if nobody holds it.
+    /// Locks if the lock is free.
     pub fn try_lock(&self) -> Option<PiGuard<'_, T>> {
         match self.0.try_lock() {
             Ok(guard) => Some(PiGuard(guard)),
@@ -33,7 +35,7 @@ impl<T> PiLock<T> {
         }
     }
 
-    /// The value, without locking: the exclusive borrow shows that nobody holds it.
+    /// The value, without locking: the exclusive borrow shows that no guard exists.
     pub fn get_mut(&mut self) -> &mut T {
         self.0.get_mut().unwrap_or_else(PoisonError::into_inner)
     }

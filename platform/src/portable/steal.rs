@@ -1,4 +1,4 @@
-//! The standard library does not tell.
+//! The standard library does not report stolen time.
 
 use std::convert::Infallible;
 use std::path::Path;

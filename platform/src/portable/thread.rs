@@ -1,4 +1,5 @@
-//! Threads as the standard library makes them: with a name and a stack. Policies and cores are refused.
+//! Threads as the standard library makes them: with a name and a stack. Policies and cores are
+//! refused.
 
 use crate::shortfall::{CoreRefusal, PolicyRefusal, Shortfall};
 use crate::thread::{Attributes, Obtained, Policy};
@@ -28,7 +29,8 @@ pub(crate) fn demote(_number: i32) {}
 
 pub(crate) fn unpin() {}
 
-/// Gives the calling thread its attributes, that is: says which it cannot have. Its stack is not touched, since nobody tells its bounds.
+/// Applies the attributes to the calling thread: reports those that it cannot have. Its stack is
+/// not touched, since its bounds are unknown.
 pub(crate) fn apply(attributes: &Attributes) -> Result<Obtained, Shortfall> {
     let mut obtained = Obtained {
         policy: Policy::Other,

@@ -1,4 +1,4 @@
-//! The standard library does not tell.
+//! The standard library does not report resource usage.
 
 use crate::usage::ThreadUsage;
 use std::time::Duration;

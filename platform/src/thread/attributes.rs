@@ -1,4 +1,4 @@
-//! What a thread is to be, and what it became.
+//! The attributes that a thread is to have, and those that it obtained.
 
 use super::policy::{Policy, PolicyError};
 use crate::shortfall::{Shortfall, SpinRefusal};
@@ -16,17 +16,21 @@ pub enum Mode {
     BestEffort,
 }
 
-/// The stack of a thread that asks for nothing else: 2 MiB, as threads of the standard library have.
+/// The stack of a thread that asks for nothing else: 2 MiB, as threads of the standard library
+/// have.
 ///
-/// What runs on a thread of the standard library so runs here too: an unoptimized build moves a value several times on the way through futures and channels, and takes stack for each
-/// move. Every page of it is touched and, once memory is locked, stays in memory: 2 MiB a thread, which a machine that is to keep deadlines has; more by default would cost one with
-/// some tens of threads, or a limit of locked memory (8 MiB on many systems, unless it is lifted), too much.
+/// So code that runs on a thread of the standard library runs here too: an unoptimized build moves
+/// a value several times on the way through futures and channels, and takes stack for each move.
+/// Every page of it is touched and, once memory is locked, stays in memory: 2 MiB a thread, which a
+/// machine that is to keep deadlines has; more by default would cost one with some tens of threads,
+/// or a limit of locked memory (8 MiB on many systems, unless it is lifted), too much.
 pub const DEFAULT_STACK_SIZE: usize = 2 << 20;
 
 /// The smallest stack that can be asked for: 128 KiB.
 ///
-/// The C library takes some of it for thread-local data (16 KiB is its own minimum), the standard library's start and end of a
-/// thread and a panic's message take some 20 KiB more, and unoptimized builds several times that.
+/// The C library takes some of it for thread-local data (16 KiB is its own minimum), the standard
+/// library's start and end of a thread and a panic's message take some 20 KiB more, and unoptimized
+/// builds several times that.
 pub const MINIMUM_STACK_SIZE: usize = 128 << 10;
 
 /// The largest stack that can be asked for: 1 GiB. All of it is touched at the thread's start.
@@ -55,7 +59,8 @@ pub struct Attributes {
 }
 
 impl Attributes {
-    /// A thread called `name`, on any core, without a real-time policy, best effort, with [`DEFAULT_STACK_SIZE`].
+    /// A thread called `name`, on any core, without a real-time policy, best effort, with
+    /// [`DEFAULT_STACK_SIZE`].
     ///
     /// The operating system shows the first 15 bytes of the name, cut between characters.
     pub fn new(name: impl Into<String>) -> Self {
@@ -71,9 +76,11 @@ impl Attributes {
         }
     }
 
-    /// A thread of the framework's own: as [`new`](Self::new), but priorities 98 and 99 are open to it.
+    /// A thread of the framework's own: as [`new`](Self::new), but priorities 98 and 99 are open to
+    /// it.
     ///
-    /// For the timer manager, the emergency manager and tools that measure beside them. A user's thread is made with `new`.
+    /// For the timer manager, the emergency manager and tools that measure beside them. A user's
+    /// thread is made with `new`.
     pub fn framework(name: impl Into<String>, policy: Policy) -> Self {
         Self {
             policy,
@@ -109,7 +116,8 @@ impl Attributes {
         self.core
     }
 
-    /// Has a stack of `bytes`, rounded up to whole pages: [`MINIMUM_STACK_SIZE`] to [`MAXIMUM_STACK_SIZE`].
+    /// Has a stack of `bytes`, rounded up to whole pages: [`MINIMUM_STACK_SIZE`] to
+    /// [`MAXIMUM_STACK_SIZE`].
     pub fn stack_size(mut self, bytes: usize) -> Self {
         self.stack_size = bytes;
         self
@@ -121,28 +129,31 @@ impl Attributes {
         self
     }
 
-    /// Looks for work for `time` before each sleep, at most [`spin::LONGEST`]; not at all if not stated.
+    /// Spins for work for `time` before each sleep, at most [`spin::LONGEST`]; not at all if not
+    /// stated.
     ///
-    /// A wake across cores then takes some hundred nanoseconds instead of microseconds, and the thread burns its core meanwhile: it needs one to itself.
-    /// Whether it has one, who makes the thread must know ([`refuse_spin`](Self::refuse_spin)); one that is not pinned has none. It is for threads
-    /// that run processes, and does nothing on others.
+    /// A wake across cores then takes some hundred nanoseconds instead of microseconds, and the
+    /// thread burns its core meanwhile: it needs a core to itself. The code that makes the thread
+    /// must know whether it has one ([`refuse_spin`](Self::refuse_spin)); a thread that is not
+    /// pinned has none. It is for threads that run processes, and does nothing on others.
     pub fn spin_before_sleep(mut self, time: Duration) -> Self {
         self.spin = time;
         self
     }
 
-    /// The time to look for work before each sleep that was asked for.
+    /// The requested time to spin for work before each sleep.
     pub fn asked_spin(&self) -> Duration {
         self.spin
     }
 
-    /// Not to look for work before a sleep, although it was asked for: `why` becomes a shortfall. Does nothing if it was not.
+    /// Refuses the requested spinning before a sleep: `why` becomes a shortfall. Does nothing if
+    /// there was no request.
     pub fn refuse_spin(mut self, why: SpinRefusal) -> Self {
         self.spin_refused = Some(why);
         self
     }
 
-    /// Says whether a thread that has obtained the rest may look for work before it sleeps.
+    /// Decides whether a thread that has obtained the rest may spin before it sleeps.
     pub(crate) fn settle_spin(&self, obtained: &mut Obtained) -> Result<(), Shortfall> {
         if self.spin.is_zero() {
             return Ok(());
@@ -164,8 +175,8 @@ impl Attributes {
     ///
     /// # Errors
     ///
-    /// A priority out of range, a deadline policy beside a core, a stack too small or too large, a name with a zero byte in it, or a time to look for
-    /// work before a sleep that is too long.
+    /// A priority out of range, a deadline policy beside a core, a stack too small or too large, a
+    /// name with a zero byte in it, or a time to look for work before a sleep that is too long.
     pub fn validate(&self) -> Result<(), AttributeError> {
         let checked = if self.framework {
             self.policy.validate_framework()
@@ -323,7 +334,7 @@ impl std::error::Error for AttributeError {
     }
 }
 
-/// What a thread has, as the system said after it was set.
+/// The obtained attributes of a thread, as read back from the system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Obtained {
@@ -331,7 +342,7 @@ pub struct Obtained {
     pub policy: Policy,
     /// The core it is pinned to, if it is.
     pub core: Option<usize>,
-    /// The bytes of its stack; where the system does not tell, those asked for.
+    /// The bytes of its stack; where the system does not report it, the requested size.
     pub stack_size: usize,
     /// How long it looks for work before each sleep.
     pub spin_before_sleep: Duration,

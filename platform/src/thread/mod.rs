@@ -1,20 +1,27 @@
-//! Threads that have their attributes before anything runs on them.
+//! Threads that have their attributes before user code runs on them.
 //!
-//! [`spawn`] makes a thread with a name, a core, a policy and a stack that is in memory already, runs its set-up on it, and returns
-//! only then. What was set is read back: a thread that says `fifo:80` is one. What the system refuses is an error under
-//! [`Mode::Strict`] and a [`Shortfall`] in [`Obtained`] under [`Mode::BestEffort`].
+//! [`spawn`] makes a thread with a name, a core, a policy and a stack that is in memory already,
+//! runs its set-up on it, and returns only then. What was set is read back: a thread that reports
+//! `fifo:80` runs at it. What the system refuses is an error under [`Mode::Strict`] and a
+//! [`Shortfall`] in [`Obtained`] under [`Mode::BestEffort`].
 //!
 //! Nothing is inherited by accident:
 //!
-//! - A real-time thread made here has `SCHED_RESET_ON_FORK`, so that a helper thread which a library starts on it is an ordinary one.
-//! - A thread made here sets its policy and its core mask itself, whoever made it: unpinned threads get the mask that the process had
-//!   before the first thread was made here. (A helper thread that a *library* starts on a pinned thread is pinned too: the kernel
+//! - A real-time thread made here has `SCHED_RESET_ON_FORK`, so that a helper thread which a
+//!   library starts on it is an ordinary one.
+//! - A thread made here sets its policy and its core mask itself, independent of the thread that
+//!   made it: unpinned threads get the mask that the process had before the first thread was made
+//!   here. (A helper thread that a *library* starts on a pinned thread is pinned too: the kernel
 //!   offers no reset for that.)
-//! - A thread made here blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that no handler of those interrupts a real-time thread.
-//! - A thread made here has a stack of its own for handlers of signals, so that one that has used up its stack still comes to the emergency functions.
-//! - Every thread made here sleeps with a slack of 1 ns: without a real-time policy Linux else adds 50 µs to each sleep.
+//! - A thread made here blocks SIGINT, SIGTERM, SIGHUP and SIGQUIT, so that no handler of those
+//!   interrupts a real-time thread.
+//! - A thread made here has a stack of its own for signal handlers, so that a thread that has used
+//!   up its stack still runs the emergency functions.
+//! - Every thread made here sleeps with a slack of 1 ns: without a real-time policy Linux else adds
+//!   50 µs to each sleep.
 //!
-//! None of this is for the real-time path: it allocates, and takes as long as the system takes to make a thread.
+//! None of this is for the real-time path: it allocates, and takes as long as the system takes to
+//! make a thread.
 
 mod attributes;
 mod policy;
@@ -33,15 +40,18 @@ use std::io;
 use std::sync::mpsc;
 use std::thread::{Builder, JoinHandle};
 
-/// Makes a thread, gives it `attributes`, runs `setup` on it, then `body` with what the set-up made.
+/// Makes a thread, gives it `attributes`, runs `setup` on it, then `body` with what the set-up
+/// made.
 ///
-/// Returns when the set-up has ended; the body runs from then on. What the set-up makes stays on the thread, so it need not be
-/// `Send`. Not for the real-time path: makes a thread and waits for it.
+/// Returns when the set-up has ended; the body runs from then on. What the set-up makes stays on
+/// the thread, so it need not be `Send`. Not for the real-time path: makes a thread and waits for
+/// it.
 ///
 /// # Errors
 ///
-/// [`SpawnError`] says which step failed: the attributes are bad, the system made no thread, it refused an attribute under
-/// [`Mode::Strict`], or the set-up failed or panicked. The thread has then ended, and `body` was dropped without having run.
+/// [`SpawnError`] reports which step failed: the attributes are bad, the system made no thread, it
+/// refused an attribute under [`Mode::Strict`], or the set-up failed or panicked. The thread has
+/// then ended, and `body` was dropped without having run.
 ///
 /// ```
 /// use luna_platform::thread::{Attributes, spawn};
@@ -85,7 +95,7 @@ where
                         .map(|made| (obtained, made))
                         .map_err(SpawnError::SetUp)
                 });
-            // The maker waits for the report, or has died: then nobody misses it.
+            // The maker waits for the report; if it has ended, no thread needs the report.
             let (outcome, made) = match started {
                 Ok((obtained, made)) => (Ok(obtained), Some(made)),
                 Err(error) => (Err(error), None),
@@ -119,17 +129,18 @@ where
     }
 }
 
-/// Gives the calling thread `attributes`, except that its stack stays as large as it is: `stack_size` bytes of it are touched, as far
-/// as it has them.
+/// Gives the calling thread `attributes`, except that its stack stays as large as it is:
+/// `stack_size` bytes of it are touched, as far as it has them.
 ///
-/// For a thread that somebody else made: the main thread of a measuring tool, say. Its signal mask is not changed, and the main
-/// thread keeps its name, since that is the whole program's. There is no way back but to ask for [`Policy::Other`] and no core.
-/// Not for the real-time path: O(stack) page faults and some ten system calls.
+/// For a thread that was made elsewhere: the main thread of a measuring tool, for instance. Its
+/// signal mask is not changed, and the main thread keeps its name, since that is the whole
+/// program's. There is no way back but to ask for [`Policy::Other`] and no core. Not for the
+/// real-time path: O(stack) page faults and some ten system calls.
 ///
 /// # Errors
 ///
-/// The attributes are bad, or, under [`Mode::Strict`], refused. The thread may then have some of them: the name and the core are
-/// set before the policy.
+/// The attributes are bad, or, under [`Mode::Strict`], refused. The thread may then have some of
+/// them: the name and the core are set before the policy.
 ///
 /// ```
 /// use luna_platform::thread::{Attributes, Policy, apply_to_current, current_policy};
@@ -148,22 +159,26 @@ pub fn apply_to_current(attributes: &Attributes) -> Result<Obtained, ApplyError>
     backend::apply(attributes).map_err(ApplyError::Refused)
 }
 
-/// The policy that the calling thread runs under, as the system says. Policies without a variant of their own (batch, idle)
-/// are reported as [`Policy::Other`]. Two system calls, and a third for a deadline policy.
+/// The policy that the calling thread runs under, as the system says. Policies without a variant of
+/// their own (batch, idle) are reported as [`Policy::Other`]. Two system calls, and a third for a
+/// deadline policy.
 pub fn current_policy() -> Policy {
     backend::current_policy()
 }
 
-/// The core that the calling thread runs on at this moment, where the system tells. No system call with a vDSO.
+/// The core that the calling thread runs on at this moment, if the system reports it. No system
+/// call with a vDSO.
 pub fn current_core() -> Option<usize> {
     backend::current_core()
 }
 
-/// The cores that threads of this process may run on, ascending: the mask that unpinned threads made here get.
+/// The cores that threads of this process may run on, ascending: the mask that unpinned threads
+/// made here get.
 ///
-/// That is the mask of the main thread when this crate was first asked for one or made a thread. A core kept free of ordinary work
-/// (`isolcpus=`) is not among them, and can be asked for nevertheless. Where the system does not tell, the cores are counted from 0.
-/// Allocates; not for the real-time path.
+/// That is the mask of the main thread when this crate was first asked for one or made a thread. A
+/// core kept free of ordinary work (`isolcpus=`) is not among them, and can be asked for
+/// nevertheless. If the system does not report it, the cores are counted from 0. Allocates; not for
+/// the real-time path.
 ///
 /// ```
 /// assert!(!luna_platform::thread::available_cores().is_empty());
@@ -172,7 +187,7 @@ pub fn available_cores() -> Vec<usize> {
     backend::available_cores()
 }
 
-/// A thread by the number that the system knows it by.
+/// The system's number of a thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ThreadNumber(i32);
 
@@ -182,12 +197,13 @@ impl ThreadNumber {
     }
 }
 
-/// The calling thread's number: 0 where the system tells none. One system call.
+/// The calling thread's number: 0 if the system has none. One system call.
 pub fn current_number() -> ThreadNumber {
     ThreadNumber(backend::current_number())
 }
 
-/// Lets the calling thread run on all cores of the process again. One system call. Does nothing where threads cannot be pinned.
+/// Lets the calling thread run on all cores of the process again. One system call. Does nothing
+/// where threads cannot be pinned.
 ///
 /// ```
 /// luna_platform::thread::unpin_current();
@@ -196,8 +212,9 @@ pub fn unpin_current() {
     backend::unpin();
 }
 
-/// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For one that does not come to its end; it can be done without a
-/// privilege. Three system calls at most. Does nothing where threads have no priorities, or to one that has ended.
+/// Gives another thread the lowest priority there is: no real-time policy, and nice 19. For a
+/// thread that does not end; it needs no privilege. Three system calls at most. Does nothing where
+/// threads have no priorities, or to one that has ended.
 ///
 /// ```
 /// use luna_platform::thread::{current_number, demote};
@@ -207,7 +224,8 @@ pub fn demote(thread: ThreadNumber) {
     backend::demote(thread.0);
 }
 
-/// A stack for handlers of signals, as the threads made here have, for one that somebody else made: until it is dropped there.
+/// A stack for signal handlers, as the threads made here have, for a thread that was made
+/// elsewhere: until it is dropped there.
 #[must_use = "it is taken back when it is dropped"]
 pub struct HandlerStack {
     _stack: backend::AlternateStack,
@@ -215,7 +233,8 @@ pub struct HandlerStack {
 }
 
 impl HandlerStack {
-    /// Makes it, and gives it to the calling thread, in the place of one that it may have. Where there is no memory for it nothing changes. Not for the real-time path.
+    /// Makes the stack, and sets it for the calling thread, in place of a former one. If there is
+    /// no memory for it nothing changes. Not for the real-time path.
     pub fn here() -> HandlerStack {
         HandlerStack {
             _stack: backend::AlternateStack::make(),
@@ -230,12 +249,13 @@ impl fmt::Debug for HandlerStack {
     }
 }
 
-/// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by itself.
+/// A running thread made by [`spawn`]. Dropped without [`join`](Self::join), the thread goes on by
+/// itself.
 #[derive(Debug)]
 pub struct Thread<T> {
     name: String,
     obtained: Obtained,
-    // `None` is returned only by a thread whose start failed, and that one never gets here.
+    // `None` is returned only by a thread that failed to start, and that one has no handle.
     handle: JoinHandle<Option<T>>,
 }
 

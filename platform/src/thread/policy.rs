@@ -15,8 +15,9 @@ pub const HIGHEST_USER_PRIORITY: u8 = 97;
 
 /// How the operating system schedules a thread.
 ///
-/// Priorities of the real-time policies go from 1 (lowest) to 99; a user has 1 to 97, see [`validate_user`](Self::validate_user).
-/// A real-time thread runs until it waits or one of higher priority is ready.
+/// Priorities of the real-time policies go from 1 (lowest) to 99; a user has 1 to 97, see
+/// [`validate_user`](Self::validate_user). A real-time thread runs until it waits or one of higher
+/// priority is ready.
 ///
 /// ```
 /// use luna_platform::thread::Policy;
@@ -38,10 +39,11 @@ pub enum Policy {
     Fifo(u8),
     /// `SCHED_RR` with a priority: as `Fifo`, but threads of one priority take turns.
     RoundRobin(u8),
-    /// `SCHED_DEADLINE`: up to `runtime` of a processor in each `period`, given within `deadline` of its begin, the earliest deadline first.
-    /// See [`deadline`](Self::deadline).
+    /// `SCHED_DEADLINE`: up to `runtime` of a processor in each `period`, given within `deadline`
+    /// of its begin, the earliest deadline first. See [`deadline`](Self::deadline).
     Deadline {
-        /// The time on a processor that the thread is promised in each period, and held to, in nanoseconds.
+        /// The time on a processor that the thread is promised in each period, and held to, in
+        /// nanoseconds.
         runtime: u64,
         /// From the begin of a period until it has had that, in nanoseconds.
         deadline: u64,
@@ -74,22 +76,29 @@ impl Policy {
         Policy::RoundRobin(priority)
     }
 
-    /// `SCHED_DEADLINE` for one loop on a thread of its own: `runtime` within `deadline` in each `period`. Not checked here: see
-    /// [`validate_user`](Self::validate_user).
+    /// `SCHED_DEADLINE` for one loop on a thread of its own: `runtime` within `deadline` in each
+    /// `period`. Not checked here: see [`validate_user`](Self::validate_user).
     ///
-    /// What is to be known of it before it is chosen:
+    /// Properties to know before choosing it:
     ///
-    /// - **It ranks above all priorities.** A deadline thread preempts SCHED_FIFO 99 too, and with it the timer manager and the emergency manager: neither
-    ///   acts on its core while it uses its runtime. It counts as more urgent than any priority where processes wait.
-    /// - **It is held to its runtime.** A thread that has used it up sleeps until its next period, whatever it was about. Give it the longest cycle and a margin; a guard spin counts.
-    /// - **It may not be pinned.** The kernel refuses it to a thread that may not run on all cores of its root domain, so a core asked for beside it is an error before
-    ///   the start, and a program under `taskset` does not get it.
-    /// - **It is for OS-thread processes alone.** An executor under it is refused: the budget would stop all its processes at once, and its bands mean nothing to it.
-    /// - **It is admitted.** The kernel refuses it when all deadline threads together would take more than its share of the processors (95 % as a rule), and to who
-    ///   has no CAP_SYS_NICE: no limit stands in for that.
-    /// - **It does not fork as it is.** Threads made here have `SCHED_RESET_ON_FORK`, so that what a library starts on one is an ordinary thread; without it the kernel would refuse
-    ///   the start.
-    /// - **It inherits no priority**, since none is above it. Who works for it inherits SCHED_FIFO 97, so that an emergency still comes through.
+    /// - **It ranks above all priorities.** A deadline thread preempts SCHED_FIFO 99 too, and with
+    ///   it the timer manager and the emergency manager: neither acts on its core while it uses its
+    ///   runtime. It counts as more urgent than any priority where processes wait.
+    /// - **It is held to its runtime.** A thread that has used it up sleeps until its next period,
+    ///   at any point of its work. Give it the longest cycle and a margin; a guard spin counts.
+    /// - **It may not be pinned.** The kernel refuses it to a thread that may not run on all cores
+    ///   of its root domain, so requesting a core too is an error before the start, and a program
+    ///   under `taskset` does not get it.
+    /// - **It is for OS-thread processes alone.** An executor under it is refused: the budget would
+    ///   stop all its processes at once, and its bands mean nothing to it.
+    /// - **It is admitted.** The kernel refuses it when all deadline threads together would take
+    ///   more than its share of the processors (95 % as a rule), and to a process without
+    ///   CAP_SYS_NICE: no limit replaces that.
+    /// - **It does not fork as it is.** Threads made here have `SCHED_RESET_ON_FORK`, so that what
+    ///   a library starts on one is an ordinary thread; without it the kernel would refuse the
+    ///   start.
+    /// - **It inherits no priority**, since none is above it. A thread that works for it inherits
+    ///   SCHED_FIFO 97, so that an emergency still preempts it.
     ///
     /// ```
     /// use luna_platform::thread::{Attributes, Policy};
@@ -120,7 +129,8 @@ impl Policy {
         !matches!(self, Policy::Other)
     }
 
-    /// The real-time priority, 0 for [`Other`](Self::Other) and [`Deadline`](Self::Deadline), which have none.
+    /// The real-time priority, 0 for [`Other`](Self::Other) and [`Deadline`](Self::Deadline), which
+    /// have none.
     pub const fn priority(self) -> u8 {
         match self {
             Policy::Other | Policy::Deadline { .. } => 0,
@@ -128,7 +138,8 @@ impl Policy {
         }
     }
 
-    /// How urgent a thread of this policy is beside others: the priority, or 100 for [`Deadline`](Self::Deadline), which is above them all.
+    /// How urgent a thread of this policy is beside others: the priority, or 100 for
+    /// [`Deadline`](Self::Deadline), which is above them all.
     pub const fn rank(self) -> u8 {
         match self {
             Policy::Deadline { .. } => EMERGENCY_PRIORITY + 1,
@@ -140,8 +151,9 @@ impl Policy {
     ///
     /// # Errors
     ///
-    /// [`PolicyError::OutOfRange`] for a real-time priority outside 1 to 97, [`PolicyError::Times`] for times of a deadline policy
-    /// that no kernel grants: 1024 ns ≤ runtime ≤ deadline ≤ period ≤ 292 years.
+    /// [`PolicyError::OutOfRange`] for a real-time priority outside 1 to 97, [`PolicyError::Times`]
+    /// for times of a deadline policy that no kernel grants: 1024 ns ≤ runtime ≤ deadline ≤ period
+    /// ≤ 292 years.
     pub const fn validate_user(self) -> Result<(), PolicyError> {
         self.validate(HIGHEST_USER_PRIORITY)
     }
@@ -193,8 +205,10 @@ impl fmt::Display for Policy {
 impl FromStr for Policy {
     type Err = PolicyError;
 
-    /// Reads `other`, `fifo:80`, `rr:80` or `deadline:200000/500000/1000000` (runtime, deadline and period in nanoseconds), as `Display` writes them. The priority is 1 to 99, so that what was obtained can be read
-    /// back from a report; what a user types is to be checked with [`validate_user`](Policy::validate_user) too.
+    /// Reads `other`, `fifo:80`, `rr:80` or `deadline:200000/500000/1000000` (runtime, deadline and
+    /// period in nanoseconds), as `Display` writes them. The priority is 1 to 99, so that what was
+    /// obtained can be read back from a report; what a user types is to be checked with
+    /// [`validate_user`](Policy::validate_user) too.
     fn from_str(text: &str) -> Result<Policy, PolicyError> {
         if text == "other" {
             return Ok(Policy::Other);

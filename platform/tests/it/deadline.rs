@@ -1,4 +1,4 @@
-//! SCHED_DEADLINE: given and read back, or refused with a reason; inherited by nobody.
+//! SCHED_DEADLINE: given and read back, or refused with a reason; no thread inherits it.
 
 #![cfg(all(target_os = "linux", not(luna_portable), not(loom)))]
 
@@ -107,7 +107,8 @@ fn what_it_starts_is_an_ordinary_thread() {
 #[test]
 fn best_effort_goes_on_without() {
     let _alone = alone();
-    // More often than any kernel's limit allows, and without the privilege refused for the lack of it.
+    // More often than any kernel's limit allows, and without the privilege refused for the lack of
+    // it.
     let asked = policy(2, 2);
     let attributes = Attributes::new("deadline").policy(asked);
     let thread = spawn(

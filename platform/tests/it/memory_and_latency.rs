@@ -1,4 +1,5 @@
-//! Locked memory, heap in advance, short wake-ups: held while a guard lives, and a shortfall that says how to get them.
+//! Locked memory, heap in advance, short wake-ups: held while a guard lives, and a shortfall that
+//! says how to get them.
 
 #![cfg(not(loom))]
 
@@ -93,7 +94,8 @@ mod linux {
 
     #[test]
     fn the_heap_keeps_what_it_was_given() {
-        // In a thread of its own the heap would be another arena; the test's thread may be one already, which is as good.
+        // In a thread of its own the heap would be another arena; the test's thread may be one
+        // already, which is as good.
         const BYTES: usize = 32 << 20;
         prefault_heap(BYTES).unwrap();
         let before = getrusage(UsageWho::RUSAGE_THREAD)

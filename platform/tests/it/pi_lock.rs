@@ -42,7 +42,7 @@ fn smoke() {
 fn excludes_many_threads() {
     const THREADS: u64 = 12;
     const ROUNDS: u64 = 5_000;
-    // Two numbers that differ only while somebody is inside.
+    // Two numbers that differ only while a thread is inside.
     let lock = Arc::new(PiLock::new((0_u64, 0_u64)));
     let threads: Vec<_> = (1..=THREADS)
         .map(|seed| {
@@ -136,8 +136,8 @@ mod linux {
         receiver
     }
 
-    /// The priority that the kernel schedules a thread of this process by, boosts included: field 18 of its `stat`. -1 - p for a
-    /// real-time priority p.
+    /// The priority that the kernel schedules a thread of this process by, boosts included: field
+    /// 18 of its `stat`. -1 - p for a real-time priority p.
     fn kernel_priority(thread: i32) -> i64 {
         let stat = fs::read_to_string(format!("/proc/self/task/{thread}/stat")).unwrap();
         // Counted after the name, which may hold spaces.
@@ -185,8 +185,8 @@ mod linux {
         assert!(panic.downcast_ref::<&str>().unwrap().contains("died"));
     }
 
-    /// The ordinary thread loses its core to the real-time one at any point, inside or outside the lock. One that spun until the lock
-    /// is free would hang here.
+    /// The ordinary thread loses its core to the real-time one at any point, inside or outside the
+    /// lock. One that spun until the lock is free would hang here.
     #[test]
     fn contention_of_two_policies_on_one_core_does_not_hang() {
         if !real_time("contention_of_two_policies_on_one_core_does_not_hang") {
@@ -216,7 +216,8 @@ mod linux {
             let mut random = Random(2);
             let nobody_wakes = Futex::new(0);
             for _ in 0..ROUNDS {
-                // Leaves the core to the other, and takes it back at some point or other of its round.
+                // Leaves the core to the other, and takes it back at some point or other of its
+                // round.
                 nobody_wakes.wait(0, Instant::now() + Duration::from_micros(random.below(60)));
                 let mut pair = high_lock.lock();
                 assert_eq!(pair.0, pair.1);
@@ -233,8 +234,8 @@ mod linux {
         assert_eq!(*lock.lock(), (ROUNDS + rounds, ROUNDS + rounds));
     }
 
-    /// Low holds the lock, high waits for it, and middle takes the core from low unless low has high's priority: then it spins for
-    /// as long as this test lets it.
+    /// Low holds the lock, high waits for it, and middle takes the core from low unless low has
+    /// high's priority: then it spins for as long as this test lets it.
     #[test]
     fn the_owner_gets_the_waiters_priority() {
         if !real_time("the_owner_gets_the_waiters_priority") {
@@ -287,7 +288,7 @@ mod linux {
         );
     }
 
-    /// The kernel hands the lock over in order of priority, whoever came first.
+    /// The kernel hands the lock over in order of priority, not of arrival.
     #[test]
     fn the_most_urgent_waiter_is_next() {
         if !real_time("the_most_urgent_waiter_is_next") {

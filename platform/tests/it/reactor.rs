@@ -198,7 +198,8 @@ fn no_wake_is_lost() {
             waker.wake();
         }
     });
-    // Whatever is woken while nobody waits is one wake; there is at least one, and the last is seen after the thread has ended.
+    // All wakes during which no thread waits are one wake; there is at least one, and the last is
+    // seen after the thread has ended.
     let mut seen = 0;
     while !waking.is_finished() {
         seen += usize::from(wait(&reactor, in_millis(1)).0.woken);

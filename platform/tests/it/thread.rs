@@ -340,7 +340,8 @@ mod linux {
         .unwrap();
         let (size, faults) = thread.join().unwrap();
         assert!(size >= (2 << 20) - (64 << 10), "{size}");
-        // Untouched, this depth of more than 768 KiB would take some 190 faults; reading the count takes a few.
+        // Untouched, this depth of more than 768 KiB would take some 190 faults; reading the count
+        // takes a few.
         assert!(faults < 20, "{faults} page faults");
     }
 

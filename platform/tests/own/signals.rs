@@ -63,7 +63,8 @@ mod linux {
             return;
         };
         match part.as_str() {
-            // Two signals within the time of one request are one; the handlers are restored in the end.
+            // Two signals within the time of one request are one; the handlers are restored in the
+            // end.
             "one" => {
                 let watch = SignalWatch::install(&[Signal::Interrupt, Signal::Terminate]).unwrap();
                 let other = SignalWatch::install(&[Signal::Interrupt]).unwrap();
@@ -112,7 +113,8 @@ mod linux {
 
     #[test]
     fn a_signal_sent_twice_at_once_is_one_request() {
-        // The two calls may be kept apart by whatever else the machine does, so there is more than one attempt.
+        // The two calls may be kept apart by whatever else the machine does, so there is more than
+        // one attempt.
         let is_one = (0..20).any(|_| {
             let mut child = start("two");
             signal(&child, sys::Signal::SIGINT);

@@ -1,9 +1,9 @@
-//! No wake of a branch is lost, whoever wakes and looks at the same time.
+//! No wake of a branch is lost, in any interleaving of wakers and parent.
 
 use super::*;
 use std::task::Poll;
 
-/// The parent ends when each branch has been woken as often as is said; a lost wake is a deadlock.
+/// The parent ends when each branch has been woken as often as given; a lost wake is a deadlock.
 fn no_wake_is_lost(count: usize, branches_of_wakers: &'static [&'static [usize]]) {
     let mut model = loom::model::Builder::new();
     // All interleavings take hours.
@@ -30,7 +30,7 @@ fn no_wake_is_lost(count: usize, branches_of_wakers: &'static [&'static [usize]]
             branches.wait(cx);
             Poll::Pending
         }));
-        // The wakers may still be at work on what is gone.
+        // The wakers may still use the block that was dropped here.
         drop(branches);
         for waker in wakers {
             waker.join().unwrap();

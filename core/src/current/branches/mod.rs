@@ -1,4 +1,4 @@
-//! Which branches of a process have been woken, where there are too many to poll them all.
+//! The set of woken branches of a process, for processes with too many branches to poll them all.
 
 use super::{PendingWake, Place, WakeHandle, ready_again};
 use crate::reclaim::{self, Retired};
@@ -11,38 +11,42 @@ use std::task::{Context, RawWaker, RawWakerVTable, Waker};
 
 const WORD: usize = u64::BITS as usize;
 
-/// One bit for each branch, one for each word of these, and the parent that is to be woken. In an allocation of its own, which the
-/// collection and the branches' wakers share.
+/// One bit for each branch, one for each word of these, and the parent's wake handle. It is an
+/// allocation of its own, shared by the collection and the branches' wakers.
 ///
-/// A wake sets the branch's bit, then its word's, then readies the parent, if that has said that it waits: a fixed number of steps,
-/// whoever else wakes. The parent takes them in the other direction. From elsewhere, all who wake while the parent waits ready it, not the first alone:
-/// that one may be preempted before it does. On the parent's own thread the first is enough, since that thread must go on in any case. A foreign waker is
-/// woken by the first too: it cannot be cloned under the lock.
+/// A wake sets the branch's bit, then that of its word, then readies the parent if the parent
+/// waits: a fixed number of steps, whatever other threads wake. The parent takes the bits in the
+/// opposite order. On another thread, every wake while the parent waits readies it, not the first
+/// alone: the thread of the first may be preempted before it does. On the parent's own thread the
+/// first wake suffices, because that thread must go on in any case. For a foreign waker the first
+/// suffices too: it cannot be cloned under the lock.
 ///
 /// # Invariants
 ///
-/// `references` counts the collection and the wakers; with the last one the block goes. `seats` does not change.
+/// `references` counts the collection and the wakers; the block is freed with the last one. `seats`
+/// does not change.
 struct Block {
     retired: Retired,
     references: AtomicUsize,
     words: Box<[AtomicU64]>,
     summary: Box<[AtomicU64]>,
-    /// The parent waits, so a wake has to look for `parent`.
+    /// The parent waits, so a wake has to take `parent`.
     is_waiting: AtomicBool,
     parent: PiLock<Option<WakeHandle>>,
     seats: Box<[Seat]>,
 }
 
-/// What a branch's waker leads to.
+/// The data of a branch's waker.
 struct Seat {
     block: NonNull<Block>,
     number: usize,
 }
 
-/// One of those who share a block.
+/// A counted reference to a block.
 struct Shared(NonNull<Block>);
 
-// SAFETY: all of a block is atomic, locked or does not change, and its memory can be freed on any thread.
+// SAFETY: every field of a block is atomic, locked or constant, and its memory can be freed on any
+// thread.
 unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
@@ -55,26 +59,26 @@ fn zeros(bits: usize) -> Box<[AtomicU64]> {
 
 impl Shared {
     fn block(&self) -> &Block {
-        // SAFETY: counted, so it is there.
+        // SAFETY: this reference is counted, so the block is alive.
         unsafe { self.0.as_ref() }
     }
 }
 
 /// The branches of one parent, each with a waker of its own.
 ///
-/// The parent polls a branch with its waker ([`with_waker`](Self::with_waker)) and asks which have been woken ([`next`](Self::next)). When it
-/// finds none it says that it waits ([`wait`](Self::wait)); the next wake then readies it, in the way in which its own context says and at the
-/// level of the branch that it is itself.
+/// The parent polls a branch with its waker ([`with_waker`](Self::with_waker)) and asks for the
+/// woken ones ([`next`](Self::next)). If there is none it calls [`wait`](Self::wait). The next wake
+/// then readies it, as its own context does, at the level of the branch that it is itself.
 pub struct Branches {
     shared: Shared,
     count: usize,
-    /// The word whose branches have their turn now, and which of them still are to have it.
+    /// The word being taken, and its branches that are still to have their turn.
     word: usize,
     bits: u64,
 }
 
 impl Branches {
-    /// For so many branches, none of them woken. Allocates, and takes O(branches).
+    /// A collection for `count` branches, none of them woken. Allocates; O(branches).
     pub fn new(count: usize) -> Branches {
         let words = zeros(count);
         let summary = zeros(words.len());
@@ -90,12 +94,12 @@ impl Branches {
         })));
         let seats = (0..count).map(|number| Seat { block, number });
         let seats = seats.collect();
-        // SAFETY: nobody else knows the block yet.
+        // SAFETY: no other code has a pointer to the block yet.
         unsafe { (*block.as_ptr()).seats = seats };
         Branches {
             shared: Shared(block),
             count,
-            // Behind it comes the first.
+            // The search begins behind it, at the first word.
             word: last,
             bits: 0,
         }
@@ -105,11 +109,11 @@ impl Branches {
     ///
     /// # Panics
     ///
-    /// If there is no such branch.
+    /// Panics if there is no such branch.
     pub fn with_waker<R>(&self, branch: usize, f: impl FnOnce(&mut Context<'_>) -> R) -> R {
         let seat = NonNull::from(&self.shared.block().seats[branch]);
-        // SAFETY: the table's functions keep to the contract of wakers. The waker is not counted, so it must not be dropped; the block
-        // outlives it, since this reference does.
+        // SAFETY: the functions of the table fulfil the contract of wakers. The waker is not
+        // counted, so it must not be dropped; this reference keeps the block alive for longer.
         let waker = unsafe { ManuallyDrop::new(Waker::new(seat.as_ptr().cast(), &TABLE)) };
         f(&mut Context::from_waker(&waker))
     }
@@ -122,8 +126,8 @@ impl Branches {
         }
     }
 
-    /// The next branch that was woken since it was given by the last time. All that are woken take turns: by their numbers, and then from the
-    /// first on. O(branches / 4096).
+    /// The next branch that was woken since the last time it was returned. Woken branches take
+    /// turns by number, cyclically. O(branches / 4096).
     #[expect(clippy::should_implement_trait, reason = "it goes on after a `None`")]
     pub fn next(&mut self) -> Option<usize> {
         if self.bits == 0 {
@@ -134,8 +138,9 @@ impl Branches {
         Some(self.word * WORD + bit)
     }
 
-    /// Says that the parent waits, before it returns `Pending`: a wake readies it from now on, as `cx` would. If a branch has been woken already
-    /// and not been given by [`next`](Self::next), it is readied at once, behind the others of its level.
+    /// Notes that the parent waits, before it returns `Pending`: from now on a wake readies it, as
+    /// `cx` would. If a woken branch has not been returned by [`next`](Self::next) yet, the parent
+    /// is readied at once, behind the others of its level.
     pub fn wait(&self, cx: &Context<'_>) {
         let block = self.shared.block();
         if self.bits == 0 {
@@ -144,8 +149,8 @@ impl Branches {
             let _before = block.parent.lock().replace(wakeup);
             block.is_waiting.store(true, Ordering::Release);
         }
-        // A waker writes the summary before it looks for the parent. This writes it too, so one of the two comes second, and sees what
-        // the other did before.
+        // A waker writes the summary before it looks for the parent. This writes it too, so one of
+        // the two comes second, and sees what the other did before.
         let is_set = |summary: &AtomicU64| summary.fetch_or(0, Ordering::AcqRel) != 0;
         if self.bits != 0 || block.summary.iter().any(is_set) {
             self.stop_waiting();
@@ -153,7 +158,7 @@ impl Branches {
         }
     }
 
-    /// Says that the parent looks itself, so that wakes need not ready it.
+    /// Notes that the parent does not wait, so that wakes need not ready it.
     pub fn stop_waiting(&self) {
         let block = self.shared.block();
         if block.is_waiting.load(Ordering::Relaxed) {
@@ -164,7 +169,7 @@ impl Branches {
 
 impl Drop for Branches {
     fn drop(&mut self) {
-        // Wakers may live on, but have nobody to wake any more.
+        // Wakers may outlive this, but have no process to wake any more.
         self.stop_waiting();
     }
 }
@@ -180,15 +185,16 @@ impl fmt::Debug for Branches {
 impl Block {
     fn set(&self, word: usize, bits: u64) {
         self.words[word].fetch_or(bits, Ordering::AcqRel);
-        // Also if the word had bits already: who set those may have been preempted before it got here.
+        // Also if the word had bits already: the thread that set them may have been preempted
+        // before this step.
         self.summary[word / WORD].fetch_or(1 << (word % WORD), Ordering::AcqRel);
     }
 
-    /// Takes the next word with a woken branch, at `from` or behind it, and then from the first on.
+    /// Takes the next word with a woken branch, at `from` or behind it, cyclically.
     fn take(&self, from: usize) -> Option<(usize, u64)> {
         let words = self.summary.len();
         let (first, bit) = (from / WORD, from % WORD);
-        // The first one comes a second time, for what is before `from`.
+        // One step more: the first word is searched again, for the part before `from`.
         for step in 0..=words {
             let at = (first + step) % words.max(1);
             let wanted = if step == 0 && at == first {
@@ -201,7 +207,8 @@ impl Block {
             while found != 0 {
                 let bit = found.trailing_zeros();
                 found &= found - 1;
-                // The summary goes first: a branch that is woken after its word was taken sets it again.
+                // Clear the summary bit first: a branch that is woken after its word was taken sets
+                // it again.
                 summary.fetch_and(!(1 << bit), Ordering::AcqRel);
                 let word = at * WORD + bit as usize;
                 let bits = self.words[word].swap(0, Ordering::AcqRel);
@@ -245,7 +252,7 @@ impl Block {
 
 impl Clone for Shared {
     fn clone(&self) -> Self {
-        // Relaxed: whoever clones has a reference, so the block cannot go meanwhile.
+        // Relaxed: the cloned reference keeps the block alive meanwhile.
         self.block().references.fetch_add(1, Ordering::Relaxed);
         Shared(self.0)
     }
@@ -253,9 +260,9 @@ impl Clone for Shared {
 
 impl Drop for Shared {
     fn drop(&mut self) {
-        // AcqRel: whoever frees the block does so after all that others did with it.
+        // AcqRel: all other references' uses of the block happen before it is freed.
         if self.block().references.fetch_sub(1, Ordering::AcqRel) == 1 {
-            // SAFETY: this was the last, and `free` finds the block from its field.
+            // SAFETY: this was the last reference, and `free` finds the block from its field.
             unsafe {
                 reclaim::retire(NonNull::new_unchecked(&raw mut (*self.0.as_ptr()).retired));
             }
@@ -265,9 +272,9 @@ impl Drop for Shared {
 
 /// # Safety
 ///
-/// `head` is the field `retired` of a block that nobody uses any more.
+/// `head` is the field `retired` of a block that is no longer used.
 unsafe fn free(head: NonNull<Retired>) {
-    // SAFETY: the block was made of a box, and the pointer to the field leads back to it.
+    // SAFETY: the block was made from a box, and the pointer to the field leads back to it.
     unsafe {
         let block = head.byte_sub(std::mem::offset_of!(Block, retired));
         drop(Box::from_raw(block.cast::<Block>().as_ptr()));
@@ -276,26 +283,27 @@ unsafe fn free(head: NonNull<Retired>) {
 
 static TABLE: RawWakerVTable = RawWakerVTable::new(clone, wake, wake_by_ref, drop_waker);
 
-/// What the waker with this data holds.
+/// The reference and the branch of the waker with this data.
 ///
 /// # Safety
 ///
-/// `seat` is the data of a waker of this table, which is alive.
+/// `seat` is the data of a live waker of this table.
 unsafe fn held<'a>(seat: *const ()) -> (ManuallyDrop<Shared>, &'a Seat) {
-    // SAFETY: the contract; the seat lies in the block, which the waker keeps.
+    // SAFETY: the caller promises that the waker is alive; its data lies in the block, which the
+    // waker keeps alive.
     let seat = unsafe { &*seat.cast::<Seat>() };
     (ManuallyDrop::new(Shared(seat.block)), seat)
 }
 
 unsafe fn clone(seat: *const ()) -> RawWaker {
-    // SAFETY: the contract of wakers.
+    // SAFETY: the contract of wakers: the data is that of a live waker of this table.
     let (shared, _) = unsafe { held(seat) };
     let _of_the_clone = ManuallyDrop::new(Shared::clone(&shared));
     RawWaker::new(seat, &TABLE)
 }
 
 unsafe fn wake(seat: *const ()) {
-    // SAFETY: the contract of wakers; it ends here.
+    // SAFETY: the contract of wakers: the data is that of a live waker, which is consumed here.
     unsafe {
         wake_by_ref(seat);
         drop_waker(seat);
@@ -303,13 +311,13 @@ unsafe fn wake(seat: *const ()) {
 }
 
 unsafe fn wake_by_ref(seat: *const ()) {
-    // SAFETY: the contract of wakers.
+    // SAFETY: the contract of wakers: the data is that of a live waker of this table.
     let (shared, seat) = unsafe { held(seat) };
     shared.block().wake(seat.number);
 }
 
 unsafe fn drop_waker(seat: *const ()) {
-    // SAFETY: the contract of wakers; it ends here.
+    // SAFETY: the contract of wakers: the data is that of a live waker, which ends here.
     let (shared, _) = unsafe { held(seat) };
     drop(ManuallyDrop::into_inner(shared));
 }
