@@ -23,7 +23,8 @@ pub enum ChannelEnd {
     Poisoned,
 }
 
-/// The node of one who waits for the end. While it is listed the place's lock guards it.
+/// The node of a watcher: a process that waits for the end. While it is listed the wait point's
+/// lock guards it.
 #[repr(C)]
 struct Watcher {
     /// First, so that the list's node leads back to this.
@@ -42,7 +43,8 @@ impl Watcher {
     }
 }
 
-/// Takes the most urgent one out who waits for the ending that there is, and says whom to ready. O(those who wait on).
+/// Takes out the most urgent watcher of the present ending, and returns its wake handle. O(watchers
+/// that wait on).
 pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
     let ending = lists.ending;
     let mut next = lists.watching.first();
@@ -61,7 +63,7 @@ pub(crate) fn take_watcher(lists: &mut WaitQueues) -> Option<PendingWake> {
 
 /// # Safety
 ///
-/// `watcher` is in `list`, whose lock is held.
+/// `watcher` is in `list`, and the lock of `list` is held.
 unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake {
     // SAFETY: the contract.
     unsafe {

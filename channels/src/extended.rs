@@ -15,7 +15,7 @@ pub trait Mode {
     type Note: Default + Send;
     /// Whether the sender is held.
     const HOLDS: bool;
-    /// Whether the note is an inheritor, which is lent the priority of the sender that is held.
+    /// Whether the note is an inheritor, boosted by the held sender.
     const INHERITS: bool = false;
 
     /// The receive is about to wait, in the current process.
@@ -26,7 +26,8 @@ pub trait Mode {
     #[inline]
     fn holds(_note: &mut Self::Note, _sender: Priority) {}
 
-    /// Makes what is received of a value, and of the number of the rendezvous whose sender is held; 0 for none.
+    /// Makes the result of a receive of a value, and of the number of the rendezvous with a held
+    /// sender; 0 for none.
     fn received<'a, T>(
         receiver: &'a Receiver<T>,
         value: T,
@@ -34,7 +35,7 @@ pub trait Mode {
         note: Self::Note,
     ) -> Self::Received<'a, T>;
 
-    /// Takes a value back whose receive was dropped before it could hand it on.
+    /// Takes a value back from a receive that was dropped before it could hand it on.
     #[inline]
     fn give_back<T>(receiver: &Receiver<T>, value: T, ticket: u32) {
         drop(Taken::new(receiver.channel(), value, ticket));
@@ -86,7 +87,7 @@ impl Mode for Extending {
     }
 }
 
-/// A value whose sender is held until this is dropped: see [`Receiver::recv_extended`].
+/// A value that holds its sender until it is dropped: see [`Receiver::recv_extended`].
 ///
 /// Dropping it is for the real-time path: O(senders that are held on this channel), which are as many as there are extended rendezvous under
 /// way. One that is forgotten holds its sender until the channel is poisoned.

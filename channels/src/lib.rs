@@ -1,8 +1,9 @@
 //! The channels of LUNA: processes communicate over them, and nothing else.
 //!
-//! A *channel* made by [`channel`] is a rendezvous: a send ends when a receiver has taken the value. One made by [`buffered`] holds
-//! some values in between. Both have the same two ends, [`Sender`] and [`Receiver`], which can be cloned and used from any
-//! thread: any number may send, any number receive, and of those who wait the most urgent is served first.
+//! A *channel* made by [`channel`] is a rendezvous: a send ends when a receiver has taken the
+//! value. One made by [`buffered`] holds some values in between. Both have the same two ends,
+//! [`Sender`] and [`Receiver`], which can be cloned and used from any thread: any number of
+//! processes may send, any number receive, and the most urgent waiter is served first.
 //!
 //! ```
 //! # use futures_lite::future::{block_on, zip};
@@ -30,7 +31,7 @@
 //! The crate works under any executor: LUNA's, where waiting lists are ordered by priority and waking costs no reference counts, and tokio,
 //! smol, or plain threads, where wakers do the waking.
 
-// The models are the same whoever checks them: shuttle has loom's names.
+// loom and shuttle check the same models: shuttle has loom's names.
 #[cfg(all(test, shuttle))]
 extern crate shuttle as loom;
 
@@ -176,8 +177,8 @@ fn completes_later_after_many(cx: &mut Context<'_>) -> bool {
     true
 }
 
-/// As [`gives_way`], of an operation that fails without having waited: a loop over errors keeps nobody from running either. A replayed one fails when
-/// the recorded one did.
+/// As [`gives_way`], of an operation that fails without having waited: a loop over errors must not
+/// keep other processes from running either. A replayed one fails when the recorded one did.
 #[cold]
 fn fails_later(cx: &Context<'_>) -> bool {
     !taped::is_replayed() && gives_way(cx)

@@ -1,8 +1,9 @@
 //! The decision: under the locks of all places, taken in the order of their addresses.
 //!
-//! With all of them held, what is ready is ready at one instant, so the first ready guard in the order of preference is the right one,
-//! also across cores: nobody can make a higher guard ready between the look at it and the choice. Nobody holds one lock
-//! while waiting for another against the order, so there is no deadlock; and there is no retry.
+//! All locks are held, so readiness is seen at one instant. The first ready guard in the order of
+//! preference is therefore the right one, also across cores: no other thread can make a higher
+//! guard ready between the look and the choice. No thread waits for a lock against the order while
+//! it holds another, so there is no deadlock. There is no retry.
 
 use super::guard::Attempt;
 use super::list::{MOST_GUARDS, Open};
@@ -61,7 +62,8 @@ fn order(place: NonNull<WaitPoint>) -> u64 {
 
 /// What the first look at the guards came to.
 pub(super) enum Choice {
-    /// Guard number `.0` has happened. PendingWake whom it says, now that the locks are released.
+    /// Guard number `.0` has happened. Wake the process of the `PendingWake` now that the locks are
+    /// released.
     Made(u32, PendingWake),
     /// None can happen now; they are not listed.
     None,

@@ -54,11 +54,11 @@ pub trait Guard: RawGuard {
 pub enum Attempt {
     /// The guard cannot happen now.
     NotReady,
-    /// It has happened; this is whom to ready when the locks are released.
+    /// It has happened. The `PendingWake` is to be woken when the locks are released.
     Ready(PendingWake),
 }
 
-/// What a look at a guard at home came to.
+/// Result of a look at a guard on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
     /// It cannot be had that way: the place is not locked.
@@ -90,7 +90,7 @@ pub trait RawGuard {
         None
     }
 
-    /// Whether somebody may claim several alternatives at once to make it happen.
+    /// Whether a partner may claim several alternatives at once to make it happen.
     fn claims_several(&self) -> bool {
         false
     }
@@ -152,9 +152,11 @@ pub trait RawGuard {
         Poll::Pending
     }
 
-    /// Locks the guard's place if that favours this home, and says whether the guard can happen. Unless the answer is [`No`](Look::No), the lock is kept until
-    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or [`list_fast`](Self::list_fast). For the ways that nearly all
-    /// guards are: a guard need not know this way.
+    /// Locks the guard's wait point if it is biased to this executor, and reports whether the guard
+    /// can happen. Unless the answer is [`No`](Look::No), the lock is kept until
+    /// [`leave_home`](Self::leave_home), [`take_fast`](Self::take_fast) or
+    /// [`list_fast`](Self::list_fast). This is the fast path of the common kinds of guards. Support
+    /// is optional.
     ///
     /// # Safety
     ///
@@ -170,7 +172,7 @@ pub trait RawGuard {
     /// The look at this home has kept it.
     unsafe fn leave_home(self: Pin<&mut Self>, _home: u64) {}
 
-    /// Makes the guard happen, and releases the lock. Gives whom to ready.
+    /// Makes the guard happen, and releases the lock. Returns the process to wake.
     ///
     /// # Safety
     ///

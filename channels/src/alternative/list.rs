@@ -1,4 +1,4 @@
-//! The guards of one alternative, as a list whose type knows each of them.
+//! The guards of one alternative, as a list with static types.
 
 use super::guard::{Guard, Look, RawGuard};
 use crate::select_state::SelectState;
@@ -11,7 +11,7 @@ use std::ptr::NonNull;
 /// How many guards one `alt!` can have. More are for an [`Alternative`](crate::Alternative), which also costs less for many.
 pub(super) const MOST_GUARDS: usize = 32;
 
-/// The guards whose preconditions hold, with their numbers in the order written.
+/// The guards with a true precondition, and their numbers in the order written.
 pub(super) type Open<'a> = ArrayVec<(u32, Pin<&'a mut (dyn RawGuard + 'a)>), MOST_GUARDS>;
 
 /// What the first guard gave, or what one of the rest gave.
@@ -117,8 +117,8 @@ pub trait Guards {
     /// All guards are new, and this thread is the home that `looks` says.
     unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
 
-    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number `end`; the first has this number. Puts whom to
-    /// ready into `ready`.
+    /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number
+    /// `end`; the first has this number. Puts the processes to wake into `ready`.
     ///
     /// # Safety
     ///
@@ -159,7 +159,7 @@ pub trait Guards {
     unsafe fn output(self: Pin<&mut Self>, index: u32) -> Self::Output;
 }
 
-/// What looks at guards at home came to.
+/// Result of the looks at guards on the fast path.
 #[derive(Debug)]
 pub struct Looks {
     pub(super) home: u64,
@@ -172,7 +172,7 @@ pub struct Looks {
     stamped: Option<NonNull<Stamp>>,
     /// When an end was last chosen.
     greatest: u64,
-    /// The number behind that of the last guard whose place is locked.
+    /// One more than the number of the last guard with a locked wait point.
     pub(super) end: u32,
     /// Whether the chosen guard is over.
     pub(super) is_over: bool,

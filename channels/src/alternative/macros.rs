@@ -1,6 +1,7 @@
 //! `alt!` and `pri_alt!`.
 
-/// Offers several operations, of which exactly one happens: fair, so of those that are ready the one whose end was chosen least recently.
+/// Offers several operations, of which exactly one happens. The choice is fair: of the ready
+/// guards, it takes the one with the least recently chosen channel end.
 ///
 /// ```text
 /// alt! {
@@ -14,7 +15,8 @@
 /// [`at`](crate::at)), or `skip`. The value of the alternative is that of the body that runs. Bodies run after all guards are gone, so they
 /// may use what the guards borrowed; `?`, `return`, `break` and `.await` work in them.
 ///
-/// - A guard whose precondition is false is not even evaluated. With no guard open and no `skip` an alternative is STOP: it waits for ever.
+/// - A guard is not evaluated if its precondition is false. With no guard open and no `skip` an
+///   alternative is STOP: it waits for ever.
 /// - A channel that has ended is ready, and gives its error.
 /// - Fair are the ends of channels, the barriers, ticks and watchdogs. A delay (`after`, `at`) that has passed has no memory of having been chosen, and
 ///   comes first; before the instant of its deadline it is not ready.

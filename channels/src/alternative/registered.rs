@@ -1,18 +1,21 @@
 //! An alternative over any number of channels that stays registered between its selections.
 //!
-//! Each channel keeps a node of the alternative in its list of those who are *registered*. While the alternative waits, its selection is open,
-//! and a sender that comes claims it through the node and hands its value over, as to any receiver. While it does not wait, a claim fails,
-//! and the node stays: who makes the channel ready (a sender that lists itself, a value in the buffer, the channel's end) pushes the node onto the alternative's
-//! stack of ready channels, under the channel's lock, once until the alternative has looked. So a selection costs nothing for the channels
-//! where nothing happened.
+//! Each channel keeps a node of the alternative in its list of *registered* nodes. While the
+//! alternative waits, its select state is open. A sender that comes claims it through the node and
+//! hands its value over, as to any receiver. While it does not wait, a claim fails and the node
+//! stays. The operation that makes the channel ready (a sender that lists itself, a value in the
+//! buffer, the channel's end) pushes the node onto the alternative's stack of ready channels, under
+//! the channel's lock, once until the alternative has looked. So a selection costs nothing for
+//! channels without activity.
 //!
 //! ```text
 //!   sender, under the lock:  claim? no --> list itself; in the gate: push the node, was it open? ring;  release;  rung for: close it, ready its owner
 //!   owner:                   drain the stack; choose; nothing?  in the gate: is the stack still empty? open the selection
 //! ```
 //!
-//! The selection's gate is held around both, so one of both sees the other. It is a lock that favours a home: where senders and owner are processes of
-//! one, none of this takes a read-modify-write. It is held for O(1) steps.
+//! Both steps hold the commit lock of the select state, so one of the two sees the other. It is a
+//! biased lock: if the senders and the owner are processes of one executor, no step takes a
+//! read-modify-write. It is held for O(1) steps.
 
 mod entry;
 mod fast_path;
@@ -73,7 +76,7 @@ pub struct Alternative<'a, T> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Nobody can claim the selection.
+    /// The select state cannot be claimed.
     Closed,
     /// It was opened: look whether it was claimed.
     Open,
@@ -103,7 +106,7 @@ impl<'a, T> Alternative<'a, T> {
 
     fn new(inputs: &'a [Receiver<T>], is_fair: bool) -> Self {
         let mut selection = SelectState::new();
-        // Who tells of something closes it for its owner.
+        // A sender that reports a ready channel closes the select state for its owner.
         selection.set_gated();
         let hub = Box::new(Hub {
             selection,
@@ -174,7 +177,8 @@ impl<'a, T> Alternative<'a, T> {
         }
         self.count += 1;
         let entry = NonNull::from(Box::leak(entry));
-        // SAFETY: the hub lives as long as this alternative. The new entry is known to nobody else; its waiter is its first field.
+        // SAFETY: the hub lives as long as this alternative. No other thread knows the new entry;
+        // its waiter is its first field.
         unsafe {
             let selection = NonNull::new_unchecked(&raw mut (*self.hub.as_ptr()).selection);
             Waiter::begin(
@@ -207,7 +211,8 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: it is listed.
             unsafe { channel.unregister(entry) };
         }
-        // Nobody pushes it any more; whoever was pushed before is known now, and this one is not on the stack.
+        // No thread pushes it from here on. All entries pushed before are known now, and this one
+        // is not on the stack.
         self.drain();
         self.ready.remove(index);
         let had_all_ended = self.all_ended();
@@ -224,7 +229,7 @@ impl<'a, T> Alternative<'a, T> {
             // SAFETY: the selection was chosen through it, and this is the owner.
             unsafe { Self::settled(entry) }
         });
-        // SAFETY: it is known to nobody else any more.
+        // SAFETY: no other thread knows it any more.
         drop(unsafe { Box::from_raw(entry.as_ptr()) });
         if let Some(Ok(value)) = held {
             channel.give_back(value);
@@ -245,13 +250,16 @@ impl<'a, T> Alternative<'a, T> {
     /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended, which each says once, and all say again and
     /// again when none is left that could give anything.
     ///
-    /// In a branch of a parallel construct one of whose siblings has failed, it fails as poisoned instead of waiting; over no channels the branch ends there.
+    /// In a branch of a parallel construct, after a sibling has failed, it fails as poisoned
+    /// instead of waiting; over no channels the branch ends there.
     ///
-    /// It is no guard itself: a server that waits for a tick or a stop too has them come over a channel that is one of its inputs.
-    /// Cancel-safe: a value that was received and not handed on is what the next call gives first. Real-time path: yes, but for the first
-    /// call, which registers with all channels, at the priority of the process that makes it: O(n). After that O(1) a selection (the levels
-    /// of a tree with 64 branches; a fair one renumbers its n channels once in at least n selections), and O(1) for each channel
-    /// that has become ready and was emptied by others since. The selection that tells of the last channel's end is O(n).
+    /// It is not itself a guard: a server that also waits for a tick or a stop receives them over
+    /// one of its input channels. Cancel-safe: a value that was received and not handed on is the
+    /// result of the next call. Real-time path: yes, but for the first call, which registers with
+    /// all channels, at the priority of the process that makes it: O(n). After that O(1) a
+    /// selection (the levels of a tree with 64 branches; a fair one renumbers its n channels once
+    /// in at least n selections), and O(1) for each channel that has become ready and was emptied
+    /// by other receivers since. The selection that reports the last channel's end is O(n).
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
@@ -330,7 +338,7 @@ impl<'a, T> Alternative<'a, T> {
         true
     }
 
-    /// Notes who was on the stack. O(those).
+    /// Notes the entries that were on the stack. O(their number).
     fn note_ready(&mut self, taken: *mut Entry<T>) {
         let mut next = taken;
         while let Some(entry) = NonNull::new(next) {
@@ -356,8 +364,8 @@ impl<'a, T> Alternative<'a, T> {
     /// Hands on what an entry holds.
     fn take_held(&mut self, index: usize) -> Option<Result<T, RecvError>> {
         let entry = self.entries[index]?;
-        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value is the owner's. Who claims holds the
-        // channel's lock until it has settled.
+        // SAFETY: the selection was chosen through this entry, so it was claimed; its settled value
+        // is the owner's. The claiming thread holds the channel's lock until it has settled.
         let received = unsafe { Self::settled(entry) };
         self.state = State::Closed;
         self.note_choice(index);
@@ -381,13 +389,15 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
-    /// Notes that the owner is told of a channel's end: it is waited for no more. O(1), and O(n) for the last one.
+    /// Notes that the owner has the report of a channel's end: the channel is not waited for any
+    /// more. O(1), and O(n) for the last one.
     #[cold]
     fn leave_out(&mut self, index: usize, error: RecvError) {
         let Some(entry) = self.entries[index] else {
             return;
         };
-        // SAFETY: the entry is this alternative's, and its channel is borrowed; what is said of its end is the owner's.
+        // SAFETY: the entry is this alternative's, and its channel is borrowed; the field for its
+        // end is the owner's.
         unsafe {
             if (*entry.as_ptr()).ended.replace(error).is_some() {
                 return;
@@ -396,7 +406,7 @@ impl<'a, T> Alternative<'a, T> {
                 (*(*entry.as_ptr()).channel.as_ptr()).unregister(entry);
             }
         }
-        // Nobody pushes it any more; whoever was pushed before is known now.
+        // No thread pushes it from here on. All entries pushed before are known now.
         self.drain();
         self.ready.clear(index);
         self.ended += 1;
@@ -437,7 +447,7 @@ impl<'a, T> Alternative<'a, T> {
         // SAFETY: the contract: the settled value is the owner's. Only single fields of a listed node are looked at.
         unsafe {
             if Waiter::outcome(node) == Outcome::Waiting {
-                // Who claims holds the channel's lock until it has settled.
+                // The claiming thread holds the channel's lock until it has settled.
                 drop((*(*entry.as_ptr()).channel.as_ptr()).lock());
             }
             let received = match Waiter::outcome(node) {

@@ -21,8 +21,9 @@ pub trait Due {
     /// What it gives when it is served.
     type Output;
 
-    /// When it is due, as known at `now`; not after `now` if it is due already, [`Instant::NEVER`] if it cannot be. While somebody waits it may
-    /// only become later. Called under locks: O(1), and never panics.
+    /// When it is due, as known at `now`; not after `now` if it is due already, [`Instant::NEVER`]
+    /// if it cannot be. While a process waits for it, it may only become later. Called under locks:
+    /// O(1), and never panics.
     fn due_at(&self, now: Instant) -> Instant;
 
     /// When it was last chosen by a fair alternative, if it remembers that.

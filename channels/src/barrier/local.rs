@@ -48,7 +48,7 @@ struct State {
     /// How many are in `waiting`.
     arrived: usize,
     waiting: WaitList,
-    /// Those whose round is complete, while they are readied.
+    /// Members of a completed round, while they are woken.
     releasing: WaitList,
     /// Counts the rounds that were completed.
     number: u32,
@@ -79,9 +79,10 @@ impl LocalBarrier {
 
     /// Comes to the barrier as one of the group, and waits until all of the group and all other parties have come.
     ///
-    /// The future is not `Send`: a process that awaits it is built where it runs, by a closure. In a branch of a parallel construct one of whose
-    /// siblings has failed, it does not wait: the branch ends there. Cancel-safe, as [`Barrier::sync`]. Real-time path: yes; O(1), and O(parties
-    /// of the group) for the last one, who also pays for the barrier's own `sync`.
+    /// The future is not `Send`: a process that awaits it is built where it runs, by a closure. In
+    /// a branch of a parallel construct, after a sibling has failed, it does not wait: the branch
+    /// ends there. Cancel-safe, as [`Barrier::sync`]. Real-time path: yes; O(1), and O(parties of
+    /// the group) for the last one, which also pays for the barrier's own `sync`.
     ///
     /// # Panics
     ///
@@ -168,7 +169,7 @@ impl Group {
                 (*node).is_listed = false;
                 (*node).wait.wakeup_mut().take()
             };
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Rest(self);
             if let Some(wakeup) = wakeup {
                 wakeup.take().wake();
@@ -213,7 +214,7 @@ struct After<'a> {
     group: &'a Group,
     /// The barrier's other parties are to be released.
     completes: bool,
-    /// The members whose round is complete are to be readied.
+    /// The round is complete; its members are to be woken.
     is_complete: bool,
     former: [Option<WakeHandle>; 2],
 }

@@ -83,7 +83,8 @@ impl<'a> SyncOp<'a> {
         unsafe { Waiter::outcome(self.node()) }
     }
 
-    /// Whether the round is complete, for a listed one; if so, it is in no list any more. Otherwise who polls with `cx` is readied then.
+    /// For a listed party: whether the round is complete; if so, it is in no list any more.
+    /// Otherwise the poller's waker from `cx` is woken then.
     fn poll_round(&mut self, cx: &Context<'_>) -> Poll<()> {
         if self.outcome() == Outcome::Done {
             return Poll::Ready(());
@@ -241,7 +242,7 @@ impl Future for SyncOp<'_> {
         // SAFETY: nothing pinned is moved: a listed node stays in its place.
         let this = unsafe { self.get_unchecked_mut() };
         if current::branch_failed() && matches!(this.phase, Phase::New | Phase::Listed) {
-            // Those who are to come may never do so, and there is no error to return.
+            // The missing parties may never come, and there is no error to return.
             let has_come = this.leave();
             this.phase = if has_come { Phase::Over } else { Phase::New };
             if has_come {
@@ -343,8 +344,8 @@ impl RawGuard for SyncOp<'_> {
     ) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
-        // SAFETY: the contract: the lists are this barrier's, whose alternatives' nodes all lead to selections; the node is in none of them, and
-        // is taken off before it goes.
+        // SAFETY: by the contract, the lists are this barrier's; all nodes of its alternatives lead
+        // to select states; the node is in none of the lists, and is taken off before it goes.
         unsafe {
             let mut before = None;
             let mut next = lists.receivers.first();

@@ -89,8 +89,9 @@ impl<Q, A> Client<Q, A> {
         luna_core::park::block_on(self.call(request))
     }
 
-    /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as poisoned; so do calls that were accepted
-    /// and not answered. May be called more than once. Real-time path: yes; O(those who wait).
+    /// Poisons the channel: all calls and accepts that wait, and all that come to it later, fail as
+    /// poisoned; so do calls that were accepted and not answered. May be called more than once.
+    /// Real-time path: yes; O(waiting operations).
     ///
     /// ```
     /// let (client, server) = luna_channels::call_channel::<u32, u32>();
@@ -114,7 +115,7 @@ impl<Q, A> Client<Q, A> {
         Self::new(self.sender.named(name))
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`].
+    /// Declares that a user of the channel is outside of the system: see [`Sender::external`].
     ///
     /// ```
     /// let (client, _server) = luna_channels::call_channel::<u32, u32>();

@@ -28,19 +28,21 @@ use std::task::{Context, Poll};
 /// priority first, then the level:
 ///
 /// - A client of the same OS priority and a higher level raises the server's level on its executor, also before the server is woken.
-/// - A client of a higher OS priority raises the server to the highest level of its executor and boosts the executor's OS thread
-///   to that priority (`sched_setscheduler`), which is set back with the reply. The processes that share the executor run at
-///   that priority too when the server waits. Where the system refuses, the server works at its own OS priority, and
-///   `luna_core::current::refused_boosts` tells.
+/// - A client of a higher OS priority raises the server to the highest level of its executor and
+///   boosts the executor's OS thread to that priority (`sched_setscheduler`), which is set back
+///   with the reply. The processes that share the executor run at that priority too when the server
+///   waits. Where the system refuses, the server works at its own OS priority, and
+///   `luna_core::current::refused_boosts` counts it.
 /// - A client outside of any process has the lowest priority, and a server outside inherits nothing.
 ///
 /// It is passed on: a server that calls another one calls at the priority that it has inherited.
 ///
-/// A client that waits since nobody accepts lends its priority too, in the same way: to the process that last came to accept, be it busy
-/// with another one's call or on its way back. That one is known from its first `accept` on, also from one that was dropped, and until
-/// another process accepts. It is lent the priority of the most urgent client that waits, until none does.
-/// What is not inherited: by a server that was never there; by several servers that are all busy, but for the last; and what a server is
-/// lent while it waits itself, for the reply of another one or for a mutex, is not passed on to that one.
+/// A client that waits for an `accept` boosts the process that last came to accept in the same way,
+/// be it busy with another call or on its way back. That process is known from its first `accept`
+/// on, also from a dropped one, and until another process accepts. It inherits the priority of the
+/// most urgent waiting client, until none waits. Not inherited: by a server that never accepted; by
+/// several servers that are all busy, but for the last; and a server's boost is not passed on while
+/// it waits itself, for a reply of another server or for a mutex.
 ///
 /// Dropping the last one closes the channel: clients get their requests back. Cloning is not for the real-time path; dropping is O(1), and
 /// O(waiting clients) for the last one.
@@ -175,7 +177,8 @@ impl<Q, A> Server<Q, A> {
         Self::new(self.receiver.named(name))
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`](crate::Sender::external).
+    /// Declares that a user of the channel is outside of the system: see
+    /// [`Sender::external`](crate::Sender::external).
     ///
     /// ```
     /// let (_client, server) = luna_channels::call_channel::<u32, u32>();

@@ -13,7 +13,7 @@ use std::ptr::NonNull;
 #[derive(Debug)]
 pub(super) struct Serving;
 
-/// A value whose sender is held by ticket, with what the server was lent for it.
+/// A value with its sender held by ticket, and the server's boost for it.
 #[derive(Debug)]
 pub(super) struct Accepted<'a, T> {
     pub(super) receiver: &'a Receiver<T>,
@@ -58,7 +58,7 @@ impl Mode for Serving {
     }
 }
 
-/// Lends the receiver the priority of the sender that it holds, if it inherits.
+/// The receiver inherits the priority of the sender that it holds, if it is an inheritor.
 ///
 /// # Safety
 ///
@@ -77,8 +77,9 @@ pub(crate) unsafe fn boost_to_receiver<T>(receiver: NonNull<Waiter<T>>, sender: 
 }
 
 impl<T> Channel<T> {
-    /// Takes a value back whose sender is held, if it still is: the most urgent receiver that waits gets it, or the sender waits again, before
-    /// those of its priority. Otherwise the value is dropped. O(those who are held), and O(waiting senders of higher priority).
+    /// Takes a value back from a receiver that holds its sender, if it still does: the most urgent
+    /// waiting receiver gets it, or the sender waits again, before those of its priority. Otherwise
+    /// the value is dropped. O(held senders), and O(waiting senders of higher priority).
     fn wait_again(&self, value: T, ticket: u32) {
         let mut section = self.lock();
         let mut next = section.lists.held.first();
@@ -112,7 +113,7 @@ impl<T> Channel<T> {
             let waiter = sender.cast::<Waiter<T>>();
             let link = Waiter::link(waiter);
             waiter.as_ref().put_value(value);
-            // Its alternative has chosen it for good: nobody is to ask that again.
+            // Its alternative has chosen it for good: no partner may claim that again.
             Waiter::leave_selection(waiter);
             (*link)
                 .outcome

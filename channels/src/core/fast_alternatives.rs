@@ -1,7 +1,10 @@
-//! What an alternative and its partners do at home: the steps of [`fast_path`](super::fast_path), where an alternative is on one side.
+//! Fast path of an alternative and its partners: the steps of [`fast_path`](super::fast_path), with
+//! an alternative on one side.
 //!
-//! An alternative takes the locks of all its places here too, by plain stores, and holds them until it has chosen or is listed everywhere: what is said of
-//! its decision in general holds for the same reason. Its selection is decided in its gate, which favours the same home.
+//! An alternative takes the locks of all its wait points here too, by plain stores, and holds them
+//! until it has chosen or is listed everywhere. So the argument for its decision on the slow path
+//! holds here for the same reason. Its choice is committed under its commit lock, which is biased
+//! to the same executor.
 
 use super::fast_path::{give_to_first, take_from_first};
 use super::{Channel, FastPath};
@@ -14,7 +17,7 @@ use luna_core::biased_lock::InsideGuard;
 use luna_core::current::{PlainPendingWake, Process};
 use std::ptr::NonNull;
 
-/// A partner at home.
+/// A partner on the fast path.
 impl<T> Channel<T> {
     /// Sends to the alternative that is registered here, or lists the sender and says so.
     ///
@@ -52,7 +55,7 @@ impl<T> Channel<T> {
                 drop(lists);
                 go_on(ready, process)
             },
-            // SAFETY: the contract; nobody is listed.
+            // SAFETY: by the contract on `offered` and the lock; no other node is listed.
             Some(None) => unsafe { wait_as_sender(&mut lists, offered, process) },
         }
     }
@@ -96,7 +99,7 @@ impl<T> Channel<T> {
                     drop(lists);
                     return go_on(ready, process);
                 }
-                // A claim would fail, as it will for who comes the general way.
+                // A claim would fail, as it will on the slow path.
                 lists.receivers.remove_first(first);
                 Waiter::settle_stale(receiver);
             }
@@ -104,7 +107,7 @@ impl<T> Channel<T> {
         if !lists.senders.is_empty() {
             return FastPath::No;
         }
-        // SAFETY: the contract; nobody is listed.
+        // SAFETY: by the contract on `offered` and the lock; no other node is listed.
         unsafe { wait_as_sender(&mut lists, offered, process) }
     }
 
@@ -122,8 +125,8 @@ impl<T> Channel<T> {
     ) -> FastPath {
         while let Some(first) = lists.senders.first() {
             let sender = first.cast::<Waiter<T>>();
-            // SAFETY: the node is listed, and guarded by the lock; its selection is live. One that was opened plainly is that of guards at home
-            // alone, which hold their values.
+            // SAFETY: the node is listed, and guarded by the lock; its select state is live. A
+            // plainly opened one belongs to guards on the fast path only, which hold their values.
             unsafe {
                 let Some((selection, guard)) = Waiter::selection(sender) else {
                     return FastPath::No;
@@ -156,7 +159,7 @@ impl<T> Channel<T> {
             return FastPath::No;
         }
         lists.receiver = LastUser::process(process.id());
-        // SAFETY: the contract; nobody is listed.
+        // SAFETY: by the contract on `node` and the lock; no other node is listed.
         unsafe {
             Waiter::begin_plain(node, process);
             lists.receivers.insert_alone(node.cast());
@@ -165,7 +168,8 @@ impl<T> Channel<T> {
     }
 }
 
-/// An alternative at home, for one of its guards. The guards at home are those of plain channels alone, whose partners are plain operations.
+/// An alternative on the fast path, for one of its guards. Fast-path guards are those of plain
+/// channels only, with plain operations as partners.
 impl<T> Channel<T> {
     /// Locks, and says whether a receive would not have to wait. Unless it says [`No`](Look::No), the lock is kept.
     ///
@@ -246,7 +250,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`leave_home`](Self::leave_home), and the look said that it is ready. The node is not listed, holds no value, and nobody else accesses it.
+    /// As for [`leave_home`](Self::leave_home), and the look reported that it is ready. The node is
+    /// not listed, holds no value, and no other thread accesses it.
     #[inline(always)]
     pub(crate) unsafe fn take_sender(
         &self,
@@ -287,8 +292,9 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`leave_home`](Self::leave_home), and the look said that it is not ready. The node is not listed, nobody else accesses it, and it holds a value
-    /// if it is a sender's. It stays where it is until it is settled or withdrawn, and the selection outlives that.
+    /// As for [`leave_home`](Self::leave_home), and the look reported that it is not ready. The
+    /// node is not listed, no other thread accesses it, and it holds a value if it is a sender's.
+    /// It stays where it is until it is settled or withdrawn, and the select state outlives that.
     #[inline(always)]
     pub(crate) unsafe fn list_guard(
         &self,
@@ -333,7 +339,7 @@ impl<T> Channel<T> {
             }
             let lists = self.place.lock_if_favoured(home);
             match lists {
-                // One that is plain serves no call, so nobody is lent anything for those who wait here.
+                // A plain channel serves no call, so waiters here boost no server.
                 Some(mut lists)
                     if lists.is_plain_rendezvous() && Waiter::outcome(node) == Outcome::Waiting =>
                 {
@@ -352,7 +358,7 @@ impl<T> Channel<T> {
     }
 }
 
-/// What the first partner who waits comes to. Keeps the lock unless it is [`No`](Look::No).
+/// Handles the first waiting partner. Keeps the lock unless the result is [`No`](Look::No).
 ///
 /// # Safety
 ///
@@ -377,7 +383,7 @@ unsafe fn look_at<T>(
 ///
 /// # Safety
 ///
-/// As for [`send_fast`](Channel::send_fast); and nobody is listed on either side.
+/// As for [`send_fast`](Channel::send_fast); and no node is listed on either side.
 #[inline(always)]
 unsafe fn wait_as_sender<T, S: Source<T>>(
     lists: &mut WaitQueues,

@@ -1,13 +1,17 @@
 //! What two processes of one executor do, when nothing is asked of their channel but to send and to receive: nearly every communication.
 //!
-//! It comes to what [`ChannelGuard`](super::ChannelGuard) comes to, on a way without branches for what is not there: the lock favours the executor, so it is
-//! taken and left by plain stores; no waker is cloned or called; nobody is registered, no call is served, no buffer overwrites. Whenever one of these
-//! does not hold, nothing has been changed, and the general way is gone.
+//! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
+//! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
+//! is cloned or called; no alternative is registered, no call is served, no buffer overwrites.
+//! Whenever one of these conditions does not hold, no state has changed, and the operation takes
+//! the slow path.
 //!
-//! A node that was listed here says so ([`Waiter::begin_plain`]), and whoever finds it here knows that its process is of this very home: only the home
-//! that a lock favours comes here, and a lock favours no second one.
+//! A node that was listed here is marked so ([`Waiter::begin_plain`]). An operation that finds it
+//! here knows that its process belongs to this very executor: only the executor that owns the bias
+//! comes here, and a lock is biased to no second one.
 //!
-//! A process that is recorded goes a way of its own, which is the same but for the events: so the others need not ask at each of them whether anybody records.
+//! A recorded process has a path of its own, which is the same but for the events. So the others
+//! need not test at each event whether it is recorded.
 
 use super::Channel;
 use super::meeting::{Found, come_to_receive, come_to_send, part_from_receiver, part_from_sender};
@@ -20,10 +24,10 @@ use luna_core::wait_list::WaitNode;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What an operation at home came to.
+/// Result of an operation on the fast path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FastPath {
-    /// The general way is to be gone: nothing has changed.
+    /// Fast path unavailable; no state changed. Take the slow path.
     No,
     /// The node is listed.
     Waits,
@@ -52,7 +56,8 @@ impl FastPath {
 ///
 /// # Safety
 ///
-/// `first` is the first of the receivers, in a channel of values of this type whose lock this home has. `offered` holds a value, and nobody else accesses it.
+/// `first` is the first of the receivers, in a channel of values of this type; this executor holds
+/// its lock. `offered` holds a value, and no other thread accesses it.
 #[inline(always)]
 pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     place: &WaitPoint,
@@ -80,7 +85,8 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
 ///
 /// # Safety
 ///
-/// `first` is the first of the senders, in a channel of values of this type whose lock this home has.
+/// `first` is the first of the senders, in a channel of values of this type; this executor holds
+/// its lock.
 #[inline(always)]
 pub(super) unsafe fn take_from_first<T, const RECORDED: bool>(
     place: &WaitPoint,
@@ -108,7 +114,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
+    /// stays where it is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn send_fast<S: Source<T>>(
         &self,
@@ -165,7 +172,8 @@ impl<T> Channel<T> {
         came_to
     }
 
-    /// Sends where an alternative may be met, or for a process that is recorded; or says that the general way is to be gone.
+    /// Sends where an alternative may be met, or for a recorded process; or returns
+    /// [`No`](FastPath::No) for the slow path.
     ///
     /// # Safety
     ///
@@ -198,7 +206,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Stores the value of a sender who has found nobody but a [buffer](Found::Buffer), or lists the sender.
+    /// Stores the value of a sender that has found only a [buffer](Found::Buffer), or lists the
+    /// sender.
     ///
     /// # Safety
     ///
@@ -234,7 +243,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
+    /// is until it is settled or withdrawn.
     #[inline(always)]
     pub(crate) unsafe fn recv_fast(&self, node: NonNull<Waiter<T>>, cx: &Context<'_>) -> FastPath {
         // SAFETY: the contract.
@@ -280,7 +290,7 @@ impl<T> Channel<T> {
         came_to
     }
 
-    /// As [`send_otherwise`](Self::send_otherwise), for who receives.
+    /// As [`send_otherwise`](Self::send_otherwise), for a receiver.
     ///
     /// # Safety
     ///
@@ -314,7 +324,8 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// As for [`recv_fast`](Self::recv_fast), by who has found a [buffer](Found::Buffer).
+    /// As for [`recv_fast`](Self::recv_fast), by a receiver that has found a
+    /// [buffer](Found::Buffer).
     #[inline(never)]
     unsafe fn recv_stored<const RECORDED: bool>(&self, node: NonNull<Waiter<T>>) -> FastPath {
         // SAFETY: the contract: this is a process' turn, and it has the lock, which guards the store too.

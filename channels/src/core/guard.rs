@@ -21,19 +21,20 @@ use std::task::Context;
 pub(crate) enum Sent<T> {
     /// A receiver has it, or the buffer. PendingWake the receiver; drop what was overwritten.
     Done(PendingWake, Option<T>),
-    /// A receiver has it, and holds the sender, whose node is listed for that. PendingWake the receiver, and [give](Channel::update_wakeup) the node a wakeup if it has none.
+    /// A receiver has it, and holds the sender; the sender's node is listed as held. Wake the
+    /// receiver, and [give](Channel::update_wakeup) the node a wake handle if it has none.
     Held(PendingWake),
-    /// Nobody takes it now.
+    /// No receiver takes it now.
     Full,
-    /// Nobody will ever take it.
+    /// No receiver will ever take it.
     Ended(Ending),
-    /// The value could not be made. PendingWake who was to receive it, and poison the channel.
+    /// The value could not be made. Wake the receiver that was to have it, and poison the channel.
     Broken(PendingWake),
 }
 
 /// A receive under the lock came to this.
 pub(crate) enum Received<T> {
-    /// A value, whom to ready, and who is held.
+    /// A value, the process to wake, and the held sender.
     Done(T, PendingWake, Holding),
     Empty,
     Ended(Ending),
@@ -44,7 +45,7 @@ pub(crate) enum Received<T> {
 /// The sender that is held in an extended rendezvous.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Holding {
-    /// Which rendezvous it is; 0 if nobody is held.
+    /// Number of the rendezvous; 0 if no sender is held.
     pub(crate) ticket: u32,
     /// How urgent the sender is.
     pub(crate) priority: Priority,
@@ -88,8 +89,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.lists.ending != Ending::Open || !self.lists.senders.is_empty() || self.lists.is_storing
     }
 
-    /// Tells the registered alternatives that the channel is ready. They are then to be [rung](Channel::ring) for. O(those who do not
-    /// know).
+    /// Reports to the registered alternatives that the channel is ready. They are then to be
+    /// [rung](Channel::ring) for. O(those without the report).
     #[inline]
     pub(super) fn announce(&mut self) {
         if !self.lists.registered.is_empty() {
@@ -119,7 +120,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
     ) -> Option<NonNull<Waiter<T>>> {
         let mut next = self.lists.registered.first();
         while let Some(node) = next {
-            // SAFETY: a node in the list is that of a live entry, whose waiter is its first field.
+            // SAFETY: a node in the list is that of a live entry, and an entry's first field is its
+            // waiter.
             unsafe {
                 let waiter = node.cast::<Waiter<T>>();
                 if accepts(node.as_ref().priority())
@@ -203,7 +205,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Tells that the current process gives its value to this receiver.
+    /// Records that the current process gives its value to this receiver.
     ///
     /// # Safety
     ///
@@ -222,8 +224,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
 
     /// # Safety
     ///
-    /// `node` is a claimed sender's whose value was taken. It is in the list of those who are held, and stays where it is until it is settled or
-    /// withdrawn.
+    /// `node` is that of a claimed sender after its value was taken. It is in the list of held
+    /// senders, and stays where it is until it is settled or withdrawn.
     unsafe fn hold(node: NonNull<Waiter<T>>, ticket: u32) {
         // SAFETY: the contract; the lock is held.
         unsafe {
@@ -235,12 +237,13 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Sends at once, if that can be. O(1). If a receiver holds its sender and `cx` says whom to wake then, the node is listed for that.
+    /// Sends at once, if possible. O(1). If a receiver holds its sender and `cx` has the waker for
+    /// the release, the node is listed as held.
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds its value or can make it. With `cx`, it stays where it is until it is settled or
-    /// withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds its value or can make it.
+    /// With `cx`, it stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn send_now<S: Source<T>>(
         &mut self,
@@ -304,7 +307,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         cx: Option<&Context<'_>>,
     ) -> Sent<T> {
         let buffer = self.channel.buffer();
-        // A buffer takes the value from its sender as soon as it has it, and holds nobody: any send finds any receiver there.
+        // A buffer takes the value from its sender as soon as it has it, and holds no sender: any
+        // send finds any receiver there.
         let may_hold = cx.is_some() || buffer.capacity != 0;
         if self.lists.extends
             && buffer.capacity == 0
@@ -332,7 +336,8 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         if buffer.capacity == 0 {
             return Sent::Full;
         }
-        // A replayed sender that got through did so: whoever made room then may take several values at once later.
+        // A replayed sender got through in the record too: the receiver that made room then may
+        // take several values at once later.
         let is_replayed = TAPED && taped::is_replayed();
         let is_full = !is_replayed && self.with_store(|store| store.len() >= buffer.capacity);
         if is_full && buffer.when_full == WhenFull::Wait {
@@ -510,7 +515,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         self.announce();
     }
 
-    /// The current process accepts calls here: from now on it is who clients wait for.
+    /// The current process accepts calls here: from now on clients that wait boost it.
     #[inline]
     pub(crate) fn note_server(&mut self) {
         let is_known = self
@@ -525,8 +530,9 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         }
     }
 
-    /// Lends the server the priority of the most urgent client that waits. To be called when others wait than before. O(1), and a system call if
-    /// the priority of the server's thread changes by that.
+    /// The server inherits the priority of the most urgent waiting client. To be called when the
+    /// waiting clients have changed. O(1), and a system call if the priority of the server's thread
+    /// changes by that.
     #[inline]
     pub(crate) fn boost_while_they_wait(&mut self) {
         if self.lists.server.is_some() {
@@ -578,7 +584,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
 }
 
 impl<T> Locked<'_, T> {
-    /// Releases the lock, and readies the registered alternatives that were told of something under it.
+    /// Releases the lock, and wakes the registered alternatives with a report made under it.
     #[inline]
     pub(crate) fn release(self) {
         let channel = self.channel;

@@ -1,4 +1,5 @@
-//! What two do who are awake at the same time, on different threads: see [`hand_off_slots`](crate::hand_off_slots).
+//! Hand-off between two operations that are awake at the same time, on different threads: see
+//! [`hand_off_slots`](crate::hand_off_slots).
 
 use super::{Channel, ChannelGuard, Locked};
 use crate::hand_off_slots::{Side, has_room};
@@ -13,11 +14,11 @@ use std::task::Context;
 
 /// What an operation has come to that has looked at the hand_off_slots.
 pub(crate) enum HandOff<'a, T, R> {
-    /// It is done. Nobody is to be readied.
+    /// It is done. There is no process to wake.
     Done(R),
     /// It waits on its hand_off_slot, and is to [look](Channel::look_from_spot).
     Waits,
-    /// Nothing has happened. The lock is held, and nobody waits on a hand_off_slot.
+    /// Nothing has happened. The lock is held, and no operation waits on a hand-off slot.
     No(Locked<'a, T>),
 }
 
@@ -31,11 +32,12 @@ impl Drop for AbortOnDrop {
 }
 
 impl<T> Channel<T> {
-    /// Sends to who waits on a hand_off_slot, or waits on one. O(1).
+    /// Sends to the receiver that waits on a hand-off slot, or waits on one. O(1).
     ///
     /// # Safety
     ///
-    /// `offered` is not listed, nobody else accesses it, and it holds or makes its value. It stays where it is until it is settled or withdrawn.
+    /// `offered` is not listed, no other thread accesses it, and it holds or makes its value. It
+    /// stays where it is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn send_on_spots<S: Source<T>>(
         &self,
@@ -83,11 +85,12 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Receives from who waits on a hand_off_slot, or waits on one. O(1).
+    /// Receives from the sender that waits on a hand-off slot, or waits on one. O(1).
     ///
     /// # Safety
     ///
-    /// `node` is not listed, nobody else accesses it, and it holds no value. It stays where it is until it is settled or withdrawn.
+    /// `node` is not listed, no other thread accesses it, and it holds no value. It stays where it
+    /// is until it is settled or withdrawn.
     #[inline]
     pub(crate) unsafe fn recv_on_spots(&self, node: NonNull<Waiter<T>>) -> HandOff<'_, T, T> {
         let hand_off_slots = &self.place.hand_off_slots;
@@ -125,7 +128,8 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Looks for the partner of an operation that waits on a hand_off_slot; if none comes, or somebody has listed it, it waits in its list. Says what it has come to.
+    /// Looks for the partner of an operation that waits on a hand-off slot; if none comes, or
+    /// another operation has listed it, it waits in its list. Returns its result.
     ///
     /// # Safety
     ///
@@ -138,7 +142,8 @@ impl<T> Channel<T> {
         cx: &Context<'_>,
     ) -> Outcome {
         let hand_off_slots = &self.place.hand_off_slots;
-        // Who looks must come to leave the hand_off_slot: what would drop the operation on the way (a panic of who is asked whether the thread is called) ends the program.
+        // The looking operation must leave the hand-off slot itself. A panic that would drop it on
+        // the way (in the test for attention of its thread) ends the program.
         let stays = AbortOnDrop;
         spin::look(|| !hand_off_slots.is_waiting(side));
         std::mem::forget(stays);
@@ -158,7 +163,8 @@ impl<T> Channel<T> {
     #[inline]
     unsafe fn leave_done(&self, node: NonNull<Waiter<T>>, side: Side) {
         let hand_off_slots = &self.place.hand_off_slots;
-        // SAFETY: the contract; who is done is known to its future alone, and so is its hand_off_slot's value.
+        // SAFETY: by the contract; a finished operation is known to its future alone, and so is the
+        // value in its hand-off slot.
         unsafe {
             if side == Side::Receiver && has_room::<T>() {
                 Waiter::put_value_of(node, hand_off_slots.take(side));
@@ -177,9 +183,9 @@ impl<T> Channel<T> {
         side: Side,
         cx: &Context<'_>,
     ) -> Outcome {
-        // Who still waits on a hand_off_slot is listed by that.
+        // Taking the lock lists an operation that still waits on a hand-off slot.
         let section = self.lock();
-        // SAFETY: the contract; who is not done was listed here.
+        // SAFETY: by the contract; an unfinished operation was listed here.
         unsafe {
             if self.place.hand_off_slots.is_done(side) {
                 drop(section);

@@ -19,22 +19,23 @@ use std::hint::{assert_unchecked, cold_path};
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What a process finds that comes to a channel at home.
+/// What a process finds on the fast path of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Found {
-    /// The general way is to be gone: nothing has changed.
+    /// Fast path unavailable; no state changed. Take the slow path.
     No,
-    /// Nobody: the node is listed.
+    /// No partner: the node is listed.
     Nobody,
-    /// This partner, who waits in a plain operation. The lock is kept until the two have parted.
+    /// This partner waits in a plain operation. The lock is kept until the two have parted.
     Partner(NonNull<WaitNode>),
-    /// Nobody, and a buffer: for who sends one that may have room, for who receives one that holds something. The lock is kept.
+    /// No partner, but a buffer: a sender may find room in it, a receiver finds a value. The lock
+    /// is kept.
     Buffer,
     /// Something else: an alternative. The lock is kept.
     More,
 }
 
-/// The process whose plain turn this is: one that is recorded, or one that is not.
+/// The process in its plain turn, recorded or not.
 #[inline(always)]
 fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
     match RECORDED {
@@ -43,7 +44,8 @@ fn turn<'a, const RECORDED: bool>(cx: &'a Context<'_>) -> Option<&'a Process> {
     }
 }
 
-/// The process whose plain turn this is, and who waits in the place, if its lock favours the home of that process.
+/// The process in its plain turn, and the partner that waits at the wait point, if its lock is
+/// biased to the executor of that process.
 #[inline(always)]
 fn enter<'a, const RECORDED: bool>(
     place: &'a WaitPoint,
@@ -65,7 +67,8 @@ fn enter<'a, const RECORDED: bool>(
 ///
 /// # Safety
 ///
-/// `node` is that of a send to the channel around `place` that is not listed. Nobody else accesses it, and it stays where it is until it is settled or withdrawn.
+/// `node` is that of a send to the channel around `place` that is not listed. No other thread
+/// accesses it, and it stays where it is until it is settled or withdrawn.
 #[inline(never)]
 pub(super) unsafe fn come_to_send<const RECORDED: bool>(
     place: &WaitPoint,
@@ -148,13 +151,15 @@ pub(super) unsafe fn come_to_receive<const RECORDED: bool>(
 ///
 /// # Safety
 ///
-/// It is the [partner](Found::Partner) that the process whose turn this is has found in `place`, whose lock it has kept.
+/// It is the [partner](Found::Partner) that the process in its plain turn has found in `place`; the
+/// process has kept the lock.
 #[inline(never)]
 pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
     place: &WaitPoint,
     receiver: NonNull<WaitNode>,
 ) -> FastPath {
-    // SAFETY: the contract: the partner was found by its plain wakeup, and under the lock nobody has taken that.
+    // SAFETY: by the contract, the partner was found by its plain wake handle, and under the lock
+    // no other thread has taken that.
     unsafe {
         let process = current::this_process();
         let mut lists = place.kept(process.home_number());
@@ -173,7 +178,7 @@ pub(super) unsafe fn part_from_receiver<const RECORDED: bool>(
     }
 }
 
-/// Lets go of the sender whose value has been taken: it is ready from here on.
+/// Lets the sender go after its value has been taken: it is ready from here on.
 ///
 /// # Safety
 ///

@@ -1,9 +1,10 @@
 //! The channel itself: what both ends share, and the steps of the protocol that happen under its lock.
 //!
-//! Whoever arrives second does the work: it takes the partner off the waiting list, moves the value, settles the partner's
-//! outcome, releases the lock, and readies the partner, in this order. Settling the outcome gives the partner's node up: its
-//! future may be polled and dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
-//! of the protocol), and whom to wake was taken out before.
+//! The operation that arrives second does the work: it takes the partner off the waiting list,
+//! moves the value, settles the partner's outcome, releases the lock, and wakes the partner, in
+//! this order. Settling the outcome gives the partner's node up: its future may be polled and
+//! dropped at that very moment on another core, so nothing of it is touched afterwards (invariant 3
+//! of the protocol), and its wake handle was taken out before.
 //!
 //! ```text
 //!   node:   idle --list--> WAITING --partner, under the lock--> DONE | CLOSED | POISONED | BROKEN
@@ -12,8 +13,9 @@
 //!                             '-- withdrawn by its own future, under the lock --> STALE
 //! ```
 //!
-//! A partner that finds an alternative's node claims its [`SelectState`](crate::select_state::SelectState) first. One whose alternative has chosen
-//! another guard is taken off the list and passed over: each such node costs one step, once.
+//! A partner that finds an alternative's node claims its
+//! [`SelectState`](crate::select_state::SelectState) first. If the alternative has chosen another
+//! guard, the node is taken off the list and passed over: each such node costs one step, once.
 
 mod fast_alternatives;
 mod fast_path;
@@ -196,7 +198,7 @@ impl<T> Channel<T> {
             let link = Waiter::link(node);
             let former = (*link).wait.wakeup_mut().take();
             let now = if outcome == Outcome::Held {
-                // The value was received: the receiver finds nobody to release.
+                // The value was received: the receiver finds no sender to release.
                 Outcome::Done
             } else {
                 Outcome::Stale
@@ -206,7 +208,7 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Sees to it that a waiting operation wakes who polled it last.
+    /// Makes a waiting operation wake its latest poller.
     ///
     /// # Safety
     ///
@@ -245,7 +247,8 @@ impl<T> Channel<T> {
         })
     }
 
-    /// Gives a node that was listed without a wakeup one, if there is no partner yet; says what it has come to. Whoever polls it now `looks` for a partner before.
+    /// Gives a node that was listed without a wake handle one, if there is no partner yet; returns
+    /// its result. The current poll `looks` for a partner before.
     ///
     /// # Safety
     ///
@@ -267,10 +270,11 @@ impl<T> Channel<T> {
         unsafe { self.renew_wakeup(None, node, &mut renewal) }
     }
 
-    /// Takes back a value that was received by a future which was dropped before it could hand it on: the value goes to the next
-    /// receiver, before all others; nobody receives it from a poisoned channel, where it is dropped. An overwriting buffer that has become
-    /// full in the meantime drops what it would have dropped had the value never left. Allocates only if more than [`SPARE`] values, or
-    /// one for each receiver, are back at once.
+    /// Takes back a value that was received by a future which was dropped before it could hand it
+    /// on: the value goes to the next receiver, before all others. It cannot be received from a
+    /// poisoned channel, where it is dropped. An overwriting buffer that has become full in the
+    /// meantime drops what it would have dropped had the value never left. Allocates only if more
+    /// than [`SPARE`] values, or one for each receiver, are back at once.
     pub(crate) fn give_back(&self, value: T) {
         let mut section = self.lock();
         if section.lists.ending == Ending::Poisoned {
@@ -278,7 +282,7 @@ impl<T> Channel<T> {
             drop(value);
             return;
         }
-        // Also by an extended rendezvous, which finds nobody to hold: the sender has gone on.
+        // Also by an extended rendezvous, which finds no sender to hold: the sender has gone on.
         if let Some(receiver) = section.claim_receiver(true) {
             // SAFETY: it was just claimed; a receiver's node holds no value before it is done.
             let ready = unsafe {
@@ -340,7 +344,7 @@ impl<T> Channel<T> {
         section.lists.find_whether_plain();
     }
 
-    /// Readies the registered alternatives that were told of something, without the lock. O(those).
+    /// Wakes the registered alternatives that have a report, without the lock. O(their number).
     #[inline]
     pub(crate) fn ring(&self) {
         if self.rings.load(Ordering::Relaxed) {
@@ -376,7 +380,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already. O(those who are held).
+    /// Lets the sender go on that was held in rendezvous `ticket`, if it has not gone already.
+    /// O(held senders).
     pub(crate) fn release_held(&self, ticket: u32) {
         if ticket == 0 {
             return;
@@ -384,8 +389,9 @@ impl<T> Channel<T> {
         self.finish_held(ticket, |_| Outcome::Done);
     }
 
-    /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls `last` with it before, under the lock, for what it
-    /// comes to. Says whether it was. O(those who are held).
+    /// Lets the sender go on that was held in rendezvous `ticket`; if it is still there, calls
+    /// `last` with it before, under the lock, to set its result. Returns whether it was there.
+    /// O(held senders).
     pub(crate) fn finish_held(
         &self,
         ticket: u32,
@@ -411,14 +417,16 @@ impl<T> Channel<T> {
         false
     }
 
-    /// Poisons the channel: all who wait and all who come fail. O(those who wait + what is stored), one lock section each.
+    /// Poisons the channel: all operations that wait and all that come fail. O(waiting operations +
+    /// stored values), one lock section each.
     pub(crate) fn poison(&self) {
         let _stored = Finally::new(|| self.drop_stored());
         self.end(Ending::Poisoned);
     }
 
-    /// Drops what nobody will receive. At once and not with the channel, since a value may be what somebody waits for (the way back to a
-    /// client, say), and may borrow what the channel's memory outlives until it is reclaimed.
+    /// Drops values that can no longer be received. At once and not with the channel: a process may
+    /// wait for the drop of a value (the way back to a client, say), and a value may borrow what
+    /// the channel's memory outlives until its deferred free.
     ///
     /// To be called when the channel has ended for receivers: nothing is stored after that.
     fn drop_stored(&self) {
@@ -439,7 +447,7 @@ impl<T> Channel<T> {
             return;
         }
         section.lists.ending = ending;
-        // Nobody waits for it any more; it may still answer what it has accepted.
+        // No client waits for it any more; it may still answer the calls that it has accepted.
         let server = section.lists.server.take();
         section.lists.find_whether_plain();
         section.announce();
@@ -454,7 +462,8 @@ impl<T> Channel<T> {
             _ => Outcome::Closed,
         };
         let mut section = self.lock();
-        // Who comes from now on sees the ending, so the lists only get shorter. One by one, so that the lock is held for few steps.
+        // Operations that come from now on see the ending, so the lists only get shorter. One by
+        // one, so that the lock is held for few steps.
         loop {
             let lists = &mut *section.lists;
             let ready = if let Some(node) = lists.senders.pop().or_else(|| lists.receivers.pop()) {
@@ -465,8 +474,8 @@ impl<T> Channel<T> {
                     Waiter::settle(node, if is_claimed { outcome } else { Outcome::Stale })
                 }
             } else if let Some(node) = lists.held.pop() {
-                // It has communicated, whatever comes after (invariant 2); who poisons wakes all.
-                // SAFETY: the node was in the list, and the lock is held.
+                // It has communicated, whatever comes after (invariant 2); poisoning wakes every
+                // waiter. SAFETY: the node was in the list, and the lock is held.
                 unsafe { Waiter::release(node.cast::<Waiter<T>>()) }
             } else if let Some(ready) = take_watcher(lists) {
                 ready
@@ -474,7 +483,7 @@ impl<T> Channel<T> {
                 break;
             };
             drop(section);
-            // Whoever is readied: the others must not depend on that going well.
+            // A wake may panic: the remaining wakes must still be done.
             let rest = Finally::new(|| self.end_those_who_wait(ending));
             ready.wake();
             rest.cancel();
@@ -556,7 +565,7 @@ impl<T> Channel<T> {
     }
 }
 
-/// Counts an end; says how many there are. Relaxed: who clones an end has one.
+/// Counts an end; returns how many there are. Relaxed: a clone is made from a live end.
 fn count_one_more(ends: &AtomicU32) -> u32 {
     let before = ends.fetch_add(1, Ordering::Relaxed);
     if before > i32::MAX as u32 {

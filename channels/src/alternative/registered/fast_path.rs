@@ -1,6 +1,8 @@
-//! A selection by a process of an executor whose channels connect it with processes of the same one.
+//! A selection by a process of an executor, over channels that connect it with processes of the
+//! same executor.
 //!
-//! The locks favour the home, so each step is one of plain stores. What cannot be done so is left to the general way, with nothing changed.
+//! The locks are biased to the executor, so each step consists of plain stores. Everything else is
+//! left to the slow path, with no state changed.
 
 use super::{Alternative, State};
 use crate::core::Channel;
@@ -9,7 +11,7 @@ use luna_core::current::{self, Process};
 use std::task::{Context, Poll};
 
 impl<T> Alternative<'_, T> {
-    /// Polls in the plain turn of `process`. `None`: the general way is to be gone.
+    /// Polls in the plain turn of `process`. `None`: take the slow path.
     #[inline]
     pub(super) fn poll_fast<const RECORDED: bool>(
         &mut self,
@@ -57,9 +59,9 @@ impl<T> Alternative<'_, T> {
             false if !is_ready => self.ready.clear(index),
             false => {}
         }
-        // SAFETY: the sender was listed by the home that the lock favours: this thread.
+        // SAFETY: the sender was listed by the executor to which the lock is biased: this thread.
         unsafe { ready.wake() };
-        // SAFETY: it is the process whose plain turn this is, as above.
+        // SAFETY: `process` is in its plain turn, as above.
         let gives_way = unsafe { current::gives_way(process) };
         Some(self.hand_on(index, Ok(value), gives_way))
     }

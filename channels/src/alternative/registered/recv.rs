@@ -59,7 +59,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Polls, and tells what comes of it.
+    /// Polls, and records the result.
     #[cold]
     #[inline(never)]
     fn poll_recorded(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
@@ -84,7 +84,7 @@ impl<T> Alternative<'_, T> {
         }
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<(usize, Result<T, RecvError>)> {
         if let State::Holds(index) = self.state
@@ -127,7 +127,8 @@ impl<T> Alternative<'_, T> {
         Poll::Ready((index, received))
     }
 
-    /// Receives what the recorded one did. It is not registered anywhere: whoever sends lists itself, and is there when its stamp has come.
+    /// Receives what the recorded receive did. It is not registered anywhere: every sender lists
+    /// itself, and is there when its stamp has come.
     fn poll_replayed(
         &mut self,
         turn: Turn,
@@ -222,7 +223,7 @@ impl<T> Alternative<'_, T> {
                 // As STOP, it has no error to give.
                 current::end_branch(cx);
                 if current::is_taped() {
-                    // Its drop tells the tape that it came to nothing.
+                    // Its drop records in the replay log that it came to nothing.
                     self.state = State::Entering;
                 }
                 return Poll::Pending;
@@ -263,7 +264,8 @@ impl<T> Alternative<'_, T> {
                 self.state = State::Open;
                 return Poll::Pending;
             }
-            // Something became ready meanwhile. Each channel can say so once, and the next look sees all who said it before it.
+            // A channel became ready meanwhile. Each channel can report so once, and the next look
+            // sees all that reported before it.
             drop(gate);
             drop(wakeup);
         }
@@ -349,7 +351,7 @@ impl<T> Alternative<'_, T> {
         Poll::Pending
     }
 
-    /// Tells that the current process has received from this channel.
+    /// Records that the current process has received from this channel.
     #[cold]
     fn tell(&self, index: usize) {
         let channel = self.entries[index].map_or(0, |entry| {
@@ -384,8 +386,9 @@ impl<T> Alternative<'_, T> {
                 if current::is_taped() {
                     taped::abandoned();
                 }
-                // This one has told nobody. Of an end the next one tells; that its branch had failed is nothing to who comes later.
-                // SAFETY: the entries are this alternative's.
+                // No caller has the report of this one yet. The next call reports an end; a later
+                // caller has no use for a failure of this branch. SAFETY: the entries are this
+                // alternative's.
                 let has_ended = |entry: NonNull<Entry<T>>| unsafe { (*entry.as_ptr()).ended };
                 if self.entries[index].and_then(has_ended).is_none() {
                     self.state = State::Closed;
