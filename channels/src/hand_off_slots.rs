@@ -17,7 +17,7 @@
 //! operation waits on a side, at a channel that is used for plain sends and receives only. Any
 //! other operation (a second one of a side, an alternative, the end) first lists the operation that
 //! waits on a slot, when it takes the lock
-//! ([`WaitPoint::lock_lists`](crate::wait_point::Place::lock_lists)); from there on all is as if
+//! ([`WaitPoint::lock_lists`](crate::wait_point::WaitPoint::lock_lists)); from there on all is as if
 //! there were no hand-off slots. The fast path does not look at them: the executor that owns the
 //! bias is alone with the lock, and what waits on a hand-off slot is a poll of that thread which
 //! has not come back.

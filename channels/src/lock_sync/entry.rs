@@ -1,4 +1,4 @@
-//! The node of one who waits for a mutex, or for a condition and then its mutex.
+//! The node of a waiter for a mutex, or for a condition and then its mutex.
 
 use super::core::{Core, CoreRef};
 use crate::waiter::{Outcome, Waiter};
@@ -7,7 +7,7 @@ use luna_core::wait_list::WaitNode;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// Why one who waited at a condition is in the mutex's hands.
+/// Why an entry that waited at a condition was moved to its mutex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Cause {
     /// It is not: it waits at the condition, or never did.
@@ -38,7 +38,7 @@ struct Listed {
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
     waiter: Waiter<()>,
-    /// Who inherits when the mutex is its own.
+    /// Inherits when the entry holds the mutex.
     inheritor: Option<Inheritor>,
     cause: Cause,
     /// Which mutex it is to lock, from its begin to its end. It keeps that one's memory, also if its future is leaked: the chain may still find it.
@@ -76,8 +76,8 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, pinned, nobody else accesses it, and it was not begun before; `core` is live; [`end`](Self::end) is called before the
-    /// entry goes, or the entry stays for ever.
+    /// `entry` is live, pinned, not accessed by another thread, and was not begun before; `core` is
+    /// live; [`end`](Self::end) is called before the entry goes, or the entry stays for ever.
     pub(super) unsafe fn begin(
         entry: NonNull<Entry>,
         core: NonNull<Core>,
@@ -106,7 +106,7 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `entry` is live, in no place's list, and nobody else accesses it.
+    /// `entry` is live, in no wait point's list, and no other thread accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
         // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the inheritor is referred to.
         unsafe {
@@ -172,7 +172,7 @@ impl Entry {
             .is_some_and(|inheritor| inheritor.is_same(holder))
     }
 
-    /// Takes out who inherits.
+    /// Takes the inheritor out.
     ///
     /// # Safety
     ///
@@ -228,7 +228,7 @@ impl Entry {
         unsafe { (*Waiter::link(Self::waiter(entry))).ticket = ticket };
     }
 
-    /// Takes out whom to wake.
+    /// Takes the wake handle out.
     ///
     /// # Safety
     ///
@@ -239,7 +239,7 @@ impl Entry {
         unsafe { (*Waiter::link(Self::waiter(entry))).wait.wakeup_mut() }.take()
     }
 
-    /// Lets it wake who polls.
+    /// Makes it wake the present poller.
     ///
     /// # Safety
     ///
@@ -250,7 +250,8 @@ impl Entry {
     }
 }
 
-/// Who inherits what is locked by the caller: its process; a thread that is none's, if it is the `thread` itself that holds it.
+/// The inheritor for a lock taken by the caller: its process; or the thread, if it runs no process
+/// and the `thread` itself holds the lock.
 pub(super) fn inheritor(thread: bool) -> Option<Inheritor> {
     if thread {
         Inheritor::current_or_thread()

@@ -70,7 +70,8 @@ impl<'a, T> LockOp<'a, T> {
 
     #[inline(always)]
     fn poll_lock(&mut self, cx: &Context<'_>) -> Poll<()> {
-        // Uncontended, nobody need be woken, and a thread need not ask the system for its priority.
+        // Uncontended, there is no process to wake, and a thread need not ask the system for its
+        // priority.
         match self.mutex.core().take(inheritor(self.of_thread)) {
             Ok(()) => Poll::Ready(()),
             Err(inheritor) => self.poll_contended(inheritor, cx),

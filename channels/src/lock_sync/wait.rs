@@ -27,7 +27,8 @@ enum Phase<'a, T> {
     New(MutexGuard<'a, T>),
     /// The entry is in a list of the condition, or of the mutex, or was settled.
     Listed,
-    /// It is replayed, and has unlocked: nobody notifies it, but the recording says when it has locked again.
+    /// It is replayed, and has unlocked: it is never notified, but the replay log has when it
+    /// locked again.
     Replayed,
     /// It holds the mutex, and is not to go on yet, by its process' tape. The entry was never begun.
     Keeps,
@@ -75,7 +76,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         unsafe { NonNull::new_unchecked(self.entry.get()) }
     }
 
-    /// WaitQueues it, and unlocks the mutex after: whoever notifies from then on finds it.
+    /// Lists it, and unlocks the mutex after: every notifier from then on finds it.
     fn begin(&mut self, guard: MutexGuard<'a, T>, cx: &Context<'_>) {
         let inheritor = inheritor(self.of_thread);
         let priority = inheritor
@@ -243,8 +244,8 @@ impl<'a, T> WaitOp<'_, 'a, T> {
         }
     }
 
-    /// Polls as its process' tape says. A recorded one has a stamp of its having locked again; a replayed one locks when that comes, and whoever notified it then need not
-    /// do so again.
+    /// Polls as its process' replay log says. A recorded wait has a stamp of its locking again; a
+    /// replayed one locks when that comes, and its former notifier need not notify again.
     #[cold]
     fn poll_taped(
         &mut self,
@@ -294,7 +295,7 @@ impl<'a, T> WaitOp<'_, 'a, T> {
         Poll::Ready(polled)
     }
 
-    /// Tells that it has locked again.
+    /// Records that it has locked again.
     fn tell(&self) {
         let stamp = self
             .mutex

@@ -1,4 +1,5 @@
-//! Alternatives: exactly one guard happens, the others leave no trace, whoever comes, and whenever.
+//! Alternatives: exactly one guard happens, and the others leave no trace, for every partner and
+//! every order of arrival.
 
 use super::{Drops, Token, check, check_within, poll, recv_id};
 use crate::{Receiver, RecvError, Sender, alt, channel, pri_alt};
@@ -242,7 +243,7 @@ fn pri_alt_takes_what_was_there_first() {
         let drops = Drops::default();
         let ((to_one, one), (to_two, two)) = (channel(), channel());
         let tokens = (drops.token(1), drops.token(2));
-        // Parks on 1, then on 2: whoever looks, sees 1 when it sees 2.
+        // Parks on 1, then on 2: a thread that sees 2 also sees 1.
         let thread = thread::spawn(move || {
             let mut first = Box::pin(to_one.send(tokens.0));
             let mut second = Box::pin(to_two.send(tokens.1));

@@ -92,7 +92,7 @@ impl Executor {
         }
     }
 
-    /// A channel whose lock is biased to this thread.
+    /// A channel with its lock biased to this thread.
     fn channel<T: Send>(&self) -> (Sender<T>, Receiver<T>) {
         let (sender, receiver) = channel();
         // The first use in shared mode earns the bias.
@@ -127,7 +127,7 @@ impl Executor {
         // SAFETY: they are freed after their end alone, which is below.
         let is_over = |task: &NonNull<Task>| unsafe { task.as_ref() }.is_over.get();
         while !tasks.iter().all(is_over) {
-            // SAFETY: whoever is taken out is given its turn at once.
+            // SAFETY: each process that is taken out is given its turn at once.
             while let Some(owner) = unsafe { current::next_ready() } {
                 // SAFETY: it was readied by its owner, which is live until its end.
                 unsafe { Self::give_turn(owner.cast().as_ref()) };

@@ -93,7 +93,8 @@ fn another_receiver_takes_what_it_was_told_of() {
         let stolen = thief.join().unwrap();
         if stolen {
             assert!(first.is_pending());
-            // It waits for both, or has just been told of what is gone and looks again: a send finds it, or is found.
+            // It waits for both, or has just got the report of what is gone and looks again: a send
+            // finds it, or is found.
             let mut send = Box::pin(other_sender.send(second));
             let sent = poll(&mut send);
             let (index, received) = block_on(recv);

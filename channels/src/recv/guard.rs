@@ -142,8 +142,7 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
         let receiver = self.receiver;
         let mut outcome = self.outcome();
         if outcome == Outcome::Waiting {
-            // Who has claimed it holds the lock until it is settled.
-            // SAFETY: the node was listed.
+            // The claiming thread holds the lock until it is settled. SAFETY: the node was listed.
             outcome = unsafe { self.receiver.channel().update_wakeup(self.node(), cx) };
         }
         if outcome == Outcome::Broken {
@@ -160,7 +159,8 @@ impl<T, M: Mode> RawGuard for RecvOp<'_, T, M> {
 
     fn order(&self) -> u64 {
         match self.phase {
-            // SAFETY: one that has a tape is listed in the general way alone; it is settled, since its alternative has chosen it.
+            // SAFETY: an operation with a replay log is listed on the slow path alone; it is
+            // settled, since its alternative has chosen it.
             Phase::Listed if self.outcome() != Outcome::Waiting => unsafe { self.order() },
             _ => 0,
         }

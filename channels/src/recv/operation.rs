@@ -151,7 +151,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         self.phase = Phase::Over;
         match outcome {
             Outcome::Done => {
-                // SAFETY: a done receive holds its value, and nobody else knows the node any more.
+                // SAFETY: a done receive holds its value, and no other thread knows the node any
+                // more.
                 let value = unsafe { self.waiter().take_value() };
                 let note = std::mem::take(self.note());
                 Ok(M::received(self.receiver, value, ticket, note))
@@ -164,7 +165,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     /// Keeps what was received in the node.
     #[inline]
     pub(super) fn keep(&mut self, value: T, ticket: u32) {
-        // SAFETY: a receive that was not listed holds no value, and nobody else knows its node.
+        // SAFETY: a receive that was not listed holds no value, and no other thread knows its node.
         unsafe { self.waiter().put_value(value) };
         self.ticket = ticket;
     }
@@ -261,13 +262,13 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
     ///
     /// # Safety
     ///
-    /// It was listed in the general way, and is settled.
+    /// It was listed on the slow path, and is settled.
     pub(super) unsafe fn order(&self) -> u64 {
         // SAFETY: the contract.
         unsafe { Waiter::order(self.node()) }
     }
 
-    /// Goes on with what did not simply come to its end at home.
+    /// Handles all that did not simply end on the fast path.
     #[inline(never)]
     fn poll_away(
         &mut self,
@@ -313,7 +314,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         })
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<M::Received<'a, T>, RecvError>> {
         let before = self.phase;
@@ -324,10 +325,10 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
                 }
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its tape was told when it gave way.
+            // Its replay log has the event of its giving way.
             Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed in the general way, and is settled.
+                // SAFETY: it was listed on the slow path, and is settled.
                 taped::has_waited(unsafe { self.order() });
                 if taped::is_held(cx) {
                     return Poll::Pending;
@@ -338,8 +339,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let polled = self.poll_in_general(cx);
         let is_done = matches!(polled, Poll::Ready(Ok(_)));
         if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
-            // SAFETY: it was listed in the general way, and is settled.
+            // Its partner may have come between the look above and this one, which is nothing that
+            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
             taped::has_waited(unsafe { self.order() });
         } else if is_done || self.phase == Phase::GaveWay {
             current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
@@ -385,7 +386,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         let mut section = if M::HOLDS || M::INHERITS {
             this.receiver.channel().lock()
         } else {
-            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
+            // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
+            // is pinned, and it looks until the hand-off slot is left.
             match unsafe { this.receiver.channel().recv_on_spots(this.node()) } {
                 HandOff::No(section) => section,
                 HandOff::Done(value) => {
@@ -493,7 +495,8 @@ impl<'a, T, M: Mode> Future for RecvOp<'a, T, M> {
         let this = unsafe { self.get_unchecked_mut() };
         if this.phase == Phase::New && !M::HOLDS && !M::INHERITS {
             let channel = this.receiver.channel();
-            // SAFETY: a new receive's node holds no value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            // SAFETY: a new receive's node holds no value, and no other thread knows it. The future
+            // is pinned, and its drop withdraws it.
             let fast_path = unsafe { channel.recv_fast(this.node(), cx) };
             // As for a send: the two usual ways alone.
             if fast_path == FastPath::Waits {
@@ -548,7 +551,7 @@ impl<T, M: Mode> RecvOp<'_, T, M> {
             }
         };
         if holds_value {
-            // SAFETY: the value is here, and nobody else knows the node any more.
+            // SAFETY: the value is here, and no other thread knows the node any more.
             let value = unsafe { self.waiter().take_value() };
             let ticket = self.ticket();
             M::give_back(self.receiver, value, ticket);

@@ -76,10 +76,12 @@ impl<T> Receiver<T> {
 
     /// Receives by *extended rendezvous*: the sender is held until what this returns is dropped or finished.
     ///
-    /// For work that is to be done between the communication and the sender's going on: passing the value on through a filter that the
-    /// sender is not to notice, acknowledging only what was acted upon. On a channel with a buffer nobody is held, since the buffer took the
-    /// value from its sender. A [`try_send`](crate::Sender::try_send) cannot be held, and so does not find this receiver. Works as a guard.
-    /// Cancel-safety and the real-time path: as [`recv`](Self::recv).
+    /// For work that is to be done between the communication and the sender's going on: passing the
+    /// value on through a filter that the sender is not to notice, acknowledging only what was
+    /// acted upon. On a channel with a buffer no sender is held, since the buffer took the value
+    /// from its sender. A [`try_send`](crate::Sender::try_send) cannot be held, and so does not
+    /// find this receiver. Works as a guard. Cancel-safety and the real-time path: as
+    /// [`recv`](Self::recv).
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -280,7 +282,7 @@ impl<T> Receiver<T> {
     /// Poisons the channel: see [`Sender::poison`](crate::Sender::poison).
     pub fn poison(&self) {
         if current::is_taped() {
-            // Who still gets through before it is what a replay has to keep to.
+            // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = taped::call(true, poison, |()| None);
         } else {
@@ -288,8 +290,9 @@ impl<T> Receiver<T> {
         }
     }
 
-    /// Waits until the channel is poisoned, and takes nothing from it: for one who does other things before it receives. If the senders go, it
-    /// waits on. All else is as for [`Sender::ended`](crate::Sender::ended).
+    /// Waits until the channel is poisoned, and takes nothing from it: for a process that does
+    /// other things before it receives. If the senders go, it waits on. All else is as for
+    /// [`Sender::ended`](crate::Sender::ended).
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -309,7 +312,8 @@ impl<T> Receiver<T> {
         self
     }
 
-    /// Says that somebody outside of the system uses the channel too: see [`Sender::external`](crate::Sender::external).
+    /// Declares that a user of the channel is outside of the system: see
+    /// [`Sender::external`](crate::Sender::external).
     #[must_use]
     pub fn external(self) -> Self {
         self.channel().place().identity.set_external();
