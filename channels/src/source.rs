@@ -43,7 +43,7 @@ pub unsafe trait Source<T>: Sized {
     ///
     /// # Safety
     ///
-    /// The value was not taken, nobody else accesses the node, and this is called once.
+    /// The value was not taken, no other thread accesses the node, and this is called once.
     unsafe fn unsent(offered: &mut Offered<T, Self>) -> Self::Unsent;
 }
 
@@ -52,7 +52,7 @@ impl<T, S: Source<T>> Offered<T, S> {
     ///
     /// # Safety
     ///
-    /// There is one, or one can be made; `offered` is live, and nobody else accesses it.
+    /// There is one, or one can be made; `offered` is live, and no other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take(offered: NonNull<Self>) -> Option<T> {
         // SAFETY: the contract.
@@ -161,7 +161,7 @@ impl<T, F: FnOnce() -> T + Send + 'static> Offered<T, Made<F>> {
 
 /// # Safety
 ///
-/// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and nobody else accesses it.
+/// As [`Make`]: the node is that of an `Offered<T, Made<F>>`, and no other thread accesses it.
 unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) -> Option<T> {
     // SAFETY: the contract; the waiter is the first field.
     let make = unsafe {
@@ -171,7 +171,8 @@ unsafe fn make_by_closure<T, F: FnOnce() -> T + Send>(node: NonNull<Waiter<T>>) 
     match catch_unwind(AssertUnwindSafe(make)) {
         Ok(value) => Some(value),
         Err(payload) => {
-            // Its drop is the user's code, and this is under the lock. The panic hook has told what it was.
+            // Its drop is the user's code, and this is under the lock. The panic hook has reported
+            // it.
             std::mem::forget(payload);
             None
         }

@@ -1,7 +1,9 @@
-//! What operations tell the [tape](luna_core::replay_log) of their process, if it is recorded or replayed.
+//! What operations record in the [replay log](luna_core::replay_log) of their process, if it is
+//! recorded or replayed.
 //!
-//! All of it is out of the others' way: whether a process has a tape is asked once an operation, where it is known already that the operation
-//! is no plain one, and whether recorded processes come to a place is told by a flag that is tested there anyway
+//! Operations without a replay log do not pay for it. Whether a process has a replay log is tested
+//! once an operation, where it is known already that the operation is no plain one. Whether
+//! recorded processes come to a wait point is part of a flag that is tested there anyway
 //! ([`WaitQueues::is_unusual`](crate::wait_point::WaitQueues)).
 
 use crate::core::Channel;
@@ -33,7 +35,7 @@ pub(crate) enum Stamped {
 /// What a place knows of the recorded processes that come there. Guarded by its lock.
 #[derive(Debug, Default)]
 pub(crate) struct Taped {
-    /// Who last came as a sender and as a receiver, 0 for nobody.
+    /// The last sender and the last receiver; 0 for none.
     branch_logs: [u32; 2],
     /// The greatest stamps that were given here, of sends and of receives.
     last_stamps: [u64; 2],
@@ -48,7 +50,7 @@ pub(crate) struct Taped {
 pub(crate) struct Order {
     /// Whether the order in which they get through has to be recorded, since there are several on a side, or since a buffer overwrites.
     pub(crate) is_ordered: bool,
-    /// Whether somebody took part meanwhile who is not recorded.
+    /// Whether an operation that is not recorded took part meanwhile.
     has_outsider: bool,
 }
 
@@ -69,7 +71,7 @@ impl WaitQueues {
         let last = std::mem::replace(last, branch_log);
         self.order.is_ordered |= last != 0 && last != branch_log;
         if is_first {
-            // All who are recorded are noted, so whoever waits is not.
+            // All recorded operations are noted, so a waiter is not a recorded one.
             self.order.has_outsider = !(self.senders.is_empty() && self.receivers.is_empty());
             self.find_whether_plain();
         }
@@ -78,7 +80,8 @@ impl WaitQueues {
         }
     }
 
-    /// Notes that somebody takes part here, where recorded processes come: it may be nobody who is recorded.
+    /// Notes that an operation takes part here, where recorded processes come: it may be one that
+    /// is not recorded.
     pub(crate) fn note_partner(&mut self) {
         self.order.has_outsider |= self.taped.is_used() && !current::is_taped();
     }
@@ -93,7 +96,8 @@ impl WaitQueues {
 
     /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
     ///
-    /// A replay that gets through out of order is noticed here. Who takes from a buffer may come after who stored later: it finds what was there then
+    /// A replay that gets through out of order is noticed here. An operation that takes from a
+    /// buffer may come after one that stored later: it finds what was there then
     /// ([`overwritten`](Self::overwritten)).
     pub(crate) fn stamp_if(&mut self, several: bool, of: Stamped) -> u64 {
         current::tape(|tape| {
@@ -144,8 +148,9 @@ impl WaitQueues {
         stamps
     }
 
-    /// In a replay: which of the `stored` values, so many from a first one, a buffer of this capacity had overwritten when the recorded receive with
-    /// this stamp came; they are as good as gone. Nobody was asked before, since several receives may come late: all at once.
+    /// In a replay: which of the `stored` values, counted from a first one, a buffer of this
+    /// capacity had overwritten when the recorded receive with this stamp came; they are as good as
+    /// gone. There was no such question before, since several receives may come late: all at once.
     pub(crate) fn overwritten(
         &mut self,
         stored: usize,
@@ -186,7 +191,7 @@ pub(crate) fn is_held_after(cx: &mut Context<'_>) -> bool {
     .unwrap_or_default()
 }
 
-/// Tells that an operation has succeeded that was listed, whose node got this stamp.
+/// Records the success of an operation that was listed; its node got this stamp.
 pub(crate) fn has_waited(order: u64) {
     current::tape(|tape| tape.leave(Event::done(known(tape, order))));
 }
@@ -200,7 +205,7 @@ pub(crate) fn known(tape: &dyn ReplayLog, order: u64) -> u64 {
     order
 }
 
-/// Tells what an operation has come to that did not wait.
+/// Records the result of an operation that did not wait.
 pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
@@ -225,7 +230,8 @@ pub(crate) fn now() -> Instant {
     Instant::now()
 }
 
-/// Does what does not wait: as it was given, or as ever, and tells what came of it. `None`: it is to fail as the number says.
+/// Performs an operation that does not wait: as it was given, or as ever, and records its result.
+/// `None`: it is to fail as the number says.
 #[cold]
 pub(crate) fn call<R>(
     takes: bool,
@@ -306,18 +312,20 @@ pub(crate) fn enter_timed(cx: &mut Context<'_>) -> Poll<Result<(), ()>> {
     })
 }
 
-/// Tells that a deadline has come before the operation came to anything.
+/// Records that a deadline has come before the operation came to anything.
 pub(crate) fn has_timed_out() {
     leave(Event::new(What::TimedOut, 0, 0));
 }
 
-/// Tells that a lock was taken. The stamp is taken now, when the process has it: those of who has it are in the order of their having it.
+/// Records that a lock was taken. The stamp is taken now, when the process has the lock: stamps of
+/// holders are in the order of their holding it.
 pub(crate) fn has_acquired(lists: &mut WaitQueues) {
     let event = Event::done(lists.stamp_if(true, Stamped::Meeting));
     leave(event);
 }
 
-/// Tells that permits were taken. The stamp is taken now, when the process has them: it comes after what made room for them.
+/// Records that permits were taken. The stamp is taken now, when the process has them: it comes
+/// after what made room for them.
 pub(crate) fn has_permits() {
     current::tape(|tape| tape.leave(Event::done(tape.stamp(true))));
 }

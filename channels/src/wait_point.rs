@@ -26,7 +26,7 @@ pub(crate) enum Ending {
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitQueues {
-    /// Who last used each kind of end.
+    /// Last user of each kind of end.
     pub(crate) sender: LastUser,
     pub(crate) receiver: LastUser,
     pub(crate) ending: Ending,
@@ -38,29 +38,33 @@ pub struct WaitQueues {
     pub(crate) is_plain_but_registered: bool,
     pub(crate) may_be_plain: bool,
     pub(crate) is_rendezvous: bool,
-    /// Whether anybody has ever waited to receive by extended rendezvous.
+    /// Whether an operation has ever waited to receive by extended rendezvous.
     pub(crate) extends: bool,
-    /// Whether anything is stored: said here, so that who receives where nothing is need not look beyond this line.
+    /// Whether anything is stored: kept here, so that a receiver need not look beyond this line
+    /// where nothing is stored.
     pub(crate) is_storing: bool,
     pub(crate) senders: WaitList,
     pub(crate) receivers: WaitList,
-    /// The number of extended rendezvous so far: it tells a held sender from another one at the same address.
+    /// The number of extended rendezvous so far: it distinguishes a held sender from another one at
+    /// the same address.
     pub(crate) tickets: u32,
     pub(crate) order: Order,
     pub(crate) hand_off: Nodes,
     /// Alternatives that stay registered between their selections, as receivers.
     pub(crate) registered: WaitList,
-    /// Who last came to accept a call here, lent the priority of the most urgent client that waits. `None` once the place has ended.
+    /// Last process to come to accept a call here, boosted by the most urgent client that waits.
+    /// `None` once the wait point has ended.
     pub(crate) server: Option<Inheritor>,
-    /// Senders whose value was received by extended rendezvous, and which are held until the receiver is done with it.
+    /// Senders with a value received by extended rendezvous, which are held until the receiver is
+    /// done with it.
     pub(crate) held: WaitList,
-    /// Those who wait for the end alone: see `ended`.
+    /// Operations that wait for the end alone: see `ended`.
     pub(crate) watching: WaitList,
     /// What is known of recorded processes that come here.
     pub(crate) taped: Taped,
 }
 
-/// Who last used one kind of ends, if anybody has: an `Option<User>` that is one store.
+/// The last user of one kind of ends, if there was any: an `Option<User>` that is one store.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LastUser(u32);
 
@@ -71,14 +75,15 @@ impl WaitQueues {
         self.is_plain && self.is_rendezvous
     }
 
-    /// Whether those who come to send and receive plainly may meet on the [hand_off_slots](crate::hand_off_slots): nothing else is asked of the place, and nobody is listed.
+    /// Whether plain sends and receives may meet on the [hand-off slots](crate::hand_off_slots):
+    /// the wait point has no other use, and no node is listed.
     #[inline]
     pub(crate) fn may_meet_on_spots(&self) -> bool {
         self.is_plain_rendezvous() && self.senders.is_empty() && self.receivers.is_empty()
     }
 
-    /// To be called whenever something is changed that it looks at. Nobody who waits for the end, or is held, changes what a plain operation
-    /// does.
+    /// To be called after each change of what it looks at. Waiters for the end and held senders do
+    /// not change what a plain operation does.
     pub(crate) fn find_whether_plain(&mut self) {
         let is_plain = self.may_be_plain
             && self.ending == Ending::Open
@@ -95,7 +100,7 @@ impl WaitQueues {
     }
 }
 
-/// The number of who waits, for events; 0 if it is no process.
+/// The waiter's number, for events; 0 if it is no process.
 ///
 /// # Safety
 ///
@@ -192,7 +197,7 @@ impl WaitPoint {
         }
     }
 
-    /// Tells that a value goes from one to the other; 0 is nobody who is known, such as a buffer.
+    /// Records that a value goes from one to the other; 0 is an unknown partner, such as a buffer.
     #[inline(always)]
     pub(crate) fn tell(&self, communication: impl FnOnce() -> [u64; 2]) {
         if events::is_on() {
@@ -222,13 +227,15 @@ impl WaitPoint {
         events::waits_no_more(|| Some(here()));
     }
 
-    /// Locks. Who waits on a hand_off_slot is not in the lists: of a channel's place, who looks at those locks by [`lock_lists`](Self::lock_lists).
+    /// Locks. An operation that waits on a hand-off slot is not in the lists: at a channel's wait
+    /// point, a caller that looks at those locks by [`lock_lists`](Self::lock_lists).
     #[inline]
     pub(crate) fn lock(&self) -> BiasedGuard<'_, WaitQueues> {
         self.lock.lock()
     }
 
-    /// Locks, and lists who waits on a hand_off_slot: from there on all is as if there were no hand_off_slots.
+    /// Locks, and lists the operation that waits on a hand-off slot: from there on all is as if
+    /// there were no hand-off slots.
     #[inline]
     pub(crate) fn lock_lists(&self) -> BiasedGuard<'_, WaitQueues> {
         let mut lists = self.lock.lock();
@@ -236,7 +243,8 @@ impl WaitPoint {
         lists
     }
 
-    /// WaitQueues who waits on the hand_off_slots. O(1), since nobody else is listed then. `lists` are this place's.
+    /// Lists the operations that wait on the hand-off slots. O(1), since no other operation is
+    /// listed then. `lists` are this wait point's.
     #[inline]
     pub(crate) fn clear_spots(&self, lists: &mut WaitQueues) {
         if self.hand_off_slots.is_anybody_waiting() {
@@ -254,14 +262,16 @@ impl WaitPoint {
                     Side::Sender => &mut lists.senders,
                     Side::Receiver => &mut lists.receivers,
                 };
-                // SAFETY: who waits on a hand_off_slot has begun its node, which is in no list and stays where it is; it looks until the hand_off_slot says what has come of that.
+                // SAFETY: an operation that waits on a hand-off slot has begun its node, which is
+                // in no list and stays where it is; it looks until the slot says what has come of
+                // that.
                 unsafe { list.insert_again(node) };
                 self.hand_off_slots.say_listed(side);
             }
         }
     }
 
-    /// Locks for the favoured home: see [`BiasedLock::lock_if_favoured`].
+    /// Locks for the executor that owns the bias: see [`BiasedLock::lock_if_favoured`].
     ///
     /// # Safety
     ///
@@ -272,7 +282,8 @@ impl WaitPoint {
         unsafe { self.lock.lock_if_favoured(home) }
     }
 
-    /// Locks for the favoured home, if it does not hold the lock already: see [`BiasedLock::lock_if_free`].
+    /// Locks for the executor that owns the bias, if it does not hold the lock already: see
+    /// [`BiasedLock::lock_if_free`].
     ///
     /// # Safety
     ///
@@ -294,7 +305,7 @@ impl WaitPoint {
         unsafe { self.lock.kept(home) }
     }
 
-    /// What the lock guards, of a place that nobody else knows yet.
+    /// Access to the lists of a wait point that no other thread knows yet.
     pub(crate) fn with_mut(&mut self, f: impl FnOnce(&mut WaitQueues)) {
         self.lock.with_mut(f);
     }

@@ -18,11 +18,12 @@ pub(crate) enum Outcome {
     Poisoned,
     /// An alternative's, which has chosen another guard; or withdrawn.
     Stale,
-    /// A send whose value was received, and which is held until the receiver is done with it. It is in the list of those.
+    /// A send that is held after its value was received, until the receiver is done with it. It is
+    /// in the list `held`.
     Held,
     /// A send that was held, and was given a value back.
     Answered,
-    /// A send whose value could not be made, since its closure panicked.
+    /// A send without a value, since its closure panicked.
     Broken,
 }
 
@@ -34,8 +35,10 @@ pub(crate) type Make<T> = unsafe fn(NonNull<Waiter<T>>) -> Option<T>;
 enum Begun {
     /// With all that it has.
     InFull,
-    /// As a plain operation's that was listed by the home which the lock favours, with a wakeup that readies its process without a waker. As long as
-    /// that home is favoured its partners need not look any further. It has no alternative, and holds its value: what else it has was not written.
+    /// As a plain operation's that was listed by the executor that owns the bias of the lock, with
+    /// a wake handle that wakes its process without a waker. While the bias stays, its partners
+    /// need not look any further. It has no alternative, and holds its value: its other fields were
+    /// not written.
     Plainly,
     /// Plainly, and its wakeup may be another one since.
     PlainlyAndChanged,
@@ -54,14 +57,16 @@ pub(crate) struct Link {
     pub(crate) inherits: bool,
     /// A settled extended receiver's, and a held sender's: which rendezvous it was.
     pub(crate) ticket: u32,
-    /// An alternative's: what decides, and which guard this is. There if it was begun in full. Before the value, since who looks at it may not know of which type that is.
+    /// An alternative's: its select state, and the number of this guard. There if it was begun in
+    /// full. Before the value, since code that looks at it may not know the type of the value.
     selection: MaybeUninit<Option<(NonNull<SelectState>, u32)>>,
 }
 
 /// What few nodes have.
 #[repr(C)]
 struct Seldom<T> {
-    /// A recorded process' node: the stamp of what it has come to. Not there in one of a plain turn, which is nobody's who is recorded.
+    /// A recorded process' node: the stamp of its result. Not there in one of a plain turn, which
+    /// belongs to no recorded process.
     order: MaybeUninit<u64>,
     /// A sender's, if its value is not in the node. There if it was begun in full.
     make: MaybeUninit<Option<Make<T>>>,
@@ -131,7 +136,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// It is room for one, and nobody else's.
+    /// It is room for a value, and no other thread accesses it.
     #[inline(always)]
     pub(crate) unsafe fn write_value(place: *mut Self, value: T) {
         // SAFETY: the contract.
@@ -158,7 +163,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is live, nobody else accesses it, and if this is not the first call, it is listed nowhere.
+    /// `node` is live, no other thread accesses it, and if this is not the first call, it is listed
+    /// nowhere.
     #[inline]
     pub(crate) unsafe fn begin(
         node: NonNull<Waiter<T>>,
@@ -179,7 +185,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares a plain operation's node for being listed where nobody else is, for the process whose plain turn this is.
+    /// Prepares a plain operation's node for being listed where no other node is, for the process
+    /// in its plain turn.
     ///
     /// # Safety
     ///
@@ -204,7 +211,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares a plain operation's node of the current process for waiting on a hand_off_slot, from where anybody may list it where nobody else is.
+    /// Prepares a plain operation's node of the current process for waiting on a hand-off slot,
+    /// from where any thread may list it where no other node is.
     ///
     /// # Safety
     ///
@@ -222,7 +230,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Prepares the node of guard `number` of an alternative for being listed where nobody else is, for the process whose plain turn this is.
+    /// Prepares the node of guard `number` of an alternative for being listed where no other node
+    /// is, for the process in its plain turn.
     ///
     /// # Safety
     ///
@@ -289,7 +298,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Whom to wake, to be changed: it may be another one than a plain operation's from here on.
+    /// The wake handle, to be changed: from here on it may differ from a plain operation's.
     ///
     /// # Safety
     ///
@@ -305,7 +314,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation as done, whose wakeup was taken. The node is not to be touched after this.
+    /// Settles a waiting operation as done; its wake handle was taken. The node is not to be
+    /// touched after this.
     ///
     /// # Safety
     ///
@@ -364,7 +374,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Makes it nobody's guard any more: its alternative has chosen it.
+    /// Detaches the node from its alternative, which has chosen it.
     ///
     /// # Safety
     ///
@@ -374,7 +384,8 @@ impl<T> Waiter<T> {
         unsafe { (*Self::link(node)).selection.write(None) };
     }
 
-    /// What the operation has come to. Acquire: who sees an outcome sees the value that came with it.
+    /// The operation's outcome. Acquire: a thread that sees an outcome sees the value that came
+    /// with it.
     ///
     /// Takes a pointer, since without the lock there must be no reference to the parts of a listed node that others change.
     ///
@@ -400,7 +411,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is one, and nobody else accesses the node.
+    /// There is one, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn take_value(&self) -> T {
         // SAFETY: the contract.
@@ -412,7 +423,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is a value, and nobody else accesses it.
+    /// There is a value, and no other thread accesses it.
     #[inline]
     pub(crate) unsafe fn take_value_of(node: NonNull<Waiter<T>>) -> T {
         // SAFETY: the contract; this borrows the one field.
@@ -427,7 +438,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is no value, and nobody else accesses its place.
+    /// There is no value, and no other thread accesses its place.
     #[inline]
     pub(crate) unsafe fn put_value_of(node: NonNull<Waiter<T>>, new: T) {
         // SAFETY: the contract; this borrows the one field.
@@ -442,7 +453,7 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// There is none, and nobody else accesses the node.
+    /// There is none, and no other thread accesses the node.
     #[inline]
     pub(crate) unsafe fn put_value(&self, new: T) {
         // SAFETY: the contract.
@@ -453,7 +464,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a sender's that was begun, holds its value or can make it, and nobody else accesses it.
+    /// `node` is a sender's that was begun, holds its value or can make it, and no other thread
+    /// accesses it.
     #[inline]
     pub(crate) unsafe fn take_or_make(node: NonNull<Waiter<T>>) -> Option<T> {
         // SAFETY: the contract, and the type's invariant for `make`.
@@ -511,7 +523,7 @@ impl<T> Waiter<T> {
         unsafe { (*node.as_ptr()).seldom.order.assume_init() }
     }
 
-    /// Takes out whom to wake.
+    /// Takes the wake handle out.
     ///
     /// # Safety
     ///
@@ -531,7 +543,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Settles a waiting operation that was just unlisted, and says whom to ready. The node is not to be touched after this.
+    /// Settles a waiting operation that was just unlisted, and returns the process to wake. The
+    /// node is not to be touched after this.
     ///
     /// # Safety
     ///
@@ -542,7 +555,8 @@ impl<T> Waiter<T> {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
         unsafe {
             let ready = Self::take_wakeup(node);
-            // Release: the value and all that came before is visible to who sees the outcome.
+            // Release: the value and all that came before is visible to a thread that sees the
+            // outcome.
             (*Self::link(node))
                 .outcome
                 .store(outcome as u8, Ordering::Release);

@@ -114,8 +114,8 @@ impl Executor {
                 is_over: Cell::new(false),
                 bell: bell.clone(),
             })));
-            // SAFETY: nobody else knows it yet. It stays where it is until `free`, and is ended
-            // once, below. The waker is told apart by its address; nobody wakes by it.
+            // SAFETY: no other thread knows it yet. It stays where it is until `free`, and is ended
+            // once, below. The waker is known by its address, and its wake is never used.
             unsafe {
                 task.as_ref().process.set_waker(Waker::noop().clone());
                 task.as_ref().process.set_owner(task.cast(), &METHODS);

@@ -143,7 +143,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     pub(super) fn failed(&mut self, ending: Outcome) -> SendError<S::Unsent> {
         self.phase = Phase::Over;
         SendError {
-            // SAFETY: the send failed, so the value is still here, and nobody else knows the node any more.
+            // SAFETY: the send failed, so the value is still here, and no other thread knows the
+            // node any more.
             value: unsafe { S::unsent(self.offered()) },
             poisoned: ending == Outcome::Poisoned,
         }
@@ -180,12 +181,13 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         let is_answered = this.phase == Phase::Settled(Outcome::Answered);
         is_answered.then(|| {
             this.phase = Phase::Over;
-            // SAFETY: an answered node holds a value, and is known to nobody else.
+            // SAFETY: an answered node holds a value, and no other thread knows it.
             unsafe { this.offered().waiter.take_value() }
         })
     }
 
-    /// Waits no longer: it fails as poisoned if nobody has taken its value, and is done if somebody has. The [output](Guard::output) says which.
+    /// Waits no longer: it fails as poisoned if its value was not taken, and is done if it was. The
+    /// [output](Guard::output) says which.
     pub(crate) fn abandon(self: Pin<&mut Self>) {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -197,7 +199,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         }
     }
 
-    /// Withdraws what nobody has taken: exact, since the outcome is looked at first.
+    /// Withdraws a value that was not taken: exact, since the outcome is looked at first.
     pub(super) fn give_up(self: Pin<&mut Self>) -> Result<(), SendTimeoutError<S::Unsent>> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
@@ -318,13 +320,13 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
     ///
     /// # Safety
     ///
-    /// It was listed in the general way, and is settled.
+    /// It was listed on the slow path, and is settled.
     pub(super) unsafe fn order(&self) -> u64 {
         // SAFETY: the contract.
         unsafe { Waiter::order(self.node()) }
     }
 
-    /// Goes on with what did not simply come to its end at home.
+    /// Handles all that did not simply end on the fast path.
     #[inline(never)]
     fn poll_away(
         &mut self,
@@ -347,7 +349,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         self.poll_in_general(cx)
     }
 
-    /// Polls as the process' tape says, and tells it what comes of it.
+    /// Polls as the process' replay log says, and records the result in it.
     #[cold]
     fn poll_taped(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), SendError<S::Unsent>>> {
         let before = self.phase;
@@ -365,10 +367,10 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                 self.sender.channel().note_taped(true);
             }
             Phase::GaveWay if taped::is_held(cx) => return Poll::Pending,
-            // Its tape was told when it gave way.
+            // Its replay log has the event of its giving way.
             Phase::Settled(_) => return self.poll_in_general(cx),
             Phase::Taped if self.outcome() == Outcome::Done => {
-                // SAFETY: it was listed in the general way, and is settled.
+                // SAFETY: it was listed on the slow path, and is settled.
                 taped::has_waited(unsafe { self.order() });
                 if taped::is_held(cx) {
                     return Poll::Pending;
@@ -379,8 +381,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         let polled = self.poll_in_general(cx);
         let is_done = matches!(polled, Poll::Ready(Ok(_)));
         if before == Phase::Taped && is_done {
-            // Its partner may have come between the look above and this one, which is nothing that happens in a replay.
-            // SAFETY: it was listed in the general way, and is settled.
+            // Its partner may have come between the look above and this one, which is nothing that
+            // happens in a replay. SAFETY: it was listed on the slow path, and is settled.
             taped::has_waited(unsafe { self.order() });
         } else if is_done || self.phase == Phase::GaveWay {
             current::tape(|tape| tape.leave(Event::done(tape.own_stamp())));
@@ -397,7 +399,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
             if !is_poisoned && current::is_replayed() {
                 // In a replay nothing fails later than it is found to.
                 debug_assert!(polled.is_ready());
-                // Recorded is a success: it was sent before the receivers went, who never saw it.
+                // Recorded is a success: it was sent before the receivers went, but never received.
                 taped::leave(Event::done(0));
                 return Poll::Ready(Ok(()));
             }
@@ -435,7 +437,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         if !this.offered().source.is_open() {
             return Poll::Pending;
         }
-        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and it looks until the hand_off_slot is left.
+        // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
+        // future is pinned, and it looks until the hand-off slot is left.
         let mut section =
             match unsafe { this.sender.channel().send_on_spots(this.place_of_offer()) } {
                 HandOff::No(section) => section,
@@ -450,7 +453,8 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
                     return this.looked(outcome, cx);
                 }
             };
-        // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+        // SAFETY: a new send's node holds or can make its value, and no other thread knows it. The
+        // future is pinned, and its drop withdraws it.
         let sent = unsafe { section.send_now(this.place_of_offer(), Some(cx)) };
         match sent {
             Sent::Done(ready, dropped) => {
@@ -517,7 +521,8 @@ impl<T, S: Source<T>> Future for SendOp<'_, T, S> {
         let this = unsafe { self.get_unchecked_mut() };
         if this.phase == Phase::New && this.offered().source.is_open() {
             let channel = this.sender.channel();
-            // SAFETY: a new send's node holds or can make its value, and nobody else knows it. The future is pinned, and its drop withdraws it.
+            // SAFETY: a new send's node holds or can make its value, and no other thread knows it.
+            // The future is pinned, and its drop withdraws it.
             let fast_path = unsafe { channel.send_fast(this.place_of_offer(), cx) };
             // The two usual ways alone: with more the compiler jumps by a table, which a processor that has done something else meanwhile cannot foresee.
             if fast_path == FastPath::Done {
@@ -576,7 +581,7 @@ impl<T, S: Source<T>> SendOp<'_, T, S> {
                 }
             }
         }
-        // SAFETY: the value is still here, and nobody else knows the node any more.
+        // SAFETY: the value is still here, and no other thread knows the node any more.
         drop(unsafe { S::unsent(self.offered()) });
     }
 }

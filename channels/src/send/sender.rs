@@ -55,10 +55,11 @@ impl<T> Sender<T> {
 
     /// Offers `value` and waits until a receiver has taken it, or the buffer.
     ///
-    /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back. Cancel-safe: dropping the future
-    /// withdraws and drops a value that nobody has taken; one that was taken stays sent. One that need not wait is a scheduling point all the same, be
-    /// it that it succeeds or fails: see [`Receiver::recv`](crate::Receiver::recv). Real-time path: yes; no allocation,
-    /// O(1), and O(waiting senders of lower priority) to wait.
+    /// Fails when the last receiver is gone or the channel is poisoned, and gives the value back.
+    /// Cancel-safe: dropping the future withdraws and drops a value that was not taken; one that
+    /// was taken stays sent. A send that need not wait is a scheduling point all the same, whether
+    /// it succeeds or fails: see [`Receiver::recv`](crate::Receiver::recv). Real-time path: yes; no
+    /// allocation, O(1), and O(waiting senders of lower priority) to wait.
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -158,7 +159,7 @@ impl<T> Sender<T> {
                 drop(dropped);
                 Ok(())
             }
-            // Nobody can be held by a call that does not wait, and a value that is there need not be made.
+            // A call that does not wait cannot be held, and a value that is there need not be made.
             Sent::Held(ready) | Sent::Broken(ready) => {
                 ready.wake();
                 Ok(())
@@ -198,7 +199,8 @@ impl<T> Sender<T> {
         unsafe { Self::sent_at_once(offered, sent) }
     }
 
-    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if nobody took the value.
+    /// Like [`send`](Self::send), for at most `timeout`. Exact: it times out only if the value was
+    /// not taken.
     ///
     /// # Panics
     ///
@@ -234,11 +236,14 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and gives the value back. Exact: it gives up only if nobody took the value. To send comes first if both
-    /// are possible. A recorded process gives up in a replay where it did, and `stop` is not asked.
+    /// Like [`send`](Self::send), until `stop` has ended: then it gives up, as at a deadline, and
+    /// gives the value back. Exact: it gives up only if the value was not taken. To send comes
+    /// first if both are possible. A recorded process gives up in a replay where it did, and `stop`
+    /// is not asked.
     ///
-    /// For what is to be withdrawn when something makes it wrong while nobody takes it: `stop` may be a `Pin<&mut F>` of something that lives longer, so a send costs
-    /// one poll of it, and only when it waits. Cancel-safe as `send`. Real-time path: yes, as far as `stop` is.
+    /// For an offer that is to be withdrawn when something makes it wrong before it is taken:
+    /// `stop` may be a `Pin<&mut F>` of something that lives longer, so a send costs one poll of
+    /// it, and only when it waits. Cancel-safe as `send`. Real-time path: yes, as far as `stop` is.
     ///
     /// # Errors
     ///
@@ -309,8 +314,8 @@ impl<T> Sender<T> {
 
     /// Poisons the channel: all operations that wait on it, and all that come to it later, on both ends, fail as poisoned.
     ///
-    /// What was communicated before stays communicated; what is still buffered is dropped. May be called more than once.
-    /// Real-time path: yes; O(those who wait + what is buffered).
+    /// What was communicated before stays communicated; what is still buffered is dropped. May be
+    /// called more than once. Real-time path: yes; O(waiting operations + buffered values).
     ///
     /// ```
     /// let (sender, receiver) = luna_channels::channel::<u32>();
@@ -319,7 +324,7 @@ impl<T> Sender<T> {
     /// ```
     pub fn poison(&self) {
         if current::is_taped() {
-            // Who still gets through before it is what a replay has to keep to.
+            // A replay has to keep to the set of operations that still get through before it.
             let poison = || self.channel().poison();
             let _ = taped::call(true, poison, |()| None);
         } else {
@@ -327,10 +332,12 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned. It offers nothing, and of no receiver is it
-    /// seen; for one who waits for other things before it sends.
+    /// Waits until nothing more can be sent: the last receiver is gone, or the channel is poisoned.
+    /// It offers nothing, and no receiver sees it; for a process that waits for other things before
+    /// it sends.
     ///
-    /// Cancel-safe. Real-time path: yes; no allocation, O(1), and O(those of lower priority who wait for the same end) to wait.
+    /// Cancel-safe. Real-time path: yes; no allocation, O(1), and O(waiters of lower priority for
+    /// the same end) to wait.
     ///
     /// ```
     /// # use futures_lite::future::{block_on, zip};
@@ -350,8 +357,9 @@ impl<T> Sender<T> {
         self
     }
 
-    /// Says that somebody outside of the system uses the channel too: a plain thread, a device. A process that waits on it is then never
-    /// part of a deadlock. A channel that a thread outside has used already is known to be one.
+    /// Declares that a user of the channel is outside of the system: a plain thread, a device. A
+    /// process that waits on it is then never part of a deadlock. A channel that an outside thread
+    /// has used already is known to have such a user.
     #[must_use]
     pub fn external(self) -> Self {
         self.channel().place().identity.set_external();

@@ -76,7 +76,7 @@ fn poll_taped<T, S: Future<Output = ()>>(
             taped::leave(Event::failed(taped::failure::POISONED));
         }
         Err(_) => taped::leave(Event::failed(taped::failure::CLOSED)),
-        // SAFETY: it was listed in the general way, and nobody but a partner can have completed it.
+        // SAFETY: it was listed on the slow path, and only a partner can have completed it.
         Ok(_) => taped::has_waited(unsafe { send.order() }),
     }
     Poll::Ready(outcome)

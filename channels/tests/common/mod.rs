@@ -56,7 +56,7 @@ impl Ledger {
     }
 }
 
-/// A value whose drop is counted. On the heap too, so that a double drop shows in a memory checker.
+/// A value with a counted drop. On the heap too, so that a double drop shows in a memory checker.
 pub(crate) struct Token {
     pub(crate) id: usize,
     ledger: Ledger,
@@ -103,7 +103,7 @@ pub(crate) fn poll_with<F: Future + ?Sized>(
     future.as_mut().poll(&mut Context::from_waker(waker))
 }
 
-/// Polls once; nobody is woken.
+/// Polls once; its waker wakes no task.
 pub(crate) fn poll<F: Future + ?Sized>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
     poll_with(future, Waker::noop())
 }

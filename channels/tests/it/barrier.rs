@@ -100,7 +100,7 @@ fn an_alternative_comes_only_if_all_others_have() {
     // It waits, and the alternative comes second.
     assert_eq!(block_on(choose()), None);
     assert!(!is_pending(&mut sync));
-    // The alternative waits, and is chosen by who comes.
+    // The alternative waits, and the arriving party chooses it.
     let mut alternative = Box::pin(choose());
     assert!(is_pending(&mut alternative));
     assert!(!is_pending(&mut Box::pin(barrier.sync())));

@@ -141,7 +141,7 @@ fn a_value_that_came_back_goes_to_the_next_who_waits() {
     }
     sender.try_send(7).unwrap();
     assert_eq!(wakes.count(), 1);
-    // Passed on along all who wait, as each in turn is dropped.
+    // Passed on along all waiters, as each in turn is dropped.
     drop(recvs.remove(0));
     assert_eq!(wakes.count(), 2);
     drop(recvs.remove(0));

@@ -133,7 +133,8 @@ fn what_was_sent_before_the_close_is_received_first() {
 
 #[test]
 fn what_was_communicated_is_not_reported_as_closed() {
-    // A receive that was given its value before the close, and a send whose value was taken before it.
+    // A receive that was given its value before the close, and a send that had its value taken
+    // before it.
     let (sender, receiver) = channel();
     let mut recv = Box::pin(receiver.recv());
     pending(&mut recv);

@@ -26,7 +26,7 @@ struct Child<'a, T> {
     waker: Waker,
 }
 
-/// Remembers that its child was woken, and wakes who polls the whole.
+/// Remembers that its child was woken, and wakes the poller of the whole.
 struct Woken {
     woken: AtomicBool,
     parent: Mutex<Option<Waker>>,
@@ -178,7 +178,8 @@ fn a_process_that_gives_way_inside_a_combinator_is_polled_again() {
         (Exit::Completed, Exit::Completed)
     );
     let order = order.lock().unwrap();
-    // 3 and 4 are branches of one poll: the second one has nobody to send to until the process returns from it.
+    // 3 and 4 are branches of one poll: the second one has no receiver until the process returns
+    // from it.
     assert_eq!(order[..4], ["received 1", "sent 1", "received 2", "sent 2"]);
     assert_eq!(order[4], "received 3");
     assert_eq!(order.len(), 8);

@@ -1,4 +1,5 @@
-//! The condition variable: nothing lost, nobody woken for nothing, by priority; and the semaphore's permits.
+//! The condition variable: nothing lost, no spurious wake, by priority; and the semaphore's
+//! permits.
 
 #![cfg(not(loom))]
 
@@ -134,7 +135,7 @@ fn the_time_runs_out_and_the_mutex_is_locked_all_the_same() {
         drop(guard);
         let (guard, result) = wait.await.unwrap();
         assert!(!result.timed_out());
-        // A notification after the deadline is nobody's.
+        // A notification after the deadline reaches no waiter.
         let mut late = Box::pin(condition.wait_timeout(guard, ENOUGH));
         assert!(poll(&mut late).is_pending());
         let guard = mutex.try_lock().unwrap();

@@ -40,8 +40,8 @@ fn the_one_that_has_something() {
     }
 }
 
-/// crossbeam: `disconnected`, `default`, `default_when_disconnected`. An ended channel is ready, whoever else is not, and rather than `skip` or a
-/// delay; before its end it is not.
+/// crossbeam: `disconnected`, `default`, `default_when_disconnected`. An ended channel is ready,
+/// even if no other is, and rather than `skip` or a delay; before its end it is not.
 #[test]
 fn an_end_is_ready_rather_than_skip_or_a_delay() {
     let _watchdog = Watchdog::new();
@@ -161,7 +161,8 @@ fn against_a_partner_with_an_order_of_its_own() {
     });
 }
 
-/// crossbeam: `loop_try`. Two who try without waiting, against one that waits for either of them.
+/// crossbeam: `loop_try`. Two processes that try without waiting, against one that waits for either
+/// of them.
 #[test]
 fn two_who_try_against_one_that_waits() {
     let _watchdog = Watchdog::new();
@@ -252,7 +253,8 @@ fn what_was_sent_before_the_end_comes_before_the_end() {
     );
 }
 
-/// crossbeam: `duplicate_operations`, `same_channel.rs`. Each guard twice, and both ends of each channel, in two who meet each other alone.
+/// crossbeam: `duplicate_operations`, `same_channel.rs`. Each guard twice, and both ends of each
+/// channel, in two processes that meet each other alone.
 #[test]
 fn each_guard_twice() {
     let _watchdog = Watchdog::new();
@@ -333,8 +335,8 @@ fn mixed_and_with_delays_in_a_loop() {
     thread.join().unwrap();
 }
 
-/// crossbeam: `matching`, `matching_with_leftover`, `sync_and_clone`. Many who offer both ends of one channel: they pair off, no one with itself, and
-/// of an odd number one is left.
+/// crossbeam: `matching`, `matching_with_leftover`, `sync_and_clone`. Many processes offer both
+/// ends of one channel: they pair off, none with itself, and of an odd number one is left.
 #[test]
 fn many_pair_off() {
     let _watchdog = Watchdog::new();

@@ -56,7 +56,7 @@ fn basic_properties_at_many_capacities() {
     }
 }
 
-/// Go: `TestChan`, four who send and four who receive.
+/// Go: `TestChan`, four senders and four receivers.
 #[test]
 fn four_who_send_and_four_who_receive() {
     let _watchdog = Watchdog::new();
@@ -239,7 +239,7 @@ fn two_sends_on_one_channel_both_happen() {
     }
 }
 
-/// Go: `TestMultiConsumer`. A feeder, many workers, one who collects; closed one after the other.
+/// Go: `TestMultiConsumer`. A feeder, many workers, one collector; closed one after the other.
 #[test]
 fn a_feeder_many_workers_and_one_who_collects() {
     let _watchdog = Watchdog::new();
@@ -284,7 +284,8 @@ fn one_channel_twice_before_another_who_waits() {
     assert!(c.try_send(9).unwrap_err().is_full());
 }
 
-/// Go: `test/chan/select6.go` (issue 2075). A loser that is the last in a queue is taken out, and who waits after that is still found.
+/// Go: `test/chan/select6.go` (issue 2075). A loser that is the last in a queue is taken out, and a
+/// later waiter is still found.
 #[test]
 fn a_loser_at_the_end_of_a_queue() {
     let ((c, from_c), (d, from_d)) = (channel(), channel());
@@ -342,7 +343,8 @@ fn values_on_the_heap_through_many_hands() {
     ledger.assert_all_dropped_once();
 }
 
-/// Go: `test/chan/doubleselect.go`. A counter is offered to four at once, who pass on what they get: no number comes twice, and none is missing.
+/// Go: `test/chan/doubleselect.go`. A counter is offered to four processes at once, which pass on
+/// what they get: no number comes twice, and none is missing.
 #[test]
 fn no_two_guards_of_one_alternative_happen() {
     let _watchdog = Watchdog::new();

@@ -12,8 +12,9 @@ use luna_platform::thread::Attributes;
 use std::thread;
 use std::time::Duration;
 
-/// JCSP: `TestExtendedRendezvous`, `testNormal…Channel` in its four shapes: one or more who write, one or more who read. A writer ends its write when
-/// the extended read of its value ends, and not before.
+/// JCSP: `TestExtendedRendezvous`, `testNormal…Channel` in its four shapes: one or more writers,
+/// one or more readers. A writer ends its write when the extended read of its value ends, and not
+/// before.
 #[test]
 fn extended_rendezvous_in_four_shapes() {
     for (writers, readers) in [(1, 1), (3, 1), (1, 3), (3, 3)] {

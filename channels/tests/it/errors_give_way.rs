@@ -1,4 +1,5 @@
-//! An operation that fails without having waited is a scheduling point as one that succeeds is: a loop over errors keeps nobody of its executor from running.
+//! An operation that fails without having waited is a scheduling point as one that succeeds is: a
+//! loop over errors does not keep other processes of its executor from running.
 
 #![cfg(not(loom))]
 

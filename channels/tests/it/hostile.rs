@@ -43,7 +43,7 @@ impl Wake for Count {
     }
 }
 
-/// Wakers of a thread whose clones panic while this says so.
+/// Wakers of a thread. Their clones panic while this says so.
 mod clones {
     use super::*;
     use std::cell::Cell;

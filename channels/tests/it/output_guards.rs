@@ -272,7 +272,7 @@ fn a_maker_panics_on_its_own_side() {
         };
         assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut send))).is_err());
         drop(send);
-        // Nobody hangs: the receiver fails, and so do all who come.
+        // Nothing hangs: the receiver fails, and so do all operations that come.
         assert!(ready(&mut recv).unwrap_err().is_poisoned());
         assert!(sender.try_send(1).unwrap_err().is_poisoned());
     }
@@ -301,7 +301,7 @@ fn a_maker_panics_on_its_partners_side() {
                 pending(&mut send);
                 let mut waits = Box::pin(sender.send(1));
                 pending(&mut waits);
-                // The receiver does not panic: it is told.
+                // The receiver does not panic: it gets an error.
                 let received = if receives_in_alternative {
                     block_on(async {
                         alt! {
@@ -316,7 +316,7 @@ fn a_maker_panics_on_its_partners_side() {
                 assert!(ready(&mut waits).unwrap_err().is_poisoned());
                 assert!(receiver.try_recv().unwrap_err().is_poisoned());
                 if is_polled {
-                    // Who offered panics.
+                    // The offering process panics.
                     assert!(catch_unwind(AssertUnwindSafe(|| poll(&mut send))).is_err());
                 }
                 drop(send);

@@ -1,4 +1,5 @@
-//! Who waits is served by priority, then by arrival; and a communication lets the more urgent run. Golden orders on one executor.
+//! Waiters are served by priority, then by arrival; and a communication lets the more urgent run.
+//! Golden orders on one executor.
 
 #![cfg(not(loom))]
 
@@ -24,7 +25,7 @@ impl Log {
     }
 }
 
-/// One executor whose processes start together.
+/// One executor. Its processes start together.
 struct Stage {
     executor: Executor,
     processes: Vec<ProcessHandle>,
@@ -288,7 +289,8 @@ fn what_a_process_received_before_it_gave_way_goes_back_if_it_is_cancelled_there
     assert_eq!(stage.run(), ["cancelled", "again 7"]);
 }
 
-/// One whose operations always complete at once, beside others. Gives how many it had completed when the others ran.
+/// A process with operations that always complete at once, beside others. Returns how many it had
+/// completed when the others ran.
 fn hog(body: impl AsyncFn(&Sender<u32>, &Receiver<u32>) + Send + 'static) -> Vec<String> {
     let mut stage = Stage::new();
     let (sender, receiver) = buffered(Buffer::fifo(OPERATIONS_PER_POLL as usize * 4));

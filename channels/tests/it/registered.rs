@@ -36,7 +36,7 @@ fn fair_takes_the_least_recently_chosen_of_the_ready() {
     }
     let order: Vec<usize> = (0..9).map(|_| recv(&mut inputs).0).collect();
     assert_eq!(order, [0, 1, 2, 0, 1, 2, 0, 1, 2]);
-    // 2 was chosen last, 0 least recently; who became ready first does not matter.
+    // 2 was chosen last, 0 least recently; the order of becoming ready does not matter.
     for index in [2, 1, 0] {
         senders[index].try_send(9).unwrap();
     }

@@ -20,7 +20,8 @@ fn make<T: Send>(buffer: Option<Buffer>) -> (Sender<T>, Receiver<T>) {
     buffer.map_or_else(channel, buffered)
 }
 
-/// The numbers that one receiver got rise for each sender, whose numbers are `values` apart.
+/// The numbers that one receiver got rise for each sender; the numbers of senders are `values`
+/// apart.
 #[track_caller]
 fn assert_in_order(received: &[usize], values: usize, senders: usize) {
     for sender in 0..senders {
@@ -123,7 +124,7 @@ struct Known {
     /// Reported as sent.
     sent: Vec<usize>,
     received: Vec<usize>,
-    /// Dropped with a future: sent or not, nobody can know.
+    /// Dropped with a future: it cannot be known whether it was sent.
     unknown: usize,
 }
 

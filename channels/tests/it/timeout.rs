@@ -69,7 +69,7 @@ fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
     let (sender, receiver) = channel();
     let (stop, stopped) = channel::<()>();
     let at_once = || std::future::ready(());
-    // Somebody waits for it: to send comes first.
+    // A receiver waits for it: to send comes first.
     let mut receive = Box::pin(receiver.recv());
     pending(&mut receive);
     assert_eq!(
@@ -77,7 +77,7 @@ fn a_send_is_given_up_for_something_else_and_was_taken_or_withdrawn() {
         Ok(())
     );
     assert_eq!(ready(&mut receive), Ok(1));
-    // Nobody does: it is given up, gives the value back, and leaves none.
+    // No receiver does: it is given up, gives the value back, and leaves none.
     assert_eq!(
         ready(&mut Box::pin(sender.send_unless(2, at_once()))),
         Err(SendTimeoutError::Timeout(2))

@@ -1,4 +1,4 @@
-//! Wakers, values and closures whose code panics, and calls operations.
+//! Wakers, values and closures with code that panics, and calls operations.
 
 use crate::hostile_futures::world::World;
 use std::any::Any;
@@ -18,7 +18,7 @@ pub(crate) fn strike() {
     }
 }
 
-/// What may be said by an operation that is polled after a panic in it, or whose closure panicked.
+/// Messages of an operation that is polled after a panic in it, or after its closure panicked.
 const EXPECTED: [&str; 4] = [
     "after it was over",
     "the closure of a `send_with` panicked",

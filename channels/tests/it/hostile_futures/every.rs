@@ -98,7 +98,7 @@ fn live(kind: usize, temper: Temper, end: End, executor: Option<ExecutorHandle>,
     for waker in hostile {
         endure(|| drop(waker));
     }
-    // Nobody is left in a list: whoever comes now finds the world as it was.
+    // No node is left in a list: every later operation finds the world as it was.
     world.touch_all(&mut random, attempt);
     endure(|| drop(world));
 }

@@ -49,7 +49,8 @@ impl Operation {
         F: Future<Output: Send> + Send + 'static,
     {
         let ends = Box::into_raw(Box::new(ends));
-        // SAFETY: the future, and what it comes to, are dropped before the box, and nobody else uses that.
+        // SAFETY: the future, and what it comes to, are dropped before the box, and no other code
+        // uses that.
         let future = Box::pin(Boxed(make(unsafe { &mut *ends })));
         Some(Operation {
             future,
@@ -152,7 +153,7 @@ impl World {
         self.touch_at(which, random);
     }
 
-    /// Calls all operations that do not wait, so that whoever waits goes on.
+    /// Calls all operations that do not wait, so that every waiter goes on.
     pub(crate) fn touch_all(&self, random: &mut Random, each: fn(&mut dyn FnMut())) {
         for which in 0..TOUCHES {
             each(&mut || self.touch_at(which, random));
