@@ -82,7 +82,7 @@ unsafe fn unlist(list: &mut WaitList, watcher: NonNull<Watcher>) -> PendingWake 
 #[must_use = "it waits only when awaited"]
 pub struct Ended<'a> {
     place: &'a WaitPoint,
-    /// What it came to, while its process is held by its tape.
+    /// The result, while its process is held by its replay log.
     given: Option<ChannelEnd>,
     /// Its process' tape knows of it.
     has_entered: bool,
@@ -131,7 +131,7 @@ impl Future for Ended<'_> {
 }
 
 impl Ended<'_> {
-    /// Polls as the process' tape says.
+    /// Polls as the process' replay log says.
     #[cold]
     fn poll_taped(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<ChannelEnd> {
         let end = match self.given {
@@ -226,7 +226,7 @@ impl Drop for Ended<'_> {
         }
         let node = self.node();
         let mut lists = self.place.lock_lists();
-        // SAFETY: the lock is held; a watcher that says so is in the list of its place.
+        // SAFETY: the lock is held; a watcher in this state is in the list of its wait point.
         let unused = unsafe {
             if !node.as_ref().listed {
                 return;

@@ -76,7 +76,7 @@ pub enum Role {
     Held,
     /// For the others at a barrier.
     Party,
-    /// For nothing: none of its guards is open.
+    /// For nothing: it has no open guard.
     Stopped,
     /// To lock a mutex.
     Locker,
@@ -117,7 +117,7 @@ pub struct PlaceView {
     pub waiting: Vec<Waiting>,
 }
 
-/// What is known of a place from its beginning.
+/// Immutable facts about a wait point.
 ///
 /// # Invariants
 ///
@@ -258,7 +258,7 @@ impl Identity {
         self.external.store(true, Ordering::Relaxed);
     }
 
-    /// One has come to this barrier that no system knows.
+    /// A party unknown to every system has come to this barrier.
     pub(crate) fn set_stranger(&self) {
         self.has_stranger.store(true, Ordering::Relaxed);
     }
@@ -329,7 +329,8 @@ impl Places {
         }
     }
 
-    /// WaitQueues a place behind those with lower numbers: the last, unless others are being made on other threads.
+    /// Lists a wait point behind those with lower numbers: the last, unless others are being made
+    /// on other threads.
     ///
     /// # Safety
     ///

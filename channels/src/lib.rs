@@ -109,7 +109,7 @@ pub fn channel<T: Send>() -> (Sender<T>, Receiver<T>) {
 ///
 /// # Panics
 ///
-/// If the buffer's capacity is 0, which says something else than it means; [`try_buffered`] gives an error instead. A channel without a
+/// If the buffer's capacity is 0; [`try_buffered`] returns an error instead. A channel without a
 /// buffer is made by [`channel`].
 ///
 /// ```
@@ -184,8 +184,9 @@ fn fails_later(cx: &Context<'_>) -> bool {
     !taped::is_replayed() && gives_way(cx)
 }
 
-/// Whether an operation that has just completed lets others run before its process goes on: those that outrank it, since a communication
-/// is a scheduling point; or all, when it has completed too many operations in one go. The process is then ready again already.
+/// Whether an operation that has just completed lets others run before its process continues: more
+/// urgent ones, since a communication is a scheduling point; or all, when the process has completed
+/// too many operations in one turn. The process is then queued again already.
 #[inline]
 fn gives_way(cx: &Context<'_>) -> bool {
     if current::is_outranked() {

@@ -148,7 +148,7 @@ impl SelectState {
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn gate_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, ()>> {
         // SAFETY: the contract.
@@ -185,7 +185,8 @@ impl SelectState {
         self.state.store(OPEN, Ordering::Release);
     }
 
-    /// Chooses `guard`, if the selection is open with a [plain](Self::open_plainly) wakeup: gives what readies the owner.
+    /// Chooses `guard`, if the select state is open with a [plain](Self::open_plainly) wake handle:
+    /// returns the owner's pending wake.
     ///
     /// # Safety
     ///
@@ -231,7 +232,7 @@ impl SelectState {
         self.state.load(Ordering::Acquire) == OPEN
     }
 
-    /// Chooses `guard`, if nothing is chosen yet: gives what readies the owner.
+    /// Chooses `guard`, if nothing is chosen yet: returns the owner's pending wake.
     ///
     /// For partners, under the lock of the list in which they found a node that leads here.
     #[inline]
@@ -331,7 +332,8 @@ impl SelectState {
         selection.state.load(Ordering::Acquire) == OPEN && !selection.is_late(guard)
     }
 
-    /// Leaves the gate; before that, chooses `guard` if one is given, and gives what readies the owner.
+    /// Leaves the commit lock; before that, chooses `guard` if one is given, and returns the
+    /// owner's pending wake.
     ///
     /// # Safety
     ///

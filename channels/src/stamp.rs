@@ -22,7 +22,7 @@ impl Clone for Stamp {
 }
 
 impl Stamp {
-    /// Of an end that was never chosen.
+    /// Stamp of an end that was never chosen.
     pub const fn new() -> Self {
         Self(AtomicU64::new(0))
     }

@@ -39,8 +39,9 @@ pub(crate) struct Taped {
     branch_logs: [u32; 2],
     /// The greatest stamps that were given here, of sends and of receives.
     last_stamps: [u64; 2],
-    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of those that are stored. Allocated there alone, and apart, since
-    /// each place pays for what lies here.
+    /// In a replay, where an overwriting buffer overwrites only as values are taken: the stamps of
+    /// the stored values. Allocated there alone, and apart, since each wait point pays for the size
+    /// of this.
     #[expect(clippy::box_collection, reason = "one word instead of four")]
     stored: Option<Box<VecDeque<u64>>>,
 }
@@ -94,7 +95,7 @@ impl WaitQueues {
         }
     }
 
-    /// As [`stamp`](Self::stamp), where the order is recorded in any case if `several` says so.
+    /// As [`stamp`](Self::stamp); with `several`, the order is recorded in any case.
     ///
     /// A replay that gets through out of order is noticed here. An operation that takes from a
     /// buffer may come after one that stored later: it finds what was there then
@@ -140,7 +141,7 @@ impl WaitQueues {
 
     fn stamps_of(&mut self, stored: usize) -> &mut VecDeque<u64> {
         let stamps = self.taped.stored.get_or_insert_default();
-        // Those from before the begin, and those that came back, have none.
+        // Values from before the begin of the record, and values that were given back, have none.
         while stamps.len() < stored {
             stamps.push_front(0);
         }
@@ -167,7 +168,7 @@ impl WaitQueues {
     }
 }
 
-/// What a recording cannot hold of a channel.
+/// A partner that a replay log cannot represent.
 pub(crate) const OUTSIDE_PARTNER: &str =
     "a communication with a thread or a process that is not recorded";
 
@@ -177,7 +178,7 @@ pub(crate) fn is_replayed() -> bool {
     current::is_taped() && current::is_replayed()
 }
 
-/// Whether the process of a completed operation is still held.
+/// Whether the process of a completed operation is still held by its replay log.
 pub(crate) fn is_held(cx: &mut Context<'_>) -> bool {
     current::tape(|tape| tape.hold(cx).is_pending()).unwrap_or_default()
 }
@@ -210,7 +211,7 @@ pub(crate) fn leave(event: Event) {
     current::tape(|tape| tape.leave(event));
 }
 
-/// An operation is dropped before it came to anything.
+/// Records that an operation was dropped without a result.
 #[cold]
 pub(crate) fn abandoned() {
     current::tape(|tape| tape.abandon());
@@ -331,7 +332,8 @@ pub(crate) fn has_permits() {
 }
 
 impl<T> Channel<T> {
-    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: which of its channels comes next is not given, so all that happens there is in order.
+    /// As [`note_taped`](Self::note_taped), of an alternative that stays registered: its next
+    /// channel is not determined, so all that happens there is in order.
     #[cold]
     pub(crate) fn note_alternative(&self) {
         self.note_taped(false);

@@ -1,4 +1,5 @@
-//! Where processes meet: the part of a channel or barrier that does not depend on the type of what is communicated.
+//! Where processes meet: the part of a channel or barrier that does not depend on the type of its
+//! values.
 
 use crate::hand_off_slots::{HandOffSlots, Nodes, Side};
 use crate::inspect::Identity;
@@ -32,7 +33,8 @@ pub struct WaitQueues {
     pub(crate) ending: Ending,
     /// Whether it has ended, or a recorded process has come: what is done here then is looked at more closely. See [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_unusual: bool,
-    /// Whether it is a channel of which nothing is asked but to send and to receive: see [`find_whether_plain`](WaitQueues::find_whether_plain).
+    /// Whether it is a channel that is used for plain sends and receives only: see
+    /// [`find_whether_plain`](WaitQueues::find_whether_plain).
     pub(crate) is_plain: bool,
     /// Whether it would be plain if one alternative were not registered, and has no buffer.
     pub(crate) is_plain_but_registered: bool,
@@ -138,7 +140,8 @@ impl LastUser {
     }
 }
 
-/// Where processes meet. To lie at the beginning of a cache line, so that what a rendezvous writes lies on one.
+/// Where processes meet. It must lie at the beginning of a cache line, so that a rendezvous writes
+/// one line only.
 #[derive(Debug)]
 #[repr(C)]
 pub struct WaitPoint {
@@ -275,7 +278,7 @@ impl WaitPoint {
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn lock_if_favoured(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.
@@ -287,7 +290,7 @@ impl WaitPoint {
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn lock_if_free(&self, home: u64) -> Option<InsideGuard<'_, WaitQueues>> {
         // SAFETY: the contract.

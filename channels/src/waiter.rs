@@ -1,4 +1,4 @@
-//! The node of a waiting operation, and what it comes to.
+//! The node of a waiting operation, and its outcome.
 
 use crate::select_state::SelectState;
 use luna_core::current::{self, PendingWake, PlainPendingWake, Process, User, WakeHandle};
@@ -8,7 +8,7 @@ use luna_platform::sync::atomic::{AtomicU8, Ordering};
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
 
-/// What a waiting operation came to.
+/// Outcome of a waiting operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Outcome {
@@ -44,7 +44,7 @@ enum Begun {
     PlainlyAndChanged,
 }
 
-/// The part of a node by which others find it. What all of them touch comes first.
+/// The part of a node by which others find it. The fields that all of them touch come first.
 #[repr(C)]
 pub(crate) struct Link {
     /// First, so that the list's node leads back to this.
@@ -95,10 +95,12 @@ impl Link {
 ///
 /// # Invariants
 ///
-/// The link is there once the node was begun, and what it says of its parts is so. While `outcome` is `Waiting` or `Held` and the node is listed, the channel's lock guards all of
-/// it. A settled node belongs to its future, and holds no wakeup, so that nothing of the link is to be dropped.
-/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a sender's without `make` that is neither done nor held. A listed sender's `make`, if it has
-/// one, can be called once, under the lock.
+/// The link is there once the node was begun, and its fields describe the node. While `outcome` is
+/// `Waiting` or `Held` and the node is listed, the channel's lock guards all of it. A settled node
+/// belongs to its future, and holds no wake handle, so that nothing of the link is to be dropped.
+/// `value` holds a value if it is a receiver's that is done, a sender's that is answered, or a
+/// sender's without `make` that is neither done nor held. A listed sender's `make`, if it has one,
+/// can be called once, under the lock.
 #[repr(C)]
 pub struct Waiter<T> {
     /// First, so that the list's node leads back to this.
@@ -278,8 +280,9 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Takes the wakeup of an operation that was listed by [`begin_plain`](Self::begin_plain). The node is then to be unlisted and settled. `None` for another one, which
-    /// has not changed.
+    /// Takes the wake handle of an operation that was listed by [`begin_plain`](Self::begin_plain).
+    /// The node is then to be unlisted and settled. `None` for another operation, with no state
+    /// changed.
     ///
     /// # Safety
     ///
@@ -481,8 +484,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Claims the node's alternative for it, if it is one's. `false`: the alternative has chosen already. Otherwise the node is to be
-    /// settled, and holds the alternative's wakeup.
+    /// Claims the alternative of the node, if it has one. `false`: the alternative has chosen
+    /// already. Otherwise the node is to be settled, and holds the alternative's wake handle.
     ///
     /// # Safety
     ///
@@ -498,7 +501,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Notes the stamp of what the operation is about to come to.
+    /// Notes the stamp of the operation's coming result.
     ///
     /// # Safety
     ///
@@ -513,7 +516,7 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// The stamp of what the operation has come to; 0 if it has none.
+    /// The stamp of the operation's result; 0 if it has none.
     ///
     /// # Safety
     ///
@@ -548,8 +551,8 @@ impl<T> Waiter<T> {
     ///
     /// # Safety
     ///
-    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held, or it is stale; and what it says it holds is
-    /// true of `outcome`.
+    /// `node` is a waiter's, was claimed and taken off its list under the lock that is still held,
+    /// or it is stale; and its state agrees with `outcome`.
     #[inline]
     pub(crate) unsafe fn settle(node: NonNull<Waiter<T>>, outcome: Outcome) -> PendingWake {
         // SAFETY: the future is pending until the store, and cannot go while the lock is held.
@@ -564,7 +567,8 @@ impl<T> Waiter<T> {
         }
     }
 
-    /// Lets a held sender go on, which was just taken off the list of those. The node is not to be touched after this.
+    /// Releases a held sender, which was just taken off the list `held`. The node is not to be
+    /// touched after this.
     ///
     /// # Safety
     ///

@@ -60,7 +60,7 @@ fn order(place: NonNull<WaitPoint>) -> u64 {
     unsafe { place.as_ref() }.identity.id()
 }
 
-/// What the first look at the guards came to.
+/// Result of the first look at the guards.
 pub(super) enum Choice {
     /// Guard number `.0` has happened. Wake the process of the `PendingWake` now that the locks are
     /// released.
@@ -130,7 +130,8 @@ fn limit(open: &Open<'_>, fair: bool) -> Option<(Instant, u32)> {
         .map(|(instant, number)| (instant, if fair { 0 } else { number + 1 }))
 }
 
-/// When the end of a guard was last chosen. A guard without memory (a time that has come) counts as never chosen.
+/// Stamp of the last choice of a guard's end. A guard without memory (a time that has come) counts
+/// as never chosen.
 fn stamp(open: &Open<'_>, index: usize) -> u64 {
     open[index].1.stamp().map_or(0, |stamp| stamp.get())
 }

@@ -49,7 +49,7 @@ pub trait Guard: RawGuard {
     unsafe fn output(self: Pin<&mut Self>) -> Self::Output;
 }
 
-/// What an attempt came to.
+/// Result of an attempt.
 #[derive(Debug)]
 pub enum Attempt {
     /// The guard cannot happen now.
@@ -69,8 +69,8 @@ pub enum Look {
     Ready,
 }
 
-/// The steps of an alternative that do not depend on what the guard gives. They are unsafe to call, since `Guard` brings them wherever it is a
-/// bound: an alternative calls them in their order.
+/// The steps of an alternative that do not depend on the guard's output. They are unsafe to call,
+/// since `Guard` brings them wherever it is a bound: an alternative calls them in their order.
 pub trait RawGuard {
     /// Where it is decided; none for one that depends on the clock alone. It outlives the guard.
     fn place(&self) -> Option<NonNull<WaitPoint>>;
@@ -106,7 +106,7 @@ pub trait RawGuard {
         cx: &mut Context<'_>,
     ) -> Attempt;
 
-    /// WaitQueues the guard in its place, as number `guard` of `selection`.
+    /// Lists the guard at its wait point, as number `guard` of `selection`.
     ///
     /// # Safety
     ///
@@ -138,7 +138,8 @@ pub trait RawGuard {
     /// The current process, which has a tape, is about to look at it.
     fn note_taped(&self) {}
 
-    /// The stamp of what a chosen guard that was listed has come to, of a process with a tape; 0 if it has none.
+    /// The stamp of a chosen guard that was listed, of a process with a replay log; 0 if it has
+    /// none.
     fn order(&self) -> u64 {
         0
     }
@@ -160,7 +161,7 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `attempt`; and this thread is the home of that number.
+    /// As for `attempt`; and this thread is the executor of that number.
     unsafe fn look_fast(self: Pin<&mut Self>, _home: u64) -> Look {
         Look::No
     }
@@ -169,7 +170,7 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// The look at this home has kept it.
+    /// The look on this executor has kept the lock.
     unsafe fn leave_home(self: Pin<&mut Self>, _home: u64) {}
 
     /// Makes the guard happen, and releases the lock. Returns the process to wake.
@@ -181,7 +182,7 @@ pub trait RawGuard {
         None
     }
 
-    /// WaitQueues the guard as number `guard` of `selection`, and releases the lock.
+    /// Lists the guard as number `guard` of `selection`, and releases the lock.
     ///
     /// # Safety
     ///
@@ -198,7 +199,7 @@ pub trait RawGuard {
     ///
     /// # Safety
     ///
-    /// As for `withdraw`; and this thread is the home of that number.
+    /// As for `withdraw`; and this thread is the executor of that number.
     unsafe fn withdraw_fast(self: Pin<&mut Self>, _home: u64) {
         // SAFETY: the contract.
         unsafe { self.withdraw() };
@@ -214,7 +215,7 @@ pub trait RawGuard {
         false
     }
 
-    /// Makes the guard fail as poisoned. Says whether it can.
+    /// Makes the guard fail as poisoned. Returns whether it can.
     ///
     /// # Safety
     ///

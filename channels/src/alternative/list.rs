@@ -114,7 +114,7 @@ pub trait Guards {
     ///
     /// # Safety
     ///
-    /// All guards are new, and this thread is the home that `looks` says.
+    /// All guards are new, and this thread is the executor in `looks`.
     unsafe fn look_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks) -> bool;
 
     /// Makes guard `chosen` happen, if one is given, and releases the locks of those up to number
@@ -132,7 +132,7 @@ pub trait Guards {
         ready: &mut Option<PlainPendingWake>,
     );
 
-    /// WaitQueues the guards, the first of which has this number, and releases the locks.
+    /// Lists the guards, the first of which has this number, and releases the locks.
     ///
     /// # Safety
     ///
@@ -148,7 +148,8 @@ pub trait Guards {
     ///
     /// # Safety
     ///
-    /// The guards were listed, this thread is the home that `looks` says, and `looks` says which was chosen.
+    /// The guards were listed, this thread is the executor in `looks`, and `looks` has the number
+    /// of the chosen guard.
     unsafe fn withdraw_fast(self: Pin<&mut Self>, number: u32, looks: &mut Looks);
 
     /// What guard `index` gives, or `skip` if that many it has.

@@ -48,7 +48,7 @@ macro_rules! alt {
     ($($branches:tt)*) => { $crate::__alternative!(@parse true [] $($branches)*) };
 }
 
-/// Like [`alt!`], but of the guards that are ready the first in the order written happens.
+/// Like [`alt!`], but of the ready guards the first in the order written happens.
 ///
 /// Exact, also across cores: if a guard was ready strictly before a lower one, it is the one that happens.
 ///

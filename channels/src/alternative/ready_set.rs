@@ -9,7 +9,8 @@ use arrayvec::ArrayVec;
 /// No position, no member.
 const NONE: u32 = u32::MAX;
 
-/// A set of positions that knows its least: a tree of words, each bit of which says whether the word below it is empty.
+/// A set of positions with a fast minimum: a tree of words. Each bit of a word records whether the
+/// word below it is empty.
 #[derive(Debug)]
 struct Positions {
     /// All levels, the lowest first; the last has one word.
@@ -139,13 +140,13 @@ impl ReadySet {
         self.members -= 1;
     }
 
-    /// Says that a member is ready. O(levels).
+    /// Marks a member as ready. O(levels).
     #[inline]
     pub(super) fn set(&mut self, member: usize) {
         self.ready.insert(self.position[member]);
     }
 
-    /// Says that a member is not ready. O(levels).
+    /// Marks a member as not ready. O(levels).
     #[inline]
     pub(super) fn clear(&mut self, member: usize) {
         self.ready.remove(self.position[member]);
@@ -163,7 +164,7 @@ impl ReadySet {
         self.choose(member, is_ready);
     }
 
-    /// As [`put_behind`](Self::put_behind), and says whether it is ready.
+    /// As [`put_behind`](Self::put_behind), and returns whether it is ready.
     #[inline]
     pub(super) fn choose(&mut self, member: usize, is_ready: bool) {
         self.clear(member);

@@ -40,13 +40,16 @@ use std::task::{Context, Poll, RawWakerVTable};
 
 /// Receives from any number of channels, whichever is ready: fair, or by priority.
 ///
-/// What `alt!` is for a few different guards, this is for many channels of one type: it stays registered with all of them between its
-/// selections, so that [`recv`](Self::recv) costs the same for two channels and for two thousand. Channels can be [added](Self::add) and
-/// [removed](Self::remove) while it lives.
+/// `alt!` is for a few different guards, this is for many channels of one type: it stays registered
+/// with all of them between its selections, so that [`recv`](Self::recv) costs the same for two
+/// channels and for two thousand. Channels can be [added](Self::add) and [removed](Self::remove)
+/// while it lives.
 ///
-/// A channel that has ended (closed, and nothing left in it; or poisoned) says so once, and is left out from then on: the others are chosen among
-/// as before, by priority too. When all have ended there is nothing left to wait for, and each selection gives the error of one of them: by priority of the
-/// first, fairly in turn. So a server that counts the ends, or stops at the first, needs no [`remove`](Self::remove).
+/// A channel that has ended (closed and empty; or poisoned) reports that once, and is left out from
+/// then on: the choice among the others is as before, by priority too. When all have ended there is
+/// nothing left to wait for, and each selection returns the error of one of them: by priority of
+/// the first, fairly in turn. So a server that counts the ends, or stops at the first, needs no
+/// [`remove`](Self::remove).
 ///
 /// ```
 /// use luna_channels::{Alternative, channel};
@@ -67,7 +70,8 @@ pub struct Alternative<'a, T> {
     count: usize,
     /// How many of them have said that they have ended. Once all have, all are ready.
     ended: usize,
-    /// How many of the entries are listed in their channels: those before, since that happens with the first `recv`.
+    /// Number of entries that are listed in their channels: a prefix, since listing happens in the
+    /// first `recv`.
     listed: usize,
     state: State,
     polled_by: (*const (), *const RawWakerVTable),
@@ -94,12 +98,14 @@ unsafe impl<T: Send> Send for Alternative<'_, T> {}
 unsafe impl<T: Send> Sync for Alternative<'_, T> {}
 
 impl<'a, T> Alternative<'a, T> {
-    /// Over `inputs`, choosing of those that are ready the least recently chosen. Allocates; not for the real-time path. O(n).
+    /// Over `inputs`: chooses the least recently chosen of the ready channels. Allocates; not for
+    /// the real-time path. O(n).
     pub fn fair(inputs: &'a [Receiver<T>]) -> Self {
         Self::new(inputs, true)
     }
 
-    /// Over `inputs`, choosing of those that are ready the first in this order. Allocates; not for the real-time path. O(n).
+    /// Over `inputs`: chooses the first ready channel in this order. Allocates; not for the
+    /// real-time path. O(n).
     pub fn prioritized(inputs: &'a [Receiver<T>]) -> Self {
         Self::new(inputs, false)
     }
@@ -130,8 +136,8 @@ impl<'a, T> Alternative<'a, T> {
         alternative
     }
 
-    /// Adds a channel, behind all others in order of preference, and gives its index: a free one, so perhaps that of one that was
-    /// removed. Allocates; not for the real-time path.
+    /// Adds a channel, behind all others in order of preference, and returns its index, perhaps the
+    /// index of a removed channel. Allocates; not for the real-time path.
     ///
     /// ```
     /// use luna_channels::{Alternative, Buffer, buffered};
@@ -196,8 +202,8 @@ impl<'a, T> Alternative<'a, T> {
         index
     }
 
-    /// Removes a channel; says whether it was there. A value that was received from it and not handed on goes back to its head. Frees; not for
-    /// the real-time path. O(1).
+    /// Removes a channel; returns whether it was there. A value that was received from it and not
+    /// handed on goes back to its head. Frees; not for the real-time path. O(1).
     pub fn remove(&mut self, index: usize) -> bool {
         let Some(entry) = self.entries.get_mut(index).and_then(Option::take) else {
             return false;
@@ -237,7 +243,7 @@ impl<'a, T> Alternative<'a, T> {
         true
     }
 
-    /// How many channels there are, those that have ended too.
+    /// Number of channels, ended ones included.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -247,8 +253,9 @@ impl<'a, T> Alternative<'a, T> {
         self.count == 0
     }
 
-    /// Waits until a channel is ready, and receives from it: which one, and what it gave, or that it has ended, which each says once, and all say again and
-    /// again when none is left that could give anything.
+    /// Waits until a channel is ready, and receives from it. Returns the channel's index, and its
+    /// value or its end. Each channel reports its end once. When all have ended, every call reports
+    /// an end.
     ///
     /// In a branch of a parallel construct, after a sibling has failed, it fails as poisoned
     /// instead of waiting; over no channels the branch ends there.
@@ -324,7 +331,8 @@ impl<'a, T> Alternative<'a, T> {
         }
     }
 
-    /// Takes all that have become ready off the stack. O(those). Says whether there were any.
+    /// Takes all entries that have become ready off the stack. O(their number). Returns whether
+    /// there were any.
     fn drain(&mut self) -> bool {
         let hub = self.hub();
         if !hub.has_news() {
@@ -437,7 +445,8 @@ impl<'a, T> Alternative<'a, T> {
         first_open.or_else(|| self.entries.iter().position(Option::is_some))
     }
 
-    /// What the entry came to through which the selection was chosen. It can be chosen again afterwards.
+    /// Takes the result of the entry through which the selection was chosen. The entry can be
+    /// chosen again afterwards.
     ///
     /// # Safety
     ///

@@ -32,7 +32,7 @@ enum State {
     Failed,
     /// This guard was chosen; the others are withdrawn.
     Chosen(u32),
-    /// Like `Chosen`, and the process lets others run before it goes on.
+    /// Like `Chosen`, and the process lets others run before it continues.
     GaveWay(u32),
     Over,
 }
@@ -137,7 +137,8 @@ impl<S: Seeds> Select<S> {
         if this.state == State::Listed {
             let number = this.selection.chosen()?;
             let mut looks = Looks::new(home, this.fair, number);
-            // SAFETY: the guards were listed, and this is the thread of the process' home. The chosen one is not withdrawn.
+            // SAFETY: the guards were listed, and this is the thread of the process' executor. The
+            // chosen one is not withdrawn.
             unsafe {
                 guards.as_mut().withdraw_fast(0, &mut looks);
                 looks.stamp();

@@ -5,9 +5,9 @@
 //! complete any more, and its coming is withdrawn, unless the barrier's round is over already.
 //!
 //! Wakers are user code: their clones, wakes and drops may poll and drop members of the same group.
-//! So none of that happens between two steps of one change. A round of the barrier that is complete
-//! is complete for the group too before the first waker is woken: a member that is dropped from
-//! there on has come, and one that is polled first from there on is of the next round.
+//! So none of that happens between two steps of one change. When a round of the barrier is
+//! complete, it is also complete for the group before the first waker is woken. From there on, a
+//! member that is dropped has come, and a member that is polled first belongs to the next round.
 
 use super::{Barrier, SyncOp};
 use luna_core::current::{self, Home, WakeHandle};
@@ -33,8 +33,9 @@ pub struct LocalBarrier {
 
 /// # Invariants
 ///
-/// `state` and `global` are accessed by the thread of `home` alone, once that is set. Nodes in the lists are those of pinned [`LocalSync`]s, which
-/// stay on that thread. `global` borrows `barrier`, and stays where it is while it is there.
+/// `state` and `global` are accessed by the thread of executor `home` alone, once that is set.
+/// Nodes in the lists are those of pinned [`LocalSync`]s, which stay on that thread. `global`
+/// borrows `barrier`, and stays where it is while it is there.
 struct Group {
     /// Dropped before what it borrows.
     global: UnsafeCell<Option<SyncOp<'static>>>,
@@ -77,7 +78,8 @@ impl LocalBarrier {
         }
     }
 
-    /// Comes to the barrier as one of the group, and waits until all of the group and all other parties have come.
+    /// Comes to the barrier as a member of the group, and waits until all members and all other
+    /// parties have come.
     ///
     /// The future is not `Send`: a process that awaits it is built where it runs, by a closure. In
     /// a branch of a parallel construct, after a sibling has failed, it does not wait: the branch
@@ -247,7 +249,7 @@ enum Phase {
     /// In one of the group's lists, or released.
     Waiting,
     /// The round is complete, and this member has completed the barrier's; the process lets others
-    /// run before it goes on.
+    /// run before it continues.
     GaveWay,
     Over,
 }
@@ -283,8 +285,8 @@ impl LocalSync<'_> {
         unsafe { (*self.node().as_ptr()).round != (*self.group.state()).number }
     }
 
-    /// Takes one that waits back, if its round is not complete. Says whether it is. Runs no user
-    /// code.
+    /// Takes a waiting member back, if its round is not complete. Returns whether the round is
+    /// complete. Runs no user code.
     fn leave(&mut self) -> (bool, After<'_>) {
         let mut after = match self.is_through() {
             false => self.group.withdraw(),
@@ -313,7 +315,7 @@ impl LocalSync<'_> {
         (is_through, after)
     }
 
-    /// Goes to the barrier for the group, if that is complete. Says whether this member has
+    /// Goes to the barrier for the group, if the group is complete. Returns whether this member has
     /// completed the barrier's round.
     fn come_for_all(&self, cx: &Context<'_>) -> bool {
         let is_due = || !self.is_through() && self.group.is_complete();

@@ -54,8 +54,9 @@ struct Round {
 ///
 /// # Invariants
 ///
-/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`; those of alternatives lead to selections that
-/// were opened for several, each to another one. A node's `ticket` is the round that it waits in.
+/// `round` is accessed under the lock of `place` alone. All nodes in its lists are waiters of `()`;
+/// those of alternatives lead to select states that were opened for several claims, each to another
+/// one. A node's `ticket` is the round that it waits in.
 #[repr(C)]
 struct Shared {
     /// First, so that it leads back to this.
@@ -146,8 +147,8 @@ impl Barrier {
         Party::new(self.clone())
     }
 
-    /// One party less: for one of those that [`new`](Self::new) counted. If all others have come, the round is complete. O(parties) then. A barrier
-    /// without parties stays one.
+    /// Removes one of the parties that [`new`](Self::new) counted. If all others have come, the
+    /// round is complete. O(parties) then. A barrier without parties stays one.
     pub fn resign(&self) {
         self.shared().resign();
     }

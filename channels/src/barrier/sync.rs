@@ -23,7 +23,7 @@ enum Phase {
     Listed,
     /// It came last, in an alternative, and the others are to be released.
     Completed,
-    /// All have come; the process lets others run before it goes on.
+    /// All have come; the process lets others run before it continues.
     GaveWay,
     Over,
 }
@@ -77,7 +77,7 @@ impl<'a> SyncOp<'a> {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// What has become of a listed one.
+    /// The outcome of a listed party.
     fn outcome(&self) -> Outcome {
         // SAFETY: the node lies in this future, and was begun before it was listed.
         unsafe { Waiter::outcome(self.node()) }
@@ -93,7 +93,8 @@ impl<'a> SyncOp<'a> {
         let mut _former = None;
         let polled = renewal.put(|renewal| {
             let mut lists = self.shared().place.lock();
-            // SAFETY: under the lock a waiting node may be changed, and is in the list that the round's number says.
+            // SAFETY: under the lock a waiting node may be changed, and the round's number
+            // determines its list.
             unsafe {
                 if self.outcome() == Outcome::Done {
                     return Poll::Ready(());
@@ -144,8 +145,8 @@ impl<'a> SyncOp<'a> {
         }
         let mut lists = shared.place.lock();
         // SAFETY: the lists are the barrier's. A new node is in none of them, is pinned by the
-        // contract, and its drop takes it off. Under the lock a listed one may be changed, and is
-        // in the list that the round's number says.
+        // contract, and its drop takes it off. Under the lock a listed node may be changed, and the
+        // round's number determines its list.
         unsafe {
             if is_new {
                 if shared.complete_with(&mut lists, 1) {
@@ -186,7 +187,8 @@ impl<'a> SyncOp<'a> {
         }
     }
 
-    /// Takes a listed one back, if the round is not complete. Says whether it is.
+    /// Takes a listed party back, if the round is not complete. Returns whether the round is
+    /// complete.
     pub(super) fn leave(&mut self) -> bool {
         let (is_complete, former) = self.take_back();
         // Dropping a waker can run anything, so at the end.
@@ -194,7 +196,7 @@ impl<'a> SyncOp<'a> {
         is_complete
     }
 
-    /// As [`leave`](Self::leave), without user code: gives what is to be dropped.
+    /// As [`leave`](Self::leave), without user code: returns the handle to drop.
     pub(super) fn take_back(&mut self) -> (bool, Option<WakeHandle>) {
         match self.phase {
             Phase::Listed => {}

@@ -1,4 +1,5 @@
-//! How a server receives: it holds its client, works at its priority, and gives a call back that it did not come to know of.
+//! The mode of a server's receive: it holds its client, inherits its priority, and gives a call
+//! back that was not handed on.
 
 use crate::core::Channel;
 use crate::extended::{Mode, Noted};

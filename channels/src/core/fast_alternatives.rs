@@ -19,7 +19,8 @@ use std::ptr::NonNull;
 
 /// A partner on the fast path.
 impl<T> Channel<T> {
-    /// Sends to the alternative that is registered here, or lists the sender and says so.
+    /// Sends to the alternative that is registered here, or lists the sender and reports the
+    /// channel to it.
     ///
     /// # Safety
     ///
@@ -60,7 +61,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Sends to the first alternative that has listed a guard here and waits, and takes those off the list that do not; or lists the sender.
+    /// Sends to the first waiting alternative with a listed guard here, and takes the guards of
+    /// others off the list; or lists the sender.
     ///
     /// # Safety
     ///
@@ -111,7 +113,8 @@ impl<T> Channel<T> {
         unsafe { wait_as_sender(&mut lists, offered, process) }
     }
 
-    /// Receives from the first alternative that offers to send here and waits, and takes those off the list that do not; or lists the receiver.
+    /// Receives from the first waiting alternative that offers to send here, and takes the guards
+    /// of others off the list; or lists the receiver.
     ///
     /// # Safety
     ///
@@ -171,11 +174,12 @@ impl<T> Channel<T> {
 /// An alternative on the fast path, for one of its guards. Fast-path guards are those of plain
 /// channels only, with plain operations as partners.
 impl<T> Channel<T> {
-    /// Locks, and says whether a receive would not have to wait. Unless it says [`No`](Look::No), the lock is kept.
+    /// Locks, and returns whether a receive would not have to wait. Unless the result is
+    /// [`No`](Look::No), the lock is kept.
     ///
     /// # Safety
     ///
-    /// This thread is the home of that number.
+    /// This thread is the executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn look_for_sender(&self, home: u64) -> Look {
         // SAFETY: the contract; under the lock the store and the nodes in the lists are accessible.
@@ -213,19 +217,20 @@ impl<T> Channel<T> {
     ///
     /// # Safety
     ///
-    /// A look by this home, this thread, has kept it.
+    /// A look by this executor, on this thread, has kept the lock.
     #[inline(always)]
     pub(crate) unsafe fn leave_home(&self, home: u64) {
         // SAFETY: the contract.
         drop(unsafe { self.place.kept(home) });
     }
 
-    /// Receives for a registered alternative, where a plain sender waits first; then says under the lock whether no other does. `None`: it
-    /// cannot be done here, or `still` says, under the lock, that it is not to be, and nothing has changed.
+    /// Receives for a registered alternative from a plain sender, if that is the first to wait;
+    /// then reports under the lock whether no other waits. `None`: not possible here, or `still`
+    /// returned false under the lock; no state changed.
     ///
     /// # Safety
     ///
-    /// This is the thread of the process' home.
+    /// This is the thread of the process' executor.
     #[inline(always)]
     pub(crate) unsafe fn take_sender_if<const RECORDED: bool>(
         &self,
@@ -288,7 +293,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// WaitQueues the node of a guard, on the side that `of_sender` says, and releases the lock that was kept.
+    /// Lists the node of a guard, on the side given by `of_sender`, and releases the lock that was
+    /// kept.
     ///
     /// # Safety
     ///
@@ -320,11 +326,12 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Takes the node of a guard off its list that was not chosen, if it is still there.
+    /// Takes the node of a guard that was not chosen off its list, if it is still there.
     ///
     /// # Safety
     ///
-    /// `node` was listed in this channel, on the side that `of_sender` says. This thread is the home of that number.
+    /// `node` was listed in this channel, on the side given by `of_sender`. This thread is the
+    /// executor of that number.
     #[inline(always)]
     pub(crate) unsafe fn withdraw_guard(
         &self,
@@ -379,7 +386,7 @@ unsafe fn look_at<T>(
     look
 }
 
-/// WaitQueues a sender.
+/// Lists a sender.
 ///
 /// # Safety
 ///

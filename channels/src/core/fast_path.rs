@@ -1,4 +1,5 @@
-//! What two processes of one executor do, when nothing is asked of their channel but to send and to receive: nearly every communication.
+//! Communication between two processes of one executor, over a channel that is used for plain sends
+//! and receives only: nearly every communication.
 //!
 //! It gives the same results as [`ChannelGuard`](super::ChannelGuard), without branches for what is
 //! not there: the lock is biased to the executor, so it is taken and left by plain stores; no waker
@@ -51,8 +52,8 @@ impl FastPath {
     }
 }
 
-/// Gives the value of `offered` to the receiver that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has
-/// changed.
+/// Gives the value of `offered` to the first waiting receiver, if that is a plain operation's. The
+/// caller wakes it when the lock is released. `None`: no state changed.
 ///
 /// # Safety
 ///
@@ -81,7 +82,8 @@ pub(super) unsafe fn give_to_first<T, const RECORDED: bool>(
     }
 }
 
-/// Takes the value of the sender that waits first, if that is a plain operation's. Ready it when the lock is released. `None`: nothing has changed.
+/// Takes the value of the first waiting sender, if that is a plain operation's. The caller wakes it
+/// when the lock is released. `None`: no state changed.
 ///
 /// # Safety
 ///

@@ -17,9 +17,9 @@ use std::collections::VecDeque;
 use std::ops::{Deref, DerefMut};
 use std::ptr::NonNull;
 use std::task::Context;
-/// A send under the lock came to this.
+/// Result of a send under the lock.
 pub(crate) enum Sent<T> {
-    /// A receiver has it, or the buffer. PendingWake the receiver; drop what was overwritten.
+    /// A receiver has it, or the buffer. Wake the receiver; drop what was overwritten.
     Done(PendingWake, Option<T>),
     /// A receiver has it, and holds the sender; the sender's node is listed as held. Wake the
     /// receiver, and [give](Channel::update_wakeup) the node a wake handle if it has none.
@@ -32,13 +32,13 @@ pub(crate) enum Sent<T> {
     Broken(PendingWake),
 }
 
-/// A receive under the lock came to this.
+/// Result of a receive under the lock.
 pub(crate) enum Received<T> {
     /// A value, the process to wake, and the held sender.
     Done(T, PendingWake, Holding),
     Empty,
     Ended(Ending),
-    /// The sender's value could not be made. PendingWake it, and poison the channel.
+    /// The sender's value could not be made. Wake the sender, and poison the channel.
     Broken(PendingWake),
 }
 
@@ -64,7 +64,7 @@ impl Holding {
 /// The channel with its lock held.
 pub(crate) struct ChannelGuard<'a, T, L> {
     pub(super) channel: &'a Channel<T>,
-    /// Those of `channel`.
+    /// The lists of `channel`.
     pub(crate) lists: L,
 }
 
@@ -136,7 +136,7 @@ impl<T, L: Deref<Target = WaitQueues> + DerefMut> ChannelGuard<'_, T, L> {
         None
     }
 
-    /// Takes the most urgent receiver out that can still be had. It is to be settled.
+    /// Takes out the most urgent receiver that can still be claimed. The caller settles it.
     #[inline]
     pub(crate) fn claim_receiver(&mut self, may_hold: bool) -> Option<NonNull<Waiter<T>>> {
         if self.lists.registered.is_empty() {

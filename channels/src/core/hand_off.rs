@@ -12,7 +12,7 @@ use luna_core::spin;
 use std::ptr::NonNull;
 use std::task::Context;
 
-/// What an operation has come to that has looked at the hand_off_slots.
+/// Result of an operation at the hand-off slots.
 pub(crate) enum HandOff<'a, T, R> {
     /// It is done. There is no process to wake.
     Done(R),

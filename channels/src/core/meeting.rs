@@ -1,7 +1,9 @@
 //! How two processes of one executor meet: the part of [`fast_path`](super::fast_path) that does not depend on what is communicated.
 //!
-//! The channels of all types share one copy of it. A system has processes of many kinds, and its channels many types: with a copy for each, the code of a cycle is longer than the first
-//! cache of a processor, and a loop that sleeps between its cycles waits for its code more than it computes (docs/performance.md, "After a sleep").
+//! The channels of all types share one copy of it. A system has processes of many kinds, and its
+//! channels many types: with a copy for each, the code of a cycle exceeds the first-level cache,
+//! and a loop that sleeps between its cycles waits for its code more than it computes
+//! (docs/performance.md, "After a sleep").
 //!
 //! ```text
 //!   come_to_send, come_to_receive --> nobody: listed, the lock is free
@@ -55,7 +57,7 @@ fn enter<'a, const RECORDED: bool>(
         cold_path();
         return None;
     };
-    // SAFETY: this is the thread of the process' home.
+    // SAFETY: this is the thread of the process' executor.
     let Some(lists) = (unsafe { place.lock_if_favoured(process.home_number()) }) else {
         cold_path();
         return None;

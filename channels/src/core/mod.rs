@@ -171,7 +171,8 @@ impl<T> Channel<T> {
         }
     }
 
-    /// Takes a waiting operation off its list, if it has not been settled; says which. The handle that it was to be woken by is to be dropped when all else is done.
+    /// Takes a waiting operation off its list, if it has not been settled; returns which. Its wake
+    /// handle is to be dropped when all else is done.
     ///
     /// # Safety
     ///
@@ -310,7 +311,8 @@ impl<T> Channel<T> {
         drop(overwritten);
     }
 
-    /// WaitQueues an alternative's entry for this channel; says whether the channel is ready, in which case the entry counts as announced.
+    /// Lists an alternative's entry for this channel; returns whether the channel is ready, in
+    /// which case the entry counts as announced.
     ///
     /// # Safety
     ///

@@ -28,7 +28,7 @@ enum Phase {
     Listed,
     /// As `New`, and its process' tape has not let it in.
     Entering,
-    /// It has its permits. By its process' tape it may not go on yet.
+    /// It has its permits. By its process' replay log it must not continue yet.
     Keeps,
     Over,
 }
@@ -71,7 +71,7 @@ impl<'a> AcquireOp<'a> {
         unsafe { NonNull::new_unchecked(self.node.get()) }
     }
 
-    /// What has become of a listed one.
+    /// The outcome of a listed acquire.
     fn outcome(&self) -> Outcome {
         // SAFETY: the node lies in this future, and was begun before it was listed.
         unsafe { Waiter::outcome(self.node()) }
@@ -144,7 +144,7 @@ impl<'a> AcquireOp<'a> {
         };
         drop(lists);
         self.phase = Phase::Over;
-        // Those behind it may want less than it did.
+        // Waiters behind it may want fewer permits.
         self.semaphore.shared().serve();
         false
     }

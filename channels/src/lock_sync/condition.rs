@@ -115,7 +115,8 @@ impl Condition {
         WaitOp::new(self, guard, false)
     }
 
-    /// As [`wait`](Self::wait), as often as `holds_up` says; that is asked first, so it may not wait at all.
+    /// As [`wait`](Self::wait), repeated while `holds_up` returns true; that is asked first, so it
+    /// may not wait at all.
     ///
     /// # Errors
     ///
@@ -131,8 +132,9 @@ impl Condition {
         Ok(guard)
     }
 
-    /// As [`wait`](Self::wait), for at most `timeout`; then it locks again all the same, however long that takes. What it says is exact: one that was notified, though
-    /// it has not locked yet, has not timed out.
+    /// As [`wait`](Self::wait), for at most `timeout`; then it locks again all the same, however
+    /// long that takes. The result is exact: a wait that was notified, though it has not locked
+    /// yet, has not timed out.
     ///
     /// # Errors
     ///
@@ -327,7 +329,7 @@ unsafe fn move_on(node: NonNull<WaitNode>, cause: Cause) -> Option<(Admitted, Co
 impl Shared {
     /// # Safety
     ///
-    /// As [`Retired`] says.
+    /// As [`Retired`] requires.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Condition::new` made it of a box, and the head is its first field.
         unsafe {

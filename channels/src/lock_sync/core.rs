@@ -23,7 +23,7 @@ struct State {
     inheritor: Option<Inheritor>,
 }
 
-/// What all handles of a mutex share, but for its value.
+/// Shared by all handles of a mutex, but for its value.
 ///
 /// # Invariants
 ///
@@ -240,7 +240,8 @@ impl Core {
         }
     }
 
-    /// Takes a listed one back, unless the mutex was handed to it: `true`. The handle that it was to be woken by is to be dropped when the entry was ended.
+    /// Takes a listed entry back, unless the mutex was handed to it: `true`. Its wake handle is to
+    /// be dropped when the entry was ended.
     ///
     /// # Safety
     ///

@@ -31,9 +31,10 @@ struct Listed {
 ///
 /// # Invariants
 ///
-/// While it is in a place's list, that place's lock guards `waiter` and `inheritor`; a settled one belongs to its future. `cause` is guarded by the condition's
-/// lock. `listed` is there while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the inheritor's home, and the
-/// mutex lives.
+/// While it is in a wait point's list, that wait point's lock guards `waiter` and `inheritor`; a
+/// settled one belongs to its future. `cause` is guarded by the condition's lock. `listed` is there
+/// while `is_listed`: its node is then in the list of its inheritor's waits, under the lock of the
+/// inheritor's executor, and the mutex lives.
 #[repr(C)]
 pub(super) struct Entry {
     /// First, so that the list's node leads back to this.
@@ -108,7 +109,8 @@ impl Entry {
     ///
     /// `entry` is live, in no wait point's list, and no other thread accesses it.
     pub(super) unsafe fn end(entry: NonNull<Entry>) {
-        // SAFETY: the contract. Until it is taken out, others may access the node of `listed` under its home's lock, so only the inheritor is referred to.
+        // SAFETY: by the contract. Until it is taken out, others may access the node of `listed`
+        // under its executor's lock, so only the inheritor is referred to.
         unsafe {
             let this = entry.as_ptr();
             if std::mem::take(&mut (*this).is_listed) {
@@ -126,7 +128,7 @@ impl Entry {
     ///
     /// # Safety
     ///
-    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' home is held.
+    /// `node` was listed by [`begin`](Self::begin), and the lock of the process' executor is held.
     pub(super) unsafe fn waited_for(node: NonNull<WaitNode>) -> (NonNull<Entry>, NonNull<Core>) {
         // SAFETY: the contract.
         unsafe {

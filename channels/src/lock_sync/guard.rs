@@ -6,7 +6,7 @@ use std::fmt;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};
 
-/// Whether what is done now is done while something ends that has not come to its end.
+/// Whether this runs during the end of a process or branch that is cancelled, has failed or panics.
 fn is_dying() -> bool {
     current::is_abandoned() || std::thread::panicking()
 }
@@ -107,8 +107,8 @@ impl<T: fmt::Debug> fmt::Debug for MutexGuard<'_, T> {
 /// cancelled, or its branch has failed. The guarded value may be half changed. (POSIX: a robust
 /// mutex's `EOWNERDEAD`.)
 ///
-/// It holds the mutex. [`recover`](Self::recover) says that all is well again; [`into_guard`](Self::into_guard) leaves the mark, so that the next one to lock learns of it
-/// too, and so does dropping this.
+/// It holds the mutex. [`recover`](Self::recover) clears the mark; [`into_guard`](Self::into_guard)
+/// leaves it, so that the next process to lock learns of it too, and so does dropping this.
 ///
 /// ```
 /// use luna_channels::lock_sync::{LockError, Mutex};

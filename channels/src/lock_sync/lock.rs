@@ -27,7 +27,7 @@ enum Phase {
     Listed,
     /// As `New`, and its process' tape has not let it in.
     Entering,
-    /// It holds the mutex, and has no entry. By its process' tape it may not go on yet.
+    /// It holds the mutex, and has no entry. By its process' replay log it must not continue yet.
     Keeps,
     Over,
 }
@@ -229,7 +229,7 @@ impl<T> LockOp<'_, T> {
         let holds = self.withdraw();
         self.end();
         if holds {
-            // It has not come to touch the value.
+            // The value was not touched.
             self.mutex.core().unlock(false);
         }
     }
@@ -289,7 +289,8 @@ impl<'a, T> Future for LockTimeout<'a, T> {
     }
 }
 
-/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is, and is let in here, and not by what it waits for.
+/// As the process' replay log says: a replayed lock gives up when the recorded one did, whatever
+/// the time is, and is admitted here, and not by a partner.
 #[cold]
 fn poll_taped<'a, T>(
     mut lock: Pin<&mut LockOp<'a, T>>,

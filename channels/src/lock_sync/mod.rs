@@ -38,8 +38,9 @@
 //    step uses the priority as it is then, so of several threads that follow the same chain at once
 //    the last one leaves it right. A node is listed with its process before its priority is read: a
 //    boost that comes earlier is seen, one that comes later finds the node.
-// 3. *Order of locks*: a condition's place, a mutex's place, a process' home. A chain is followed from no lock. Homes are left by `next_wait` with a counted
-//    reference to the mutex, since its future may go at once.
+// 3. *Order of locks*: a condition's wait point, a mutex's wait point, a process' executor. A chain
+//    is followed from no lock. `next_wait` leaves an executor's lock with a counted reference to
+//    the mutex, since its future may go at once.
 // 4. *Memory is never touched too late.* A settled node belongs to its future. A thread without a
 //    handle (a notifier, a chain) that locks a mutex keeps it by a reference.
 // 5. *A condition moves a notified waiter* to the list of the mutex (or makes it the holder), and

@@ -31,7 +31,8 @@ struct Shared<T> {
     value: UnsafeCell<ManuallyDrop<T>>,
 }
 
-/// A value that one at a time may use: a process of an executor, an OS-thread process, a task of another runtime, or a plain thread.
+/// A value for use by one process or thread at a time: a process of an executor, an OS-thread
+/// process, a task of another runtime, or a plain thread.
 ///
 /// Clones are handles to the same mutex, so it needs no `Arc`; the value is dropped with the last
 /// one. [`lock`](Self::lock) suspends a process, not its executor; the [`MutexGuard`] unlocks by

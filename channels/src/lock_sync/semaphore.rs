@@ -350,7 +350,7 @@ impl Shared {
 
     /// # Safety
     ///
-    /// As [`Retired`] says.
+    /// As [`Retired`] requires.
     unsafe fn free(head: NonNull<Retired>) {
         // SAFETY: `Semaphore::new` made it of a box, and the head is its first field.
         unsafe {

@@ -30,7 +30,8 @@ enum Phase<'a, T> {
     /// It is replayed, and has unlocked: it is never notified, but the replay log has when it
     /// locked again.
     Replayed,
-    /// It holds the mutex, and is not to go on yet, by its process' tape. The entry was never begun.
+    /// It holds the mutex, and by its process' replay log must not continue yet. The entry was
+    /// never begun.
     Keeps,
     Over,
 }
@@ -39,7 +40,8 @@ enum Phase<'a, T> {
 ///
 /// # Invariants
 ///
-/// In `Listed` it is pinned, and the entry was begun. Under the condition's lock its cause says which of the two locks guards the rest of it.
+/// In `Listed` it is pinned, and the entry was begun. Under the condition's lock its cause
+/// determines which of the two locks guards the rest of it.
 #[must_use = "an operation does nothing unless awaited, but that the mutex is unlocked when this is dropped"]
 pub struct WaitOp<'c, 'a, T> {
     condition: &'c Condition,
@@ -126,7 +128,8 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         Poll::Pending
     }
 
-    /// Takes one that waits at the condition off its lists; says whether it had been notified together with all others.
+    /// Takes an entry that waits at the condition off its lists; returns whether it had been
+    /// notified together with all others.
     ///
     /// # Safety
     ///
@@ -149,7 +152,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         // SAFETY: nothing is moved.
         let this = unsafe { self.get_unchecked_mut() };
         let mut lists = this.condition.shared().place.lock();
-        // SAFETY: the lock is held, under which the entry is where its cause says.
+        // SAFETY: the lock is held, and under it the entry's cause determines its list.
         let admitted = unsafe {
             if Entry::cause(this.entry()) != Cause::None {
                 return WaitTimeoutResult::NOTIFIED;
@@ -187,7 +190,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
         let entry = self.entry();
         self.condition.shared().place.waits_no_more();
         let mut lists = self.condition.shared().place.lock();
-        // SAFETY: the lock is held; the entry is where its cause says.
+        // SAFETY: the lock is held; the entry's cause determines its list.
         unsafe {
             let cause = Entry::cause(entry);
             if cause == Cause::None {
@@ -206,7 +209,7 @@ impl<'c, 'a, T> WaitOp<'c, 'a, T> {
                 }
             });
             if holds {
-                // It has not come to touch the value again.
+                // The value was not touched again.
                 self.mutex.core().unlock(false);
             }
         }

@@ -7,7 +7,7 @@ use loom::future::block_on;
 use loom::thread;
 use std::task::Poll;
 
-/// Waits for either, and says which channel it was and what it gave.
+/// Waits for either, and returns the channel and its result.
 async fn either(one: &Receiver<Token>, two: &Receiver<Token>) -> (usize, Result<usize, RecvError>) {
     pri_alt! {
         token = one.recv() => (1, token.map(|token| token.id)),
@@ -15,7 +15,7 @@ async fn either(one: &Receiver<Token>, two: &Receiver<Token>) -> (usize, Result<
     }
 }
 
-/// Offers to both; says which took it, or 0 if the channel that was chosen has ended.
+/// Offers to both; returns which took it, or 0 if the chosen channel has ended.
 async fn offer(one: &Sender<Token>, two: &Sender<Token>, drops: &Drops) -> usize {
     alt! {
         sent = one.send(drops.token(1)) => usize::from(sent.is_ok()),

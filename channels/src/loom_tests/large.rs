@@ -10,7 +10,7 @@ use loom::future::block_on;
 use loom::thread;
 use std::task::Poll;
 
-/// Sends a token; says whether it was sent, and it comes back otherwise.
+/// Sends a token; returns whether it was sent, and it comes back otherwise.
 fn send(sender: &Sender<Token>, token: Token) -> bool {
     let id = token.id;
     match block_on(sender.send(token)) {
@@ -22,7 +22,7 @@ fn send(sender: &Sender<Token>, token: Token) -> bool {
     }
 }
 
-/// Offers one token to both channels; says whether it was sent.
+/// Offers one token to both channels; returns whether it was sent.
 fn offer(one: &Sender<Token>, two: &Sender<Token>, drops: &Drops, id: usize) -> bool {
     let (first, second) = (drops.clone(), drops.clone());
     block_on(async {

@@ -84,7 +84,7 @@ fn poll<F: Future>(future: &mut Pin<Box<F>>) -> Poll<F::Output> {
         .poll(&mut Context::from_waker(Waker::noop()))
 }
 
-/// Receives a token and says which.
+/// Receives a token and returns its number.
 fn recv_id(receiver: &Receiver<Token>) -> Result<usize, RecvError> {
     block_on(receiver.recv()).map(|token| token.id)
 }

@@ -38,7 +38,7 @@ pub(super) enum Phase {
     Over,
 }
 
-/// A receive under way: see [`Receiver::recv`]. `M` says whether the sender is held.
+/// A receive under way: see [`Receiver::recv`]. `M` determines whether the sender is held.
 ///
 /// # Invariants
 ///
@@ -106,7 +106,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         unsafe { self.receiver.channel().withdraw(self.node(), false) }
     }
 
-    /// What has become of a receive that was listed or settled.
+    /// The outcome of a receive that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
         match self.phase {
@@ -258,7 +258,7 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }
 
-    /// The stamp of what it has come to.
+    /// The stamp of its result.
     ///
     /// # Safety
     ///
@@ -294,7 +294,8 @@ impl<'a, T, M: Mode> RecvOp<'a, T, M> {
         self.poll_in_general(cx)
     }
 
-    /// Lets a new one of a process with a tape in, and gives how it failed if it has not to do more than that.
+    /// Admits a new receive of a process with a replay log, and returns its error if it has nothing
+    /// more to do than to fail.
     pub(super) fn enter(&mut self, cx: &mut Context<'_>) -> Poll<Option<RecvError>> {
         self.phase = Phase::Entering;
         let entered = std::task::ready!(taped::enter(cx));

@@ -138,7 +138,7 @@ impl<T> Receiver<T> {
         }
     }
 
-    /// Receives at once, as the process' tape says.
+    /// Receives at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
     fn try_recv_taped(&self) -> Result<T, TryRecvError> {
@@ -320,7 +320,8 @@ impl<T> Receiver<T> {
         self
     }
 
-    /// How many values are buffered: for display, since it may have changed already. Those of waiting senders do not count.
+    /// Number of buffered values: for display, since it may have changed already. Values of waiting
+    /// senders do not count.
     pub fn buffered(&self) -> usize {
         self.channel().buffered()
     }

@@ -49,7 +49,8 @@ impl<T, S: Future<Output = ()>> Future for RecvTimeout<'_, T, S> {
     }
 }
 
-/// As a process' tape says: a replayed one gives up when the recorded one did, whatever the time is or has happened, and is let in here, and not by what it waits for.
+/// As the process' replay log says: a replayed receive gives up when the recorded one did, whatever
+/// the time is or has happened, and is admitted here, and not by a partner.
 #[cold]
 fn poll_taped<T, S: Future<Output = ()>>(
     mut recv: Pin<&mut RecvOp<'_, T>>,

@@ -35,13 +35,13 @@ pub(super) enum Phase {
     Settled(Outcome),
     /// Settled as done in an alternative, and the node holds the value that a full buffer dropped for it.
     Overwrote,
-    /// Sent; the process lets others run before it goes on.
+    /// Sent; the process lets others run before it continues.
     GaveWay,
     /// The outcome was returned.
     Over,
 }
 
-/// A send under way: see [`Sender::send`]. `S` says where its value comes from.
+/// A send under way: see [`Sender::send`]. `S` is the source of its value.
 ///
 /// # Invariants
 ///
@@ -70,7 +70,8 @@ impl<'a, T> SendOp<'a, T> {
     pub(super) fn of_value(sender: &'a Sender<T>, value: T) -> Self {
         let mut send = MaybeUninit::<Self>::uninit();
         let place = send.as_mut_ptr();
-        // SAFETY: the place is this function's. What is left unwritten may be: the node of a send that is not listed.
+        // SAFETY: the memory is this function's. Fields left unwritten may stay so: the node of a
+        // send that is not listed.
         unsafe {
             (&raw mut (*place).sender).write(sender);
             let offered = UnsafeCell::raw_get(&raw const (*place).offered);
@@ -119,7 +120,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         unsafe { self.sender.channel().withdraw(self.node(), true) }
     }
 
-    /// What has become of a send that was listed or settled.
+    /// The outcome of a send that was listed or settled.
     #[inline]
     pub(super) fn outcome(&self) -> Outcome {
         match self.phase {
@@ -316,7 +317,7 @@ impl<'a, T, S: Source<T>> SendOp<'a, T, S> {
         matches!(self.phase, Phase::Listed | Phase::Taped)
     }
 
-    /// The stamp of what it has come to.
+    /// The stamp of its result.
     ///
     /// # Safety
     ///

@@ -94,10 +94,11 @@ impl<T> Sender<T> {
 
     /// Like [`send`](Self::send), with a value that `make` makes when it is taken, and not otherwise.
     ///
-    /// `make` runs on the side that completes the communication, under the locks of all channels that side chooses among. So it is short,
-    /// and uses and drops no end of a channel, no lock, and nothing that allocates where that matters. It borrows nothing (`move` what it needs into
-    /// it), since it may be run by another thread after this future was leaked. If it panics, the channel is poisoned, and the process that
-    /// offered panics.
+    /// `make` runs on the side that completes the communication, under the locks of all channels
+    /// that side chooses among. So it is short, and uses and drops no end of a channel, no lock,
+    /// and nothing that allocates where that matters. It borrows nothing (`move` all that it needs
+    /// into it), since it may be run by another thread after this future was leaked. If it panics,
+    /// the channel is poisoned, and the process that offered panics.
     ///
     /// ```
     /// use luna_channels::{alt, channel};
@@ -145,7 +146,7 @@ impl<T> Sender<T> {
 
     /// # Safety
     ///
-    /// `offered` is its call's alone, which came to this, and lives.
+    /// `offered` is live, only this call accesses it, and it has this result.
     #[inline(always)]
     unsafe fn sent_at_once(
         offered: NonNull<Offered<T, InNode>>,
@@ -170,7 +171,7 @@ impl<T> Sender<T> {
         }
     }
 
-    /// Sends at once, as the process' tape says.
+    /// Sends at once, as the process' replay log says.
     #[cold]
     #[inline(never)]
     fn try_send_taped(&self, value: T) -> Result<(), TrySendError<T>> {

@@ -49,7 +49,7 @@ impl<T, S: Future<Output = ()>> Future for SendTimeout<'_, T, S> {
     }
 }
 
-/// As a process' tape says: see the receive's.
+/// As the process' replay log says: see the receive's.
 #[cold]
 fn poll_taped<T, S: Future<Output = ()>>(
     mut send: Pin<&mut SendOp<'_, T>>,

@@ -297,7 +297,7 @@ fn outranked(f: impl FnOnce()) {
     let process = current::Lone::new(id, home, 0, 0, std::task::Waker::noop().clone(), 0..0);
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(1 << 5) };
-    // SAFETY: this thread is the home, and the process lives.
+    // SAFETY: this thread is the executor of the process, and the process lives.
     unsafe { current::with_process(&process, f) };
     // SAFETY: this thread is no executor, so no process is in its queue or taken from it.
     unsafe { current::pretend_ready_levels(0) };

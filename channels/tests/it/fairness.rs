@@ -1,4 +1,4 @@
-//! Fair alternatives: of the ends that are ready the least recently chosen is taken. Exact sequences.
+//! Fair alternatives: of the ready ends the least recently chosen is taken. Exact sequences.
 
 #![cfg(not(loom))]
 

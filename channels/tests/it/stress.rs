@@ -155,7 +155,7 @@ fn send_somehow(sender: &Sender<Token>, random: &mut Random, token: Token, known
     known.sent.extend(sent.then_some(id));
 }
 
-/// Receives in whatever form; says whether to go on.
+/// Receives in any form; returns whether to continue.
 fn receive_somehow(receiver: &Receiver<Token>, random: &mut Random, known: &mut Known) -> bool {
     let received = match random.below(5) {
         0 => receiver.try_recv().map_err(|error| error.is_closed()),

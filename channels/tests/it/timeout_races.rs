@@ -116,7 +116,7 @@ impl Tally {
         };
     }
 
-    /// Says whether to go on.
+    /// Returns whether to continue.
     fn received(&self, outcome: Result<common::Token, RecvTimeoutError>) -> bool {
         match outcome {
             Ok(token) => self.received.lock().unwrap().push(token.id),

@@ -8,7 +8,7 @@ use luna_core::current::PlainPendingWake;
 use luna_platform::sync::atomic::{AtomicPtr, Ordering};
 use std::ptr::{self, NonNull};
 
-/// What partners reach of an alternative.
+/// The part of an alternative that partners access.
 pub(crate) struct Hub<T> {
     pub(crate) selection: SelectState,
     /// The entries with channels that have become ready since the owner looked. Changed under the
@@ -74,7 +74,8 @@ pub(crate) struct Entry<T> {
 }
 
 impl<T> Entry<T> {
-    /// Says that the channel is ready, unless the owner knows. Whether it is then to be rung for.
+    /// Reports that the channel is ready, unless the owner knows. Returns whether it is then to be
+    /// rung for.
     ///
     /// # Safety
     ///
@@ -113,7 +114,8 @@ impl<T> Entry<T> {
     ///
     /// # Safety
     ///
-    /// `entry` is in its channel's list, that lock is held, and this thread is the home of that number. Unless the claim succeeds, the sender waits.
+    /// `entry` is in its channel's list, that lock is held, and this thread is the executor of that
+    /// number. Unless the claim succeeds, the sender waits.
     #[inline(always)]
     pub(crate) unsafe fn claim_or_announce(
         entry: NonNull<Entry<T>>,

@@ -27,7 +27,8 @@ impl<T> Alternative<'_, T> {
             return None;
         }
         if self.hub().has_news() {
-            // SAFETY: the process is polled, so this is its home's thread; the gate is held around the taking.
+            // SAFETY: the process is polled, so this is its executor's thread; the commit lock is
+            // held around the taking.
             let taken = unsafe {
                 let hub = self.hub();
                 let _gate = hub.selection.gate_if_favoured(process.home_number())?;
@@ -51,7 +52,7 @@ impl<T> Alternative<'_, T> {
                 unsafe { (*entry).is_queued = false };
             }
         };
-        // SAFETY: the process is polled, so this is its home's thread.
+        // SAFETY: the process is polled, so this is its executor's thread.
         let (value, ready) =
             unsafe { channel.take_sender_if::<RECORDED>(process, is_first, note) }?;
         match self.is_fair {
@@ -73,7 +74,8 @@ impl<T> Alternative<'_, T> {
         cx: &Context<'_>,
     ) -> Option<Poll<(usize, Result<T, RecvError>)>> {
         let hub = self.hub();
-        // SAFETY: this is the thread of the process' home; the selection is closed, and this is its owner.
+        // SAFETY: this is the thread of the process' executor; the select state is closed, and this
+        // is its owner.
         unsafe {
             let _gate = hub.selection.gate_if_favoured(process.home_number())?;
             if hub.has_news() {

@@ -171,7 +171,7 @@ impl<T> Alternative<'_, T> {
         self.hand_on(index, received, is_held)
     }
 
-    /// The stamp of what an entry came to.
+    /// The stamp of an entry's result.
     fn order(&self, index: usize) -> u64 {
         self.entries[index].map_or(0, |entry| {
             // SAFETY: the entry is this alternative's, and was begun when it was made.

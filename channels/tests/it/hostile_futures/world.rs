@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex as Plain};
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-/// What an operation came to, of whatever type.
+/// The result of an operation, of any type.
 pub(crate) trait Keep: Send {}
 impl<T: Send> Keep for T {}
 
@@ -30,7 +30,7 @@ pub(crate) struct Operation {
 #[expect(dead_code, reason = "kept for their drops, in this order")]
 pub(crate) struct Kept(pub(crate) Box<dyn Keep>, pub(crate) Operation);
 
-/// Boxes what a future comes to. No async block: that could not be polled after a panic.
+/// Boxes the result of a future. No async block: that could not be polled after a panic.
 struct Boxed<F>(F);
 
 impl<F: Future<Output: Keep + 'static>> Future for Boxed<F> {
@@ -59,7 +59,7 @@ impl Operation {
         })
     }
 
-    /// Polls. What it comes to is to be dropped before the operation.
+    /// Polls. The result is to be dropped before the operation.
     pub(crate) fn poll(&mut self, cx: &mut Context<'_>) -> Poll<Box<dyn Keep>> {
         self.future.as_mut().poll(cx)
     }
